@@ -1,0 +1,176 @@
+"""YAML files into frozen dataclasses: checked, with the origin of each value and errors that name the key."""
+
+import dataclasses
+import math
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+T = TypeVar("T")
+REQUIRED: Any = dataclasses.MISSING
+
+
+class ConfigError(Exception):
+    """A file cannot be used. The text names the file, the key, what was expected and what was found."""
+
+    def __init__(self, where: str, path: str, expected: str, got: str):
+        super().__init__(f"{where}: {path or '(top level)'}: expected {expected}, got {got}")
+        self.where, self.path, self.expected, self.got = where, path, expected, got
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a configuration key means: sentence, unit, limits. `low` and `high` are included in the range."""
+
+    text: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+
+def key(default: Any, text: str, unit: str = "", **limits: Any) -> Any:
+    """A dataclass field with its documentation. `default=REQUIRED` makes it mandatory."""
+    return field(default=default, metadata={"key": Key(text, unit, **limits)})
+
+
+def section(cls: type[T]) -> T:
+    """A dataclass field that is itself a section of keys."""
+    return typing.cast(T, field(default_factory=cls))
+
+
+@dataclass(frozen=True)
+class Loaded(typing.Generic[T]):
+    """The values in force and, for each key's path, where its value came from."""
+
+    value: T
+    origins: dict[str, str]
+
+
+def load(file: Path, cls: type[T]) -> Loaded[T]:
+    """Read `file` into `cls`. Raises ConfigError; nothing else escapes."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(file), "", "a readable UTF-8 text file", str(error)) from error
+    return loads(text, cls, str(file))
+
+
+def loads(text: str, cls: type[T], where: str = "(text)") -> Loaded[T]:
+    """Read YAML text into `cls`. Raises ConfigError; nothing else escapes."""
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ConfigError(where, "", "YAML", " ".join(str(error).split()) or type(error).__name__) from error
+    origins: dict[str, str] = {}
+    value = _section(cls, node, "", where, origins)
+    return Loaded(value, origins)
+
+
+def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origins: dict[str, str]) -> T:
+    found: dict[str, yaml.Node] = {}
+    if node is not None and not _is_null(node):
+        if not isinstance(node, yaml.MappingNode):
+            raise ConfigError(_at(where, node), path, "a section of keys", _shown(node))
+        names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]  # T is always a dataclass
+        for key_node, value_node in node.value:
+            name = str(key_node.value)
+            if name not in names:
+                raise ConfigError(_at(where, key_node), _join(path, name), f"one of {', '.join(names)}", "an unknown key")
+            if name in found:
+                raise ConfigError(_at(where, key_node), _join(path, name), "each key once", "a second one")
+            found[name] = value_node
+    hints = typing.get_type_hints(cls)
+    values: dict[str, Any] = {}
+    for f in dataclasses.fields(cls):  # type: ignore[arg-type]  # T is always a dataclass
+        here, child = _join(path, f.name), found.get(f.name)
+        if dataclasses.is_dataclass(hints[f.name]):
+            values[f.name] = _section(typing.cast(type[Any], hints[f.name]), child, here, where, origins)
+        elif child is not None:
+            values[f.name] = _value(hints[f.name], f.metadata["key"], child, here, where)
+            origins[here] = _at(where, child)
+        elif f.default is dataclasses.MISSING:
+            raise ConfigError(where, here, _expectation(hints[f.name], f.metadata["key"]), "nothing (the key is required)")
+        else:
+            values[f.name], origins[here] = f.default, "default"
+    return cls(**values)
+
+
+def _value(hint: Any, meta: Key, node: yaml.Node, path: str, where: str) -> Any:
+    """One checked value: bool, int, float, str, a tuple of strings, or None where the hint allows it."""
+    error = ConfigError(_at(where, node), path, _expectation(hint, meta), _shown(node))
+    if _is_null(node):
+        if type(None) in typing.get_args(hint):
+            return None
+        raise error
+    kind = _bare(hint)
+    if kind == tuple[str, ...]:
+        if not isinstance(node, yaml.SequenceNode) or not all(isinstance(n, yaml.ScalarNode) for n in node.value):
+            raise error
+        return tuple(str(n.value) for n in node.value)
+    if not isinstance(node, yaml.ScalarNode):
+        raise error
+    try:
+        value = _scalar(kind, node)
+    except ValueError:
+        raise error from None
+    if isinstance(value, (int, float)) and not (math.isfinite(value) and meta.low <= value <= meta.high):
+        raise error
+    if meta.choices and value not in meta.choices:
+        raise error
+    return value
+
+
+def _scalar(kind: Any, node: yaml.ScalarNode) -> bool | int | float | str:
+    text = str(node.value)
+    if kind is bool:
+        if node.tag != "tag:yaml.org,2002:bool":
+            raise ValueError(text)
+        return text.lower() in {"true", "yes", "on"}
+    if kind is str:
+        if not text:
+            raise ValueError("empty")
+        return text
+    if node.style in {"'", '"'} or node.tag.endswith(":bool"):
+        raise ValueError("a quoted or boolean value is not a number")
+    # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
+    return int(text, 0) if kind is int else float(text)
+
+
+def _bare(hint: Any) -> Any:
+    """The type without its `| None`."""
+    if typing.get_origin(hint) in {typing.Union, types.UnionType}:
+        return next(a for a in typing.get_args(hint) if a is not type(None))
+    return hint
+
+
+def _expectation(hint: Any, meta: Key) -> str:
+    names = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+    text = names.get(_bare(hint), "a list of texts")
+    if meta.choices:
+        text = f"one of {', '.join(meta.choices)}"
+    if meta.unit:
+        text += f" in {meta.unit}"
+    if meta.low > -math.inf or meta.high < math.inf:
+        text += f" from {meta.low:g} to {meta.high:g}"
+    return text + (" or null" if type(None) in typing.get_args(hint) else "")
+
+
+def _is_null(node: yaml.Node) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null"
+
+
+def _shown(node: yaml.Node) -> str:
+    return repr(str(node.value)[:80]) if isinstance(node, yaml.ScalarNode) else f"a {node.id}"
+
+
+def _at(where: str, node: yaml.Node) -> str:
+    return f"{where}:{node.start_mark.line + 1}"
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
