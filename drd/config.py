@@ -6,7 +6,7 @@ from pathlib import Path
 from drd.schema import REQUIRED, ConfigError, Loaded, key, load, section
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """The robot's geometry as its engineers believe it."""
 
@@ -24,7 +24,7 @@ class Robot:
                                          "the robot's ability", "deg/s^2", low=10, high=1e6)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ecore:
     """Profile of the E-Core's payload bytes m1 to m4. No manual is public: this is an assumption, change it."""
 
@@ -36,7 +36,7 @@ class Ecore:
     temperature_offset_c: float = key(0.0, "Temperature at count zero", "degC", low=-300, high=300)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dsp3000:
     """KVH DSP-3000, ASCII lines."""
 
@@ -44,7 +44,7 @@ class Dsp3000:
                     "integrated angle (P)", choices=("rate", "incremental", "integrated"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dsp17xx:
     """KVH DSP-1760, 1725, 1750 and 1775, 36-byte binary format A."""
 
@@ -54,7 +54,7 @@ class Dsp17xx:
                                      low=0.001, high=10)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fog:
     """The fibre-optic gyro and its serial port."""
 
@@ -77,7 +77,7 @@ class Fog:
     dsp17xx: Dsp17xx = section(Dsp17xx)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wheel:
     """One side: where its counter is on the bus."""
 
@@ -87,19 +87,19 @@ class Wheel:
     signal: str | None = key(None, "DBC signal with this side's counts or speed (dbc)")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Left(Wheel):
     """The left wheel's counter."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Right(Wheel):
     """The right wheel's counter."""
 
     node: int = key(2, "Node or controller id on the bus (cia406, odrive, vesc)", low=0, high=255)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Cia406:
     """CANopen encoders, one node per wheel."""
 
@@ -112,7 +112,7 @@ class Cia406:
                             "true where no other master does it")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Odrive:
     """ODrive CAN Simple."""
 
@@ -120,7 +120,7 @@ class Odrive:
                        "firmware up to 0.5.6; finer over long distances)", choices=("estimates", "counts"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Vesc:
     """VESC STATUS_5 tachometer."""
 
@@ -128,7 +128,7 @@ class Vesc:
     gear_ratio: float = key(1.0, "Motor turns per wheel turn", low=0.01, high=1000)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Dbc:
     """Any other layout, described by a DBC file (needs the extra drd[dbc])."""
 
@@ -138,7 +138,7 @@ class Dbc:
     speed_unit_m_s: float = key(1.0, "One unit of the speed signal; 0.277778 for km/h", "m/s", low=1e-6, high=100)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Encoders:
     """The wheel encoders and their CAN interface."""
 
@@ -169,7 +169,7 @@ class Encoders:
     dbc: Dbc = section(Dbc)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StaticBias:
     """The gyro's bias, measured while the robot stands before a mission."""
 
@@ -179,7 +179,7 @@ class StaticBias:
                            "the data sheet's spread", "s", low=0.1, high=600)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Initial:
     """Standard deviations at the start."""
 
@@ -192,7 +192,7 @@ class Initial:
                                  low=0, high=10)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Noise:
     """The physical noise profile, in data-sheet units."""
 
@@ -215,7 +215,7 @@ class Noise:
     timing_s: float = key(0.002, "Uncertainty of the gyro's time against the encoders'", "s", low=0, high=1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Estimation:
     """Odometry and the indirect feedback Kalman filter."""
 
@@ -237,7 +237,7 @@ class Estimation:
     noise: Noise = section(Noise)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CalibrationFile:
     """The gyro's stored calibration."""
 
@@ -245,7 +245,7 @@ class CalibrationFile:
                            "none", "path")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Output:
     """Zenoh: where the pose is published."""
 
@@ -268,7 +268,7 @@ class Output:
     ros2_hash: bool = key(True, "Type hash in the key (Iron and later); false for Humble")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Realtime:
     """Scheduling; each is refused with a message, not an error, where the system does not permit it."""
 
@@ -277,7 +277,7 @@ class Realtime:
     fifo_priority: int = key(0, "SCHED_FIFO priority; 0 = normal scheduling. Needs LimitRTPRIO", low=0, high=99)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """The whole configuration file."""
 
