@@ -12,16 +12,39 @@ class Robot:
 
     name: str = key("robot", "Name of the robot, shown in health and logs")
     wheel_radius_m: float = key(REQUIRED, "Rolling radius of the wheels under load", "m", low=0.005, high=5)
-    left_scale: float = key(1.0, "Factor on the left wheel's travel (UMBmark's c_l); change after a calibration",
-                            low=0.5, high=1.5)
-    right_scale: float = key(1.0, "Factor on the right wheel's travel (UMBmark's c_r); change after a calibration",
-                             low=0.5, high=1.5)
-    tread_m: float = key(REQUIRED, "Effective distance between left and right wheels; a skid-steer robot's is 1.0 to "
-                         "1.9 times the measured one", "m", low=0.02, high=20)
-    max_speed_m_s: float = key(3.0, "Faster wheel travel is a counter jump, not motion; set to 1.5 times the robot's "
-                               "top speed", "m/s", low=0.01, high=100)
-    max_acceleration_deg_s2: float = key(2000.0, "A gyro reading that asks for more is a corrupted one; lower it to "
-                                         "the robot's ability", "deg/s^2", low=10, high=1e6)
+    left_scale: float = key(
+        1.0,
+        "Factor on the left wheel's travel (UMBmark's c_l); change after a calibration",
+        low=0.5,
+        high=1.5,
+    )
+    right_scale: float = key(
+        1.0,
+        "Factor on the right wheel's travel (UMBmark's c_r); change after a calibration",
+        low=0.5,
+        high=1.5,
+    )
+    tread_m: float = key(
+        REQUIRED,
+        "Effective distance between left and right wheels; a skid-steer robot's is 1.0 to 1.9 times the measured one",
+        "m",
+        low=0.02,
+        high=20,
+    )
+    max_speed_m_s: float = key(
+        3.0,
+        "Faster wheel travel is a counter jump, not motion; set to 1.5 times the robot's top speed",
+        "m/s",
+        low=0.01,
+        high=100,
+    )
+    max_acceleration_deg_s2: float = key(
+        2000.0,
+        "A gyro reading that asks for more is a corrupted one; lower it to the robot's ability",
+        "deg/s^2",
+        low=10,
+        high=1e6,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +63,11 @@ class Ecore:
 class Dsp3000:
     """KVH DSP-3000, ASCII lines."""
 
-    mode: str = key("rate", "What word 1 of a line is, as set in the gyro: rate (R), incremental angle (A) or "
-                    "integrated angle (P)", choices=("rate", "incremental", "integrated"))
+    mode: str = key(
+        "rate",
+        "What word 1 of a line is, as set in the gyro: rate (R), incremental angle (A) or integrated angle (P)",
+        choices=("rate", "incremental", "integrated"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,26 +76,45 @@ class Dsp17xx:
 
     rotation: str = key("delta", "What the gyro is set to send (=rotfmt)", choices=("delta", "rate"))
     angle_unit: str = key("radians", "Unit the gyro is set to send (=rotunits)", choices=("radians", "degrees"))
-    temperature_scale_c: float = key(1.0, "Temperature of one count: 1, or 0.01 after =tempunits,C_100", "degC",
-                                     low=0.001, high=10)
+    temperature_scale_c: float = key(
+        1.0, "Temperature of one count: 1, or 0.01 after =tempunits,C_100", "degC", low=0.001, high=10
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fog:
     """The fibre-optic gyro and its serial port."""
 
-    protocol: str = key("ecore", "What the gyro speaks; none = the robot has no gyro",
-                        choices=("ecore", "dsp3000", "dsp17xx", "none"))
+    protocol: str = key(
+        "ecore",
+        "What the gyro speaks; none = the robot has no gyro",
+        choices=("ecore", "dsp3000", "dsp17xx", "none"),
+    )
     port: str = key("/dev/fog", "Serial device; prefer a stable name from udev", "path")
     baud: int = key(9600, "Line speed", "bit/s", low=300, high=4_147_200)
     rate_hz: float = key(10.0, "Nominal output rate; the true rate is measured", "Hz", low=0.5, high=2000)
-    full_scale_deg_s: float = key(100.0, "Largest rate the gyro can report; readings beyond 99.9 % of it are over-range. "
-                                  "Scales the E-Core's counts", "deg/s", low=1, high=5000)
-    positive: str = key("clockwise", "Turn that the gyro reports as positive, seen from above; KVH gyros count "
-                        "clockwise. counterclockwise when mounted upside down", choices=("clockwise", "counterclockwise"))
+    full_scale_deg_s: float = key(
+        100.0,
+        "Largest rate the gyro can report; readings beyond 99.9 % of it are over-range. Scales the E-Core's counts",
+        "deg/s",
+        low=1,
+        high=5000,
+    )
+    positive: str = key(
+        "clockwise",
+        "Turn that the gyro reports as positive, seen from above; KVH gyros count "
+        "clockwise. counterclockwise when mounted upside down",
+        choices=("clockwise", "counterclockwise"),
+    )
     axis: str = key("z", "Sensor axis that points up; single-axis gyros have only z", choices=("x", "y", "z"))
-    latency_s: float = key(0.0, "Time from the end of a measuring interval to the arrival of its packet's first byte "
-                           "on the line's far end (filter delay and transmission)", "s", low=0, high=1)
+    latency_s: float = key(
+        0.0,
+        "Time from the end of a measuring interval to the arrival of its packet's first byte "
+        "on the line's far end (filter delay and transmission)",
+        "s",
+        low=0,
+        high=1,
+    )
     silent_after_s: float = key(0.5, "Silence that makes the health say so", "s", low=0.01, high=60)
     low_latency: bool = key(True, "Ask the serial driver for low latency; change only if the driver misbehaves")
     ecore: Ecore = section(Ecore)
@@ -106,18 +151,30 @@ class Cia406:
     tpdo: int = key(1, "Which TPDO carries the position (object 6004h)", low=1, high=4)
     byte_offset: int = key(0, "First byte of the position in that TPDO", low=0, high=7)
     byte_length: int = key(4, "Bytes of the position, little-endian unsigned", "bytes", low=1, high=8)
-    sync_period_s: float | None = key(None, "Send SYNC this often, so that both wheels are sampled together "
-                                      "(TPDO2, synchronous); null = listen only", "s", low=0.001, high=10)
-    start_nodes: bool = key(False, "Send NMT start to both nodes at opening and after a node's boot-up message; "
-                            "true where no other master does it")
+    sync_period_s: float | None = key(
+        None,
+        "Send SYNC this often, so that both wheels are sampled together (TPDO2, synchronous); null = listen only",
+        "s",
+        low=0.001,
+        high=10,
+    )
+    start_nodes: bool = key(
+        False,
+        "Send NMT start to both nodes at opening and after a node's boot-up message; "
+        "true where no other master does it",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Odrive:
     """ODrive CAN Simple."""
 
-    message: str = key("estimates", "Cyclic message to read: estimates (0x009, float revolutions) or counts (0x00A, "
-                       "firmware up to 0.5.6; finer over long distances)", choices=("estimates", "counts"))
+    message: str = key(
+        "estimates",
+        "Cyclic message to read: estimates (0x009, float revolutions) or counts (0x00A, "
+        "firmware up to 0.5.6; finer over long distances)",
+        choices=("estimates", "counts"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,8 +190,9 @@ class Dbc:
     """Any other layout, described by a DBC file (needs the extra drd[dbc])."""
 
     file: str | None = key(None, "DBC file, relative to this configuration", "path")
-    quantity: str = key("counts", "What the two signals are: counts, or speed at the wheel's rim",
-                        choices=("counts", "speed"))
+    quantity: str = key(
+        "counts", "What the two signals are: counts, or speed at the wheel's rim", choices=("counts", "speed")
+    )
     speed_unit_m_s: float = key(1.0, "One unit of the speed signal; 0.277778 for km/h", "m/s", low=1e-6, high=100)
 
 
@@ -145,22 +203,44 @@ class Encoders:
     layout: str = key("cia406", "How the frames are laid out", choices=("cia406", "agilex", "odrive", "vesc", "dbc"))
     interface: str = key("socketcan", "python-can interface: socketcan on robots, slcan for a serial adapter")
     channel: str = key("can0", "Interface name, or the serial device of an slcan adapter")
-    bitrate: int | None = key(None, "Bus speed, set by slcan and vendor adapters; socketcan's is set by the system",
-                              "bit/s", low=10_000, high=1_000_000)
-    open_delay_s: float = key(0.0, "Wait after opening an slcan adapter; 2 for Arduino-like ones that restart", "s",
-                              low=0, high=10)
-    counts_per_revolution: float | None = key(None, "Counts per wheel turn (cia406, odrive counts, dbc counts), gear "
-                                              "included; the other layouts know theirs", "counts", low=1, high=1e9)
-    modulus_counts: int | None = key(None, "Count at which the counter starts again at zero (cia406: object 6002h, or "
-                                     "2^bits); null = the layout's own", "counts", low=4, high=2**64)
+    bitrate: int | None = key(
+        None,
+        "Bus speed, set by slcan and vendor adapters; socketcan's is set by the system",
+        "bit/s",
+        low=10_000,
+        high=1_000_000,
+    )
+    open_delay_s: float = key(
+        0.0, "Wait after opening an slcan adapter; 2 for Arduino-like ones that restart", "s", low=0, high=10
+    )
+    counts_per_revolution: float | None = key(
+        None,
+        "Counts per wheel turn (cia406, odrive counts, dbc counts), gear included; the other layouts know theirs",
+        "counts",
+        low=1,
+        high=1e9,
+    )
+    modulus_counts: int | None = key(
+        None,
+        "Count at which the counter starts again at zero (cia406: object 6002h, or 2^bits); null = the layout's own",
+        "counts",
+        low=4,
+        high=2**64,
+    )
     rate_hz: float = key(20.0, "Nominal rate of the counters", "Hz", low=1, high=1000)
     latency_s: float = key(0.0, "Time from the sampling of a counter to its frame on the bus", "s", low=0, high=1)
-    pair_window_s: float = key(0.04, "Left and right readings further apart than this are not paired", "s",
-                               low=0.0005, high=1)
+    pair_window_s: float = key(
+        0.04, "Left and right readings further apart than this are not paired", "s", low=0.0005, high=1
+    )
     gap_s: float = key(0.5, "After a longer gap the first counts are a new start, not motion", "s", low=0.02, high=10)
     silent_after_s: float = key(0.3, "Silence that makes the health say so", "s", low=0.02, high=60)
-    queue_frames: int = key(1024, "Frames kept while the estimator is busy; more are dropped and counted", "frames",
-                            low=16, high=1_000_000)
+    queue_frames: int = key(
+        1024,
+        "Frames kept while the estimator is busy; more are dropped and counted",
+        "frames",
+        low=16,
+        high=1_000_000,
+    )
     left: Left = section(Left)
     right: Right = section(Right)
     cia406: Cia406 = section(Cia406)
@@ -173,10 +253,20 @@ class Encoders:
 class StaticBias:
     """The gyro's bias, measured while the robot stands before a mission."""
 
-    duration_s: float = key(10.0, "Standstill that is averaged; 0 skips it. 10 s leaves 1.6 deg/h (RD2100 class)", "s",
-                            low=0, high=600)
-    minimum_s: float = key(5.0, "Shorter standstills, cut by motion, are not used; the bias then starts from zero with "
-                           "the data sheet's spread", "s", low=0.1, high=600)
+    duration_s: float = key(
+        10.0,
+        "Standstill that is averaged; 0 skips it. 10 s leaves 1.6 deg/h (RD2100 class)",
+        "s",
+        low=0,
+        high=600,
+    )
+    minimum_s: float = key(
+        5.0,
+        "Shorter standstills, cut by motion, are not used; the bias then starts from zero with the data sheet's spread",
+        "s",
+        low=0.1,
+        high=600,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,30 +278,55 @@ class Initial:
     wheel_scale: float = key(0.005, "Wheel radii against their nominal, each", "1", low=0, high=0.5)
     tread: float = key(0.02, "Tread against its nominal; 0.2 for an uncalibrated skid-steer robot", "1", low=0, high=1)
     gyro_scale: float = key(0.005, "Gyro scale factor, where it is estimated", "1", low=0, high=0.5)
-    gyro_bias_deg_s: float = key(0.02, "Gyro bias when no standstill was measured (bias repeatability)", "deg/s",
-                                 low=0, high=10)
+    gyro_bias_deg_s: float = key(
+        0.02, "Gyro bias when no standstill was measured (bias repeatability)", "deg/s", low=0, high=10
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
     """The physical noise profile, in data-sheet units."""
 
-    wheel_m_per_sqrt_m: float = key(0.002, "Each wheel's travel noise: slip, bumps; 0.0005 indoors, 0.005 off-road",
-                                    "m/sqrt(m)", low=0, high=1)
+    wheel_m_per_sqrt_m: float = key(
+        0.002,
+        "Each wheel's travel noise: slip, bumps; 0.0005 indoors, 0.005 off-road",
+        "m/sqrt(m)",
+        low=0,
+        high=1,
+    )
     lateral_m_per_sqrt_m: float = key(0.001, "Sideways drift on straight ground", "m/sqrt(m)", low=0, high=1)
-    turn_rad_per_sqrt_rad: float = key(0.02, "Heading noise of the wheels when turning: 0.005 for two driven wheels, "
-                                       "0.05 or more for skid-steer", "rad/sqrt(rad)", low=0, high=1)
-    turn_m_per_sqrt_rad: float = key(0.005, "Position noise when turning (the centre of rotation wanders)",
-                                     "m/sqrt(rad)", low=0, high=1)
-    wheel_scale_per_sqrt_m: float = key(2e-5, "Slow change of each wheel's scale: tyre, load", "1/sqrt(m)", low=0, high=0.1)
-    tread_per_sqrt_rad: float = key(0.002, "Change of the tread (relative) while turning: ground changes; 0.01 for "
-                                    "skid-steer", "1/sqrt(rad)", low=0, high=1)
+    turn_rad_per_sqrt_rad: float = key(
+        0.02,
+        "Heading noise of the wheels when turning: 0.005 for two driven wheels, 0.05 or more for skid-steer",
+        "rad/sqrt(rad)",
+        low=0,
+        high=1,
+    )
+    turn_m_per_sqrt_rad: float = key(
+        0.005, "Position noise when turning (the centre of rotation wanders)", "m/sqrt(rad)", low=0, high=1
+    )
+    wheel_scale_per_sqrt_m: float = key(
+        2e-5, "Slow change of each wheel's scale: tyre, load", "1/sqrt(m)", low=0, high=0.1
+    )
+    tread_per_sqrt_rad: float = key(
+        0.002,
+        "Change of the tread (relative) while turning: ground changes; 0.01 for skid-steer",
+        "1/sqrt(rad)",
+        low=0,
+        high=1,
+    )
     gyro_deg_per_sqrt_h: float = key(0.083, "Angle random walk of the gyro", "deg/sqrt(h)", low=0, high=100)
     gyro_bias_deg_h_per_sqrt_h: float = key(3.7, "Rate random walk of the gyro", "deg/h/sqrt(h)", low=0, high=1e4)
-    gyro_scale_per_sqrt_h: float = key(2e-4, "Slow change of the gyro's scale, where it is estimated", "1/sqrt(h)",
-                                       low=0, high=1)
-    comparison_deg: float = key(0.02, "Floor of the comparison of the two headings: encoder and gyro resolution", "deg",
-                                low=1e-6, high=10)
+    gyro_scale_per_sqrt_h: float = key(
+        2e-4, "Slow change of the gyro's scale, where it is estimated", "1/sqrt(h)", low=0, high=1
+    )
+    comparison_deg: float = key(
+        0.02,
+        "Floor of the comparison of the two headings: encoder and gyro resolution",
+        "deg",
+        low=1e-6,
+        high=10,
+    )
     timing_s: float = key(0.002, "Uncertainty of the gyro's time against the encoders'", "s", low=0, high=1)
 
 
@@ -219,19 +334,37 @@ class Noise:
 class Estimation:
     """Odometry and the indirect feedback Kalman filter."""
 
-    profile: str = key("physical", "Noise: physical (per metre, radian and second) or paper (its printed Q and R)",
-                       choices=("physical", "paper"))
-    gyro_scale: str = key("auto", "Estimate the gyro's scale: auto = unless a calibration is loaded (as the paper does)",
-                          choices=("auto", "yes", "no"))
+    profile: str = key(
+        "physical",
+        "Noise: physical (per metre, radian and second) or paper (its printed Q and R)",
+        choices=("physical", "paper"),
+    )
+    gyro_scale: str = key(
+        "auto",
+        "Estimate the gyro's scale: auto = unless a calibration is loaded (as the paper does)",
+        choices=("auto", "yes", "no"),
+    )
     midpoint: bool = key(True, "Advance along the heading in the middle of a step; false = equation 7 as printed")
     gate_sigma: float = key(5.0, "Disagreement of gyro and wheels that is rejected", "sigma", low=1, high=100)
-    rejections_before_release: int = key(3, "Rejections in a row after which the wheels' heading is taken for slip and "
-                                         "follows the gyro", low=1, high=1000)
-    invalid_after_s: float = key(10.0, "Silence of the encoders after which the pose is invalid", "s", low=0.1, high=3600)
-    max_position_bound_m: float | None = key(None, "Position bound beyond which the pose is invalid; null = never", "m",
-                                             low=0.001, high=1e6)
-    reorder_s: float = key(0.15, "How long one sensor waits for the other before the estimate goes on without it", "s",
-                           low=0.01, high=5)
+    rejections_before_release: int = key(
+        3,
+        "Rejections in a row after which the wheels' heading is taken for slip and follows the gyro",
+        low=1,
+        high=1000,
+    )
+    invalid_after_s: float = key(
+        10.0, "Silence of the encoders after which the pose is invalid", "s", low=0.1, high=3600
+    )
+    max_position_bound_m: float | None = key(
+        None, "Position bound beyond which the pose is invalid; null = never", "m", low=0.001, high=1e6
+    )
+    reorder_s: float = key(
+        0.25,
+        "How long one sensor waits for the other before the estimate goes on without it",
+        "s",
+        low=0.01,
+        high=5,
+    )
     static_bias: StaticBias = section(StaticBias)
     initial: Initial = section(Initial)
     noise: Noise = section(Noise)
@@ -241,8 +374,11 @@ class Estimation:
 class CalibrationFile:
     """The gyro's stored calibration."""
 
-    file: str | None = key(None, "Calibration file (temperature-varying cubic), relative to this configuration; null = "
-                           "none", "path")
+    file: str | None = key(
+        None,
+        "Calibration file (temperature-varying cubic), relative to this configuration; null = none",
+        "path",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,17 +388,29 @@ class Output:
     prefix: str = key("drd", "Prefix of all keys")
     frame_id: str = key("odom", "Frame of the pose in odom messages")
     child_frame_id: str = key("base_link", "Frame of the robot in odom messages")
-    publish_on: str = key("wheels", "Samples that publish a pose: wheels (20 Hz), gyro, or both",
-                          choices=("wheels", "gyro", "both"))
+    publish_on: str = key(
+        "wheels",
+        "Samples that publish a pose: wheels (20 Hz), gyro, or both",
+        choices=("wheels", "gyro", "both"),
+    )
     health_period_s: float = key(1.0, "How often the health is published", "s", low=0.1, high=60)
-    listen: tuple[str, ...] = key(("tcp/127.0.0.1:7447",), "Zenoh end points to listen on; the default is reached from "
-                                  "this machine only", "Zenoh end points")
+    listen: tuple[str, ...] = key(
+        ("tcp/127.0.0.1:7447",),
+        "Zenoh end points to listen on; the default is reached from this machine only",
+        "Zenoh end points",
+    )
     connect: tuple[str, ...] = key((), "Zenoh end points to connect to, such as a router", "Zenoh end points")
-    zenoh_config: str | None = key(None, "Zenoh's own configuration file (JSON5), read first; the keys above are not "
-                                   "applied over it", "path")
+    zenoh_config: str | None = key(
+        None,
+        "Zenoh's own configuration file (JSON5), read first; the keys above are not applied over it",
+        "path",
+    )
     commands: bool = key(False, "Allow set_pose, reset and calibrate_bias over Zenoh")
-    ros2: bool = key(False, "Publish nav_msgs/Odometry for ROS 2 (rmw_zenoh) too; connect to its router, "
-                     "tcp/localhost:7447, and change listen")
+    ros2: bool = key(
+        False,
+        "Publish nav_msgs/Odometry for ROS 2 (rmw_zenoh) too; connect to its router, "
+        "tcp/localhost:7447, and change listen",
+    )
     ros2_domain: int = key(0, "ROS_DOMAIN_ID", low=0, high=232)
     ros2_topic: str = key("odom", "ROS 2 topic, namespace included")
     ros2_hash: bool = key(True, "Type hash in the key (Iron and later); false for Humble")
@@ -300,10 +448,15 @@ def load_config(file: Path) -> Loaded[Config]:
 def _check_together(c: Config, where: str) -> None:
     """What only several keys together can say."""
     e = c.encoders
-    counted = e.layout == "cia406" or (e.layout == "odrive" and e.odrive.message == "counts") or (
-        e.layout == "dbc" and e.dbc.quantity == "counts")
+    counted = (
+        e.layout == "cia406"
+        or (e.layout == "odrive" and e.odrive.message == "counts")
+        or (e.layout == "dbc" and e.dbc.quantity == "counts")
+    )
     if counted and e.counts_per_revolution is None:
-        raise ConfigError(where, "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing")
+        raise ConfigError(
+            where, "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"
+        )
     if e.layout == "dbc":
         if e.dbc.file is None:
             raise ConfigError(where, "encoders.dbc.file", "a DBC file, since the layout is dbc", "nothing")
@@ -315,11 +468,21 @@ def _check_together(c: Config, where: str) -> None:
     elif e.layout != "agilex" and e.left.node == e.right.node:
         raise ConfigError(where, "encoders.right.node", "another node than the left wheel's", str(e.right.node))
     if e.cia406.byte_offset + e.cia406.byte_length > 8:
-        raise ConfigError(where, "encoders.cia406.byte_length", "a field that ends within 8 bytes",
-                          f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}")
+        raise ConfigError(
+            where,
+            "encoders.cia406.byte_length",
+            "a field that ends within 8 bytes",
+            f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}",
+        )
     b = c.estimation.static_bias
     if 0 < b.duration_s < b.minimum_s:
-        raise ConfigError(where, "estimation.static_bias.minimum_s", f"at most duration_s ({b.duration_s:g})",
-                          f"{b.minimum_s:g}")
+        raise ConfigError(
+            where,
+            "estimation.static_bias.minimum_s",
+            f"at most duration_s ({b.duration_s:g})",
+            f"{b.minimum_s:g}",
+        )
     if "*" in c.output.prefix or c.output.prefix.strip("/") != c.output.prefix:
-        raise ConfigError(where, "output.prefix", "a Zenoh key without wildcards or outer slashes", repr(c.output.prefix))
+        raise ConfigError(
+            where, "output.prefix", "a Zenoh key without wildcards or outer slashes", repr(c.output.prefix)
+        )

@@ -40,7 +40,8 @@ def key(default: Any, text: str, unit: str = "", **limits: Any) -> Any:
 
 def section(cls: type[T]) -> T:
     """A dataclass field that is itself a section of keys."""
-    return typing.cast(T, field(default_factory=cls))
+    made: T = field(default_factory=cls)
+    return made
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,9 @@ def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origin
         for key_node, value_node in node.value:
             name = str(key_node.value)
             if name not in names:
-                raise ConfigError(_at(where, key_node), _join(path, name), f"one of {', '.join(names)}", "an unknown key")
+                raise ConfigError(
+                    _at(where, key_node), _join(path, name), f"one of {', '.join(names)}", "an unknown key"
+                )
             if name in found:
                 raise ConfigError(_at(where, key_node), _join(path, name), "each key once", "a second one")
             found[name] = value_node
@@ -94,7 +97,9 @@ def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origin
             values[f.name] = _value(hints[f.name], f.metadata["key"], child, here, where)
             origins[here] = _at(where, child)
         elif f.default is dataclasses.MISSING:
-            raise ConfigError(where, here, _expectation(hints[f.name], f.metadata["key"]), "nothing (the key is required)")
+            raise ConfigError(
+                where, here, _expectation(hints[f.name], f.metadata["key"]), "nothing (the key is required)"
+            )
         else:
             values[f.name], origins[here] = f.default, "default"
     return cls(**values)
@@ -165,7 +170,13 @@ def _is_null(node: yaml.Node) -> bool:
 
 
 def _shown(node: yaml.Node) -> str:
-    return repr(str(node.value)[:80]) if isinstance(node, yaml.ScalarNode) else f"a {node.id}"
+    return (
+        repr(str(node.value)[:80])
+        if isinstance(node, yaml.ScalarNode)
+        else "a list"
+        if isinstance(node, yaml.SequenceNode)
+        else "a section"
+    )
 
 
 def _at(where: str, node: yaml.Node) -> str:

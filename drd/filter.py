@@ -1,0 +1,308 @@
+"""The indirect feedback Kalman filter: nine error states, fixed size, preallocated. Equations: EQUATIONS.md.
+
+It knows no clock, no sensor and no logger, never raises on data, and returns a typed outcome.
+"""
+
+import math
+from collections.abc import MutableSequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.noise import NoiseProfile
+
+# The error state x, computed minus true (equation 13's order, REP-103 axes).
+X: Final = 0  # m, forward at heading 0
+Y: Final = 1  # m, left at heading 0
+HEADING: Final = 2  # rad, from the wheels
+SCALE_R: Final = 3  # 1, right wheel
+SCALE_L: Final = 4  # 1, left wheel
+TREAD: Final = 5  # m
+GYRO_HEADING: Final = 6  # rad, from the gyro
+GYRO_SCALE: Final = 7  # 1
+GYRO_BIAS: Final = 8  # rad/s
+N: Final = 9
+# Flat positions in a 9 x 9 matrix, made once: the elements of F and Q that change with each step.
+(X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (X * N + i for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (Y * N + i for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(H_SCALE_R, H_SCALE_L, H_TREAD) = (HEADING * N + i for i in (SCALE_R, SCALE_L, TREAD))
+(G_SCALE, G_BIAS) = (GYRO_HEADING * N + i for i in (GYRO_SCALE, GYRO_BIAS))
+(XX, YY, HH, RR, LL, DD, GG, SS, BB) = (i * (N + 1) for i in range(N))
+XY, YX, XH, HX, YH, HY = X * N + Y, Y * N + X, X_HEADING, HEADING * N + X, Y_HEADING, HEADING * N + Y
+HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
+# A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
+RATE_ERROR_CORRELATION_S: Final = 60.0
+# Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
+UPDATES_PER_SYMMETRISATION: Final = 50
+
+Matrix = npt.NDArray[np.float64]
+
+
+def _elements(matrix: Matrix) -> MutableSequence[float]:
+    """Flat access to a matrix in plain floats: a memoryview is several times faster than numpy's scalars."""
+    # A float64 array's buffer holds floats; typeshed knows memoryviews of bytes only.
+    return cast(MutableSequence[float], matrix.reshape(-1).data)
+
+
+class Outcome(Enum):
+    """What became of a measurement."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    NOT_FINITE = "not finite"
+
+
+@dataclass(slots=True)
+class Nominal:
+    """The computed quantities that the error state corrects."""
+
+    tread_m: float
+    x_m: float = 0.0
+    y_m: float = 0.0
+    heading_rad: float = 0.0
+    scale_right: float = 0.0
+    scale_left: float = 0.0
+    gyro_heading_rad: float = 0.0
+    gyro_scale: float = 1.0
+    gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
+
+
+@dataclass(frozen=True, slots=True)
+class Sigmas:
+    """Standard deviations of the error state at the start, in its units."""
+
+    position_m: float
+    heading_rad: float
+    wheel_scale: float
+    tread_m: float
+    gyro_scale: float  # 0 leaves the gyro's scale out: the paper's variant for a calibrated gyro
+    gyro_bias_rad_s: float
+
+
+class Filter:
+    """Predict with wheel travel and gyro rate; update with the difference of the two headings."""
+
+    def __init__(
+        self, tread_m: float, sigmas: Sigmas, noise: NoiseProfile, gate_sigma: float = 5.0, midpoint: bool = True
+    ):
+        self.P: Matrix = np.zeros((N, N))
+        self.z = 0.0  # last innovation, rad
+        self.S = 0.0  # and its variance, rad^2
+        self._noise = noise
+        self._half = 0.5 if midpoint else 0.0
+        self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
+        self._updates = 0
+        self._F: Matrix = np.eye(N)
+        self._Q: Matrix = np.zeros((N, N))
+        self._T: Matrix = np.zeros((N, N))
+        self._PH: Matrix = np.zeros(N)
+        self._ones: Matrix = np.ones(N)
+        self._gate2 = gate_sigma**2
+        # Views, made once.
+        self._FT, self._PT = self._F.T, self.P.T
+        self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
+        self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
+        self._f, self._q, self._p = (_elements(m) for m in (self._F, self._Q, self.P))
+        self._ph = _elements(self._PH)
+        self.restart(tread_m, sigmas)
+
+    def restart(self, tread_m: float, s: Sigmas) -> None:
+        """Begin at the origin with these standard deviations; both headings share their error."""
+        self.nominal = Nominal(tread_m)
+        self.P.fill(0.0)
+        diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
+                    s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s)  # fmt: skip
+        for i, sigma in enumerate(diagonal):
+            self.P[i, i] = sigma**2
+        self.P[HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, HEADING] = s.heading_rad**2
+
+    def copy_from(self, other: "Filter") -> None:
+        """Take over another filter's estimate; the parameters stay."""
+        a, b = self.nominal, other.nominal
+        a.tread_m, a.x_m, a.y_m, a.heading_rad = b.tread_m, b.x_m, b.y_m, b.heading_rad
+        a.scale_right, a.scale_left = b.scale_right, b.scale_left
+        a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = (
+            b.gyro_heading_rad,
+            b.gyro_scale,
+            b.gyro_bias_rad_s,
+        )
+        np.copyto(self.P, other.P)
+
+    def predict(
+        self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float | None, rate_sigma_rad_s: float = 0.0
+    ) -> None:
+        """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
+
+        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise.
+        """
+        n, h, f = self.nominal, self._half, self._f
+        D = n.tread_m
+        U_R, U_L = (1.0 - n.scale_right) * right_m, (1.0 - n.scale_left) * left_m
+        U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
+        middle = n.heading_rad + h * turn
+        c, s = math.cos(middle), math.sin(middle)
+        n.x_m += U * c  # (7)
+        n.y_m += U * s  # (7)
+        n.heading_rad += turn  # (7)
+        if rate_rad_s is None:
+            f[G_SCALE] = f[G_BIAS] = 0.0
+        else:
+            # F is taken at the gyro's turn: the wheels' own noise in it would pull tread and scales one way. (29)
+            turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
+            n.gyro_heading_rad += turn  # (11)
+            U_R, U_L = U + 0.5 * D * turn, U - 0.5 * D * turn
+            f[G_SCALE], f[G_BIAS] = rate_rad_s * dt_s * self._estimate_gyro_scale, dt_s
+        # F: the derivatives of these lines; `bend` is the midpoint's share. (13)
+        per_right, per_left, per_tread = U_R / D, -U_L / D, -turn / D
+        bend_x, bend_y = -h * U * s, h * U * c
+        half_right, half_left = 0.5 * U_R, 0.5 * U_L
+        f[X_HEADING] = -U * s
+        f[Y_HEADING] = U * c
+        f[X_SCALE_R] = half_right * c + bend_x * per_right
+        f[Y_SCALE_R] = half_right * s + bend_y * per_right
+        f[X_SCALE_L] = half_left * c + bend_x * per_left
+        f[Y_SCALE_L] = half_left * s + bend_y * per_left
+        f[X_TREAD] = bend_x * per_tread
+        f[Y_TREAD] = bend_y * per_tread
+        f[H_SCALE_R] = per_right
+        f[H_SCALE_L] = per_left
+        f[H_TREAD] = per_tread
+        self._process_noise(dt_s, abs(U_L), abs(U_R), abs(turn), rate_sigma_rad_s, c, s, h * U)
+        P, Q, T = self.P, self._Q, self._T
+        np.dot(self._F, P, T)  # (18)
+        np.dot(T, self._FT, P)
+        np.add(P, Q, P)
+
+    def _process_noise(
+        self,
+        dt_s: float,
+        left_m: float,
+        right_m: float,
+        turn_rad: float,
+        rate_sigma: float,
+        c: float,
+        s: float,
+        bend: float,
+    ) -> None:
+        """Map the noise of a step into Q: wheel noise moves position and heading together. (19)
+
+        `c`, `s`: cosine and sine of the step's heading; `bend`: the midpoint's share of the travel, m.
+        """
+        k, q = self._noise, self._q
+        right, left = k.wheel_m2_per_m * right_m, k.wheel_m2_per_m * left_m
+        turn = k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s
+        side = k.lateral_m2_per_m * 0.5 * (left_m + right_m)
+        anywhere = k.position_m2_per_rad * turn_rad + k.position_m2_per_s * dt_s
+        # In the robot's own axes: forward, sideways, heading.
+        per_m = 1.0 / self.nominal.tread_m
+        both, difference = right + left, right - left
+        heading = both * per_m * per_m + turn
+        forward, sideways = 0.25 * both, bend * bend * heading + side
+        forward_sideways, forward_heading = 0.5 * difference * bend * per_m, 0.5 * difference * per_m
+        cross, c2, s2, cs = 2.0 * forward_sideways * c * s, c * c, s * s, c * s
+        q[XX] = forward * c2 + sideways * s2 - cross + anywhere
+        q[YY] = forward * s2 + sideways * c2 + cross + anywhere
+        q[XY] = q[YX] = (forward - sideways) * cs + forward_sideways * (c2 - s2)
+        q[XH] = q[HX] = forward_heading * c - bend * heading * s
+        q[YH] = q[HY] = forward_heading * s + bend * heading * c
+        q[HH] = heading
+        q[RR] = k.wheel_scale_per_m * right_m + k.wheel_scale_per_s * dt_s
+        q[LL] = k.wheel_scale_per_m * left_m + k.wheel_scale_per_s * dt_s
+        q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
+        q[GG] = (k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma) * dt_s  # (21)
+        q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
+        q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
+
+    def update(self, rate_rad_s: float) -> Outcome:
+        """Compare the two headings, gate, correct all states and feed the correction back.
+
+        Unless the outcome is ACCEPTED nothing has changed.
+        """
+        n, ph, P, T = self.nominal, self._ph, self.P, self._T
+        z = n.heading_rad - n.gyro_heading_rad  # (14)
+        np.subtract(self._P_wheels, self._P_gyro, self._PH)  # P H^T, from rows since P is symmetric
+        R = self._noise.comparison_rad2 + self._noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
+        S = ph[HEADING] - ph[GYRO_HEADING] + R  # (15)
+        self.z, self.S = z, S
+        if not (0.0 < S < math.inf and math.isfinite(z) and math.isfinite(np.dot(self._PH, self._ones))):
+            return Outcome.NOT_FINITE
+        if z * z > self._gate2 * S:  # (16)
+            return Outcome.REJECTED
+        k = z / S
+        n.x_m -= ph[X] * k  # (23)
+        n.y_m -= ph[Y] * k
+        n.heading_rad -= ph[HEADING] * k
+        n.scale_right += ph[SCALE_R] * k
+        n.scale_left += ph[SCALE_L] * k
+        n.tread_m -= ph[TREAD] * k
+        n.gyro_heading_rad -= ph[GYRO_HEADING] * k
+        n.gyro_scale -= ph[GYRO_SCALE] * k
+        n.gyro_bias_rad_s -= ph[GYRO_BIAS] * k
+        np.multiply(self._PH, 1.0 / math.sqrt(S), self._PH)
+        np.dot(self._PH_column, self._PH_row, T)
+        np.subtract(P, T, P)  # (17)
+        self._updates += 1
+        if self._updates % UPDATES_PER_SYMMETRISATION == 0:
+            np.add(P, self._PT, T)
+            np.multiply(T, 0.5, P)
+        return Outcome.ACCEPTED
+
+    def anchor_gyro(self) -> None:
+        """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""
+        self.nominal.gyro_heading_rad = self.nominal.heading_rad
+        self._copy_error(HEADING, GYRO_HEADING)
+
+    def anchor_wheels(self) -> None:
+        """The wheels were not there: their heading continues from the gyro's and shares its error. (24)"""
+        self.nominal.heading_rad = self.nominal.gyro_heading_rad
+        self._copy_error(GYRO_HEADING, HEADING)
+
+    def _copy_error(self, source: int, target: int) -> None:
+        self.P[target, :] = self.P[source, :]
+        self.P[:, target] = self.P[:, source]
+
+    def add_position_variance(self, variance_m2: float) -> None:
+        """Widen the position by motion that was not seen. (25)"""
+        self._p[XX] += variance_m2
+        self._p[YY] += variance_m2
+
+    def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
+        """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (25)"""
+        for i in (HH, GG, HG, GH) if both else (HH,):
+            self._p[i] += variance_rad2
+
+    def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
+        """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
+        n = self.nominal
+        n.x_m, n.y_m, n.heading_rad, n.gyro_heading_rad = x_m, y_m, heading_rad, heading_rad
+        for i in (X, Y, HEADING):
+            self.P[i, :] = 0.0
+            self.P[:, i] = 0.0
+        self.P[:GYRO_HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, :] = 0.0
+        self.P[:, GYRO_HEADING] = 0.0
+        self.P[:3, :3] = covariance
+        self._copy_error(HEADING, GYRO_HEADING)
+
+    def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
+        """Take a bias measured at standstill: `bias_rad_s` is added to readings, as in (11)."""
+        self.nominal.gyro_bias_rad_s = bias_rad_s
+        self.P[GYRO_BIAS, :] = 0.0
+        self.P[:, GYRO_BIAS] = 0.0
+        self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
+
+    def gyro_bias_sigma_rad_s(self) -> float:
+        """Standard deviation of the gyro's bias."""
+        return math.sqrt(max(self._p[BB], 0.0))
+
+    def is_finite(self) -> bool:
+        """True while pose and covariance are numbers."""
+        n = self.nominal
+        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self.P.sum())
+
+    def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
+        """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
+        p = self._p
+        return p[XX], p[XY], p[XH], p[YY], p[YH], p[HH]

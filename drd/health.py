@@ -1,0 +1,55 @@
+"""Reasons for a pose that is not simply valid: set once, kept with the time since when, cleared when over."""
+
+from drd.samples import Reason, Validity
+
+
+class Reasons:
+    """What is wrong at present, by source. A source is an input or a cause: "fog", "encoders.left", "bias", ..."""
+
+    def __init__(self) -> None:
+        self._active: dict[str, tuple[Reason, Validity]] = {}
+        self._tuple: tuple[Reason, ...] = ()
+        self._worst = Validity.VALID
+
+    def set(self, source: str, text: str, now_ns: int, severity: Validity = Validity.DEGRADED) -> None:
+        """Something is wrong with `source`. While it lasts, the text may change but `since` does not."""
+        known = self._active.get(source)
+        if known is not None and known[0].text == text and known[1] is severity:
+            return
+        since_ns = now_ns if known is None else known[0].since_ns
+        self._active[source] = (Reason(source, text, since_ns), severity)
+        self._summarise()
+
+    def clear(self, source: str) -> None:
+        """Nothing is wrong with `source` any more."""
+        if self._active.pop(source, None) is not None:
+            self._summarise()
+
+    def update(self, source: str, text: str | None, now_ns: int, severity: Validity = Validity.DEGRADED) -> None:
+        """Set, or clear where `text` is None."""
+        if text is None:
+            self.clear(source)
+        else:
+            self.set(source, text, now_ns, severity)
+
+    def _summarise(self) -> None:
+        self._tuple = tuple(reason for reason, _ in self._active.values())
+        severities = {severity for _, severity in self._active.values()}
+        for worst in (Validity.INVALID, Validity.INITIALISING, Validity.DEGRADED):
+            if worst in severities:
+                self._worst = worst
+                return
+        self._worst = Validity.VALID
+
+    @property
+    def validity(self) -> Validity:
+        """The worst of all active reasons; VALID where there is none."""
+        return self._worst
+
+    def active(self) -> tuple[Reason, ...]:
+        """All that is wrong now, in the order in which it began."""
+        return self._tuple
+
+    def has(self, source: str) -> bool:
+        """True while something is wrong with `source`."""
+        return source in self._active

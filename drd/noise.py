@@ -1,0 +1,75 @@
+"""Noise profiles: how the process noise Q grows per metre, radian and second, and the comparison's variance R."""
+
+from dataclasses import dataclass
+
+from drd.config import Noise
+from drd.units import (
+    RAD_PER_DEG,
+    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
+    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+    S_PER_H,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseProfile:
+    """Variance that each cause adds, per metre travelled, radian turned and second passed. (19)
+
+    A step of any length gets its share, so the filter's growth does not depend on the rate of the sensors.
+    """
+
+    wheel_m2_per_m: float = 0.0  # each wheel's travel; moves position and heading together
+    lateral_m2_per_m: float = 0.0
+    position_m2_per_rad: float = 0.0
+    position_m2_per_s: float = 0.0
+    turn_rad2_per_rad: float = 0.0
+    turn_rad2_per_s: float = 0.0
+    wheel_scale_per_m: float = 0.0
+    wheel_scale_per_s: float = 0.0
+    tread_m2_per_rad: float = 0.0
+    tread_m2_per_s: float = 0.0
+    gyro_rad2_per_s: float = 0.0
+    gyro_scale_per_s: float = 0.0
+    gyro_bias_rad2_s2_per_s: float = 0.0
+    comparison_rad2: float  # R = this + (rate * timing)^2  (20)
+    timing_s2: float = 0.0
+
+
+def physical(noise: Noise, tread_m: float) -> NoiseProfile:
+    """The profile of data-sheet numbers. (19), (20)"""
+    return NoiseProfile(
+        wheel_m2_per_m=noise.wheel_m_per_sqrt_m**2,
+        lateral_m2_per_m=noise.lateral_m_per_sqrt_m**2,
+        position_m2_per_rad=noise.turn_m_per_sqrt_rad**2,
+        turn_rad2_per_rad=noise.turn_rad_per_sqrt_rad**2,
+        wheel_scale_per_m=noise.wheel_scale_per_sqrt_m**2,
+        tread_m2_per_rad=(noise.tread_per_sqrt_rad * tread_m) ** 2,
+        gyro_rad2_per_s=(noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H) ** 2,
+        gyro_scale_per_s=noise.gyro_scale_per_sqrt_h**2 / S_PER_H,
+        gyro_bias_rad2_s2_per_s=(noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H) ** 2,
+        comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2,
+        timing_s2=noise.timing_s**2,
+    )
+
+
+def paper() -> NoiseProfile:
+    """The printed Q and R of the paper's section 3.3, per odometry step of 50 ms and gyro step of 100 ms. (22)
+
+    EQUATIONS.md says how ten printed values map to nine states.
+    """
+    odometry_steps_per_s, gyro_steps_per_s = 20.0, 10.0
+    return NoiseProfile(
+        position_m2_per_s=0.1**2 * odometry_steps_per_s,
+        turn_rad2_per_s=(0.7 * RAD_PER_DEG) ** 2 * odometry_steps_per_s,
+        wheel_scale_per_s=2e-5**2 * odometry_steps_per_s,
+        tread_m2_per_s=2e-5**2 * odometry_steps_per_s,
+        gyro_rad2_per_s=(1e-4 * RAD_PER_DEG) ** 2 * gyro_steps_per_s,
+        gyro_scale_per_s=3e-5**2 * gyro_steps_per_s,
+        gyro_bias_rad2_s2_per_s=(1e-5 * RAD_PER_DEG) ** 2 * gyro_steps_per_s,
+        comparison_rad2=(0.02 * RAD_PER_DEG) ** 2,
+    )
+
+
+def make_noise(profile: str, noise: Noise, tread_m: float) -> NoiseProfile:
+    """The profile that the configuration names: "physical" or "paper"."""
+    return paper() if profile == "paper" else physical(noise, tread_m)

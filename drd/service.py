@@ -1,0 +1,57 @@
+"""What systemd wants to hear from a service of Type=notify (sd_notify(3)), and nothing where there is no systemd."""
+
+import os
+import socket
+from collections.abc import Mapping
+
+
+class Notifier:
+    """Sends state to $NOTIFY_SOCKET. Errors are counted, never raised; without the variable nothing is sent."""
+
+    def __init__(self, environment: Mapping[str, str] = os.environ):
+        self.counters = {"notify_errors": 0}
+        address = environment.get("NOTIFY_SOCKET", "")
+        # A leading @ stands for the zero byte of Linux's abstract names.
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self.watchdog_period_s = _watchdog_period_s(environment)
+
+    def ready(self, status: str) -> None:
+        """Start-up is over: units ordered after this one may start."""
+        self._send(f"READY=1\nSTATUS={_line(status)}")
+
+    def status(self, text: str) -> None:
+        """One line for `systemctl status`."""
+        self._send(f"STATUS={_line(text)}")
+
+    def watchdog(self) -> None:
+        """Alive; to be sent at least every `watchdog_period_s`, from the loop that must not stand still."""
+        self._send("WATCHDOG=1")
+
+    def stopping(self) -> None:
+        """Shutting down of our own accord."""
+        self._send("STOPPING=1")
+
+    def _send(self, text: str) -> None:
+        if not self._address:
+            return
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as s:
+                s.sendto(text.encode("utf-8", "replace"), self._address)
+        except (OSError, ValueError):
+            self.counters["notify_errors"] += 1
+
+
+def _watchdog_period_s(environment: Mapping[str, str]) -> float | None:
+    """Half of $WATCHDOG_USEC, as sd_watchdog_enabled(3) advises; None: no watchdog, or one for another process."""
+    try:
+        if int(environment.get("WATCHDOG_PID", os.getpid())) != os.getpid():
+            return None
+        period_s = int(environment["WATCHDOG_USEC"]) * 0.5e-6
+    except (KeyError, ValueError):
+        return None
+    return period_s if period_s > 0 else None
+
+
+def _line(text: str) -> str:
+    """A line break would start another assignment."""
+    return " ".join(text.splitlines())

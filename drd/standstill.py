@@ -1,0 +1,107 @@
+"""The static bias: the gyro's mean over the seconds before a mission in which the encoders confirm a standstill."""
+
+import math
+from collections import deque
+from enum import Enum
+
+from drd.config import Noise, StaticBias
+from drd.samples import CalibratedRate, WheelSample
+from drd.units import NS_PER_S, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+
+# The chassis rocks before the counters see the first count: the last moments before a motion are not averaged.
+GUARD_NS = NS_PER_S // 5
+# Sums over a standstill beyond this many counts of one wheel are creep, not flicker of the last digit.
+CREEP_COUNTS = 2.5
+# Readings kept while the encoders are silent.
+PENDING = 4096
+
+
+class BiasState(Enum):
+    """Where the measurement of the static bias stands."""
+
+    WAITING = "waiting for gyro and encoders"
+    MEASURING = "measuring the gyro's bias"
+    DONE = "measured"
+    SHORT = "cut short by motion"
+    SKIPPED = "skipped"
+
+
+class Standstill:
+    """Says whether the encoders confirm a standstill, from increments and their sum since it began."""
+
+    def __init__(self, resolution_m: float):
+        self._resolution_m = resolution_m
+        self._sum_left_m = self._sum_right_m = 0.0
+        self.still = False
+
+    def feed(self, sample: WheelSample) -> bool:
+        """Take one wheel sample; True while the robot stands."""
+        step = 1.01 * self._resolution_m
+        self._sum_left_m += sample.left_m
+        self._sum_right_m += sample.right_m
+        creep = max(abs(self._sum_left_m), abs(self._sum_right_m)) > CREEP_COUNTS * self._resolution_m
+        moved = sample.lost_s > 0.0 or abs(sample.left_m) > step or abs(sample.right_m) > step
+        if creep or moved:
+            self._sum_left_m = self._sum_right_m = 0.0
+        self.still = not (creep or moved)
+        return self.still
+
+
+class BiasMeasurement:
+    """Averages calibrated rates that the encoders have confirmed as standstill. (27)"""
+
+    def __init__(self, static_bias: StaticBias, noise: Noise):
+        self._config = static_bias
+        self._rad_per_sqrt_s = noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+        self.state = BiasState.WAITING
+        self.bias_rad_s = self.sigma_rad_s = self.averaged_s = 0.0
+        self.restart()
+        if static_bias.duration_s == 0.0:
+            self.state = BiasState.SKIPPED
+
+    @property
+    def active(self) -> bool:
+        """True while the gyro's samples are needed here."""
+        return self.state in {BiasState.WAITING, BiasState.MEASURING}
+
+    def restart(self) -> None:
+        """Begin (again), also when the configuration skips the measurement before the mission."""
+        self.state = BiasState.WAITING
+        self._pending: deque[CalibratedRate] = deque(maxlen=PENDING)
+        self._sum_rad = self._sum_s = 0.0
+
+    def gyro(self, rate: CalibratedRate) -> None:
+        """Keep a reading until the encoders have said what the robot did in that time."""
+        self._pending.append(rate)
+
+    def wheels(self, t_ns: int, still: bool) -> None:
+        """What the encoders say about the time up to `t_ns`."""
+        confirmed_ns = t_ns - GUARD_NS
+        while still and self._pending and self._pending[0].t_ns <= confirmed_ns:
+            rate = self._pending.popleft()
+            self._sum_rad += rate.rate_rad_s * rate.interval_s
+            self._sum_s += rate.interval_s
+            self.state = BiasState.MEASURING
+        duration_s = self._config.duration_s or 10.0
+        if self._sum_s >= duration_s:
+            self._finish(BiasState.DONE)
+        elif not still and (self._sum_s > 0.0 or self._pending):
+            self._finish(BiasState.DONE if self._sum_s >= self._config.minimum_s else BiasState.SHORT)
+        elif not still:
+            self.state = BiasState.SHORT
+
+    def _finish(self, state: BiasState) -> None:
+        self.state, self.averaged_s = state, self._sum_s
+        if state is BiasState.DONE:
+            self.bias_rad_s = self._sum_rad / self._sum_s
+            self.sigma_rad_s = self.sigma_after_rad_s(self._sum_s)
+
+    def sigma_after_rad_s(self, averaged_s: float) -> float:
+        """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (27)"""
+        return self._rad_per_sqrt_s / math.sqrt(averaged_s)
+
+    def take_pending(self) -> list[CalibratedRate]:
+        """The readings that were not averaged: the filter's first ones."""
+        rates = list(self._pending)
+        self._pending.clear()
+        return rates

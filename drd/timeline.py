@@ -1,0 +1,86 @@
+"""Two streams of samples brought into one order of time, so that the filter's steps never depend on arrival order."""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from drd.units import NS_PER_S
+
+# More than any wait for the other sensor holds at 1 kHz; the oldest go first.
+KEPT = 4096
+
+
+class Segment(NamedTuple):
+    """A stretch of time in which a sensor's output is constant.
+
+    Wheels: `a`, `b` are left and right speed (m/s). Gyro: `a` is the yaw rate, `b` its calibration sigma (rad/s).
+    """
+
+    start_ns: int
+    end_ns: int
+    a: float
+    b: float
+
+
+class Piece(NamedTuple):
+    """A stretch over which neither sensor changes. None: that sensor did not see it."""
+
+    start_ns: int
+    end_ns: int
+    wheels: Segment | None
+    gyro: Segment | None
+
+
+class Stream:
+    """One sensor's segments that the filter has not used up yet, in order of time, without overlaps."""
+
+    def __init__(self) -> None:
+        self.segments: deque[Segment] = deque(maxlen=KEPT)
+        self.end_ns = 0
+
+    def add(self, end_ns: int, interval_s: float, a: float, b: float, used_until_ns: int) -> bool:
+        """Append the segment of `interval_s` seconds that ends at `end_ns`. False: too late, nothing of it is left.
+
+        Stamps are filtered and intervals are tracked, so that neighbours may miss each other by some jitter: a
+        start within half an interval of the last end is moved onto it. What lies before `used_until_ns` is cut off.
+        """
+        interval_ns = round(interval_s * NS_PER_S)
+        start_ns = end_ns - interval_ns
+        if self.end_ns and start_ns - self.end_ns < interval_ns // 2:
+            start_ns = self.end_ns
+        start_ns = max(start_ns, used_until_ns)
+        if start_ns >= end_ns:
+            return False
+        self.segments.append(Segment(start_ns, end_ns, a, b))
+        self.end_ns = end_ns
+        return True
+
+    def drop_until(self, t_ns: int) -> None:
+        """Forget what the filter has used."""
+        while self.segments and self.segments[0].end_ns <= t_ns:
+            self.segments.popleft()
+
+
+def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int) -> Iterator[Piece]:
+    """Cut [start, end] at every segment's start and end, and say for each piece which segments cover it."""
+    t_ns, i, j = start_ns, 0, 0
+    w, g = wheels.segments, gyro.segments
+    while t_ns < end_ns:
+        while i < len(w) and w[i].end_ns <= t_ns:
+            i += 1
+        while j < len(g) and g[j].end_ns <= t_ns:
+            j += 1
+        wheel, rate, until_ns = None, None, end_ns
+        if i < len(w):
+            wheel, until_ns = _covering(w[i], t_ns, until_ns)
+        if j < len(g):
+            rate, until_ns = _covering(g[j], t_ns, until_ns)
+        yield Piece(t_ns, until_ns, wheel, rate)
+        t_ns = until_ns
+
+
+def _covering(segment: Segment, t_ns: int, until_ns: int) -> tuple[Segment | None, int]:
+    """The segment if it covers `t_ns`, and where its cover begins or ends at the latest."""
+    if segment.start_ns > t_ns:
+        return None, min(until_ns, segment.start_ns)
+    return segment, min(until_ns, segment.end_ns)
