@@ -1,0 +1,70 @@
+"""The program `drd`: one command, with subcommands of the daemon and of the workshop."""
+
+import argparse
+import importlib
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from drd import __version__
+from drd.schema import ConfigError
+
+
+@dataclass(frozen=True)
+class Command:
+    """Where a subcommand lives; only the chosen one is imported."""
+
+    module: str
+    summary: str
+    extra: str = ""  # what an installation needs for it beyond the daemon
+
+
+COMMANDS = {
+    "run": Command("drd.commands.run", "run the daemon"),
+    "check": Command("drd.commands.check", "check a configuration and print what is in force, and why"),
+    "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
+    "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
+    "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    width = max(map(len, COMMANDS))
+    lines = [
+        f"  {name:{width}}  {c.summary}{f' (extra: {c.extra})' if c.extra else ''}" for name, c in COMMANDS.items()
+    ]
+    parser = argparse.ArgumentParser(
+        prog="drd",
+        description="Dead reckoning for wheeled robots: gyro and encoders in, pose with its uncertainty out.",
+        epilog="commands:\n" + "\n".join(lines) + "\n\n`drd COMMAND --help` explains each.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"drd {__version__}")
+    parser.add_argument("command", choices=tuple(COMMANDS), metavar="COMMAND", help="one of the commands below")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="the command's own arguments")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a subcommand and return its exit code: 0 done, 1 failed, 2 bad usage or configuration."""
+    chosen = _parser().parse_args(argv)
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="level=%(levelname)s %(name)s %(message)s")
+    command = COMMANDS[chosen.command]
+    try:
+        call: Callable[[list[str]], int] = importlib.import_module(command.module).main
+        return call(chosen.arguments)
+    except ModuleNotFoundError as error:
+        if not command.extra:
+            raise
+        print(
+            f"drd {chosen.command}: the Python package {error.name} is missing; "
+            f"install the extra: pip install 'drd[{command.extra}]'",
+            file=sys.stderr,
+        )
+        return 2
+    except ConfigError as error:
+        print(f"drd {chosen.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130

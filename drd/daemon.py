@@ -1,0 +1,249 @@
+"""The daemon's wiring: ports, pipeline, publishers and systemd around one event loop."""
+
+import asyncio
+import contextlib
+import dataclasses
+import logging
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import Any
+
+from drd import __version__, realtime
+from drd.config import Config
+from drd.output.messages import Refused, pose_dict
+from drd.output.zenoh_link import ZenohLink
+from drd.pipeline import Pipeline
+from drd.ports.can_port import CanPort
+from drd.ports.serial_port import SerialPort
+from drd.samples import CanFrame, Pose
+from drd.schema import Loaded
+from drd.service import Notifier
+from drd.units import NS_PER_MS, S_PER_NS
+
+log = logging.getLogger("drd")
+
+TICK_S = 0.05
+CLOSE_DEADLINE_S = 3.0
+EXIT_DEADLINE_S = 8.0
+
+
+class Daemon:
+    """One robot's dead reckoning. Raises ConfigError from the constructor or `run` before anything is published."""
+
+    def __init__(self, loaded: Loaded[Config], base: Path):
+        self._loaded, self._config = loaded, loaded.value
+        zenoh_config = self._config.output.zenoh_config
+        self._output = dataclasses.replace(
+            self._config.output, zenoh_config=str(base / zenoh_config) if zenoh_config else None
+        )
+        self.pipeline = Pipeline(self._config, base, self._on_pose)
+        self._notifier = Notifier()
+        self._link: ZenohLink | None = None
+        self._pose: Pose | None = None
+        self._pose_wall_ns = 0
+        self._started_ns = time.monotonic_ns()
+        self._latency_ns, self._latency_max_ns, self._poses = 0, 0, 0
+        self._ports: dict[str, SerialPort | CanPort] = {}
+        self._unreported: set[str] = set()
+        self._ready = False
+
+    async def run(self, stop: asyncio.Event) -> bool:
+        """Until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
+        loop = asyncio.get_running_loop()
+        handlers = {
+            "pose": self._answer_pose,
+            "health": lambda _: self._health(),
+            "config": self._answer_config,
+            "set_pose": self._set_pose,
+            "reset": self._reset,
+            "calibrate_bias": self._calibrate_bias,
+        }
+        self._link = ZenohLink(self._output, handlers, loop)
+        tasks = [asyncio.create_task(work) for work in self._work()]
+        try:
+            for message in realtime.apply(self._config.realtime):
+                log.warning("refused %s", message)
+            stopping = asyncio.create_task(stop.wait())
+            done, _ = await asyncio.wait({stopping, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+            stopping.cancel()
+            for task in done - {stopping}:
+                task.result()  # only a bug of ours ends a task: let it be seen, and systemd start anew
+        finally:
+            self._notifier.stopping()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            closed = self._link.close(CLOSE_DEADLINE_S)
+        return closed
+
+    def _work(self) -> list[Coroutine[Any, Any, None]]:
+        config, pipeline = self._config, self.pipeline
+        bus = CanPort(config.encoders, pipeline.encoders.can_ids, self._on_frames, self._state_of("encoders.port"))
+        self._ports = {"encoders.port": bus}
+        if pipeline.fog is not None:
+            self._ports["fog.port"] = SerialPort(config.fog, pipeline.on_fog_bytes, self._state_of("fog.port"))
+        self._unreported = set(self._ports)
+        work = [port.run() for port in self._ports.values()] + [self._keep_time()]
+        if pipeline.encoders.cyclic is not None:
+            work.append(self._send_cyclic(bus, *pipeline.encoders.cyclic))
+        return work
+
+    # ---- inputs ------------------------------------------------------------------------------------------------
+
+    def _on_frames(self, frames: Any) -> None:
+        self.pipeline.on_frames(frames)
+        self._send(self.pipeline.encoders.take_replies())
+
+    def _send(self, frames: Any) -> None:
+        bus = self._ports["encoders.port"]
+        assert isinstance(bus, CanPort)
+        for frame in frames:
+            bus.send(frame.can_id, frame.data, frame.extended)
+
+    async def _send_cyclic(self, bus: CanPort, frame: CanFrame, period_s: float) -> None:
+        while True:
+            bus.send(frame.can_id, frame.data, frame.extended)
+            await asyncio.sleep(period_s)
+
+    def _state_of(self, source: str) -> Any:
+        def on_state(text: str | None) -> None:
+            log.log(logging.INFO if text is None else logging.WARNING, "%s=%s", source, text or "open")
+            self.pipeline.port_state(source, text, time.monotonic_ns())
+            if source == "encoders.port" and text is None:
+                self._send(self.pipeline.encoders.start_frames())
+            self._unreported.discard(source)
+
+        return on_state
+
+    async def _keep_time(self) -> None:
+        """The estimator's own beat: silence is noticed, the watchdog fed, the health published."""
+        watchdog_s = self._notifier.watchdog_period_s or math.inf
+        next_watchdog_s = next_health_s = 0.0
+        while True:
+            now_ns = time.monotonic_ns()
+            self.pipeline.tick(now_ns)
+            now_s = now_ns * S_PER_NS
+            if not self._ready and not self._unreported:
+                self._ready = True
+                self._notifier.ready(self._status())
+                log.info("ready robot=%s prefix=%s", self._config.robot.name, self._config.output.prefix)
+            if now_s >= next_watchdog_s:
+                self._notifier.watchdog()
+                next_watchdog_s = now_s + min(watchdog_s, 1.0)
+            if now_s >= next_health_s:
+                next_health_s = now_s + self._config.output.health_period_s
+                self._publish_health()
+            await asyncio.sleep(TICK_S)
+
+    # ---- outputs -----------------------------------------------------------------------------------------------
+
+    def _on_pose(self, pose: Pose, input_ns: int) -> None:
+        if self._link is None:
+            return
+        now_ns = time.monotonic_ns()
+        self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
+        self._link.publish_pose(pose, self._pose_wall_ns)
+        latency_ns = time.monotonic_ns() - input_ns
+        self._poses += 1
+        self._latency_ns += latency_ns
+        self._latency_max_ns = max(self._latency_max_ns, latency_ns)
+
+    def _publish_health(self) -> None:
+        assert self._link is not None
+        self._link.publish_health(self._health())
+        if self._ready:
+            self._notifier.status(self._status())
+        self._latency_ns = self._latency_max_ns = self._poses = 0
+
+    def _health(self) -> dict[str, Any]:
+        now_ns = time.monotonic_ns()
+        health = self.pipeline.health(now_ns)
+        health["version"] = __version__
+        health["monotonic_ns"], health["wall_ns"] = now_ns, time.time_ns()
+        health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
+        health["pose_rate_hz"] = self._poses / self._config.output.health_period_s
+        health["latency_mean_ms"] = self._latency_ns / self._poses / NS_PER_MS if self._poses else None
+        health["latency_max_ms"] = self._latency_max_ns / NS_PER_MS if self._poses else None
+        health["counters"] |= {name: dict(port.counters) for name, port in self._ports.items()}
+        assert self._link is not None
+        health["counters"]["zenoh"] = dict(self._link.counters)
+        return health
+
+    def _status(self) -> str:
+        reasons = self.pipeline.reasons
+        texts = "; ".join(f"{r.source}: {r.text}" for r in reasons.active())
+        return f"{reasons.validity.value}{': ' + texts if texts else ''}"
+
+    # ---- queries -----------------------------------------------------------------------------------------------
+
+    def _answer_pose(self, _: dict[str, Any]) -> dict[str, Any]:
+        if self._pose is None:
+            raise Refused("no pose yet")
+        return pose_dict(self._pose, self._pose_wall_ns)
+
+    def _answer_config(self, _: dict[str, Any]) -> dict[str, Any]:
+        calibration = self.pipeline.calibration
+        return {
+            "config": dataclasses.asdict(self._config),
+            "origins": self._loaded.origins,
+            "calibration": dataclasses.asdict(calibration) if calibration else None,
+            "version": __version__,
+        }
+
+    def _set_pose(self, request: dict[str, Any]) -> dict[str, Any]:
+        known = {"x_m": None, "y_m": None, "heading_rad": None, "sigma_m": 0.0, "sigma_rad": 0.0}
+        unknown = sorted(set(request) - set(known))
+        if unknown:
+            raise Refused(f"{unknown[0]}: expected one of {', '.join(known)}, got an unknown key")
+        values = {}
+        for name, default in known.items():
+            value = request.get(name, default)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                raise Refused(f"{name}: expected a finite number, got {value!r}")
+            if name.startswith("sigma") and value < 0:
+                raise Refused(f"{name}: expected a number from 0, got {value!r}")
+            values[name] = float(value)
+        self.pipeline.estimator.set_pose(**values)
+        return values
+
+    def _reset(self, _: dict[str, Any]) -> dict[str, Any]:
+        self.pipeline.estimator.reset()
+        return {"reset": True}
+
+    def _calibrate_bias(self, _: dict[str, Any]) -> dict[str, Any]:
+        if (refusal := self.pipeline.estimator.calibrate_bias()) is not None:
+            raise Refused(refusal)
+        static_bias = self._config.estimation.static_bias
+        return {"measuring_s": static_bias.duration_s or static_bias.minimum_s}
+
+
+def run(loaded: Loaded[Config], base: Path) -> int:
+    """Run the daemon until SIGINT or SIGTERM; the process's exit code. Raises ConfigError before the start."""
+    daemon = Daemon(loaded, base)
+
+    async def main() -> bool:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+        def end() -> None:
+            # Whatever hangs after this (a driver, Zenoh) must not keep the process.
+            fuse = threading.Timer(EXIT_DEADLINE_S, os._exit, (1,))
+            fuse.daemon = True
+            fuse.start()
+            stop.set()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, end)
+        return await daemon.run(stop)
+
+    if not asyncio.run(main()):
+        log.error("zenoh did not close within %g s", CLOSE_DEADLINE_S)
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(1)
+    return 0

@@ -1,0 +1,114 @@
+"""Bytes and frames in, poses out: the daemon without its ports, publishers and clock. Replay runs this same object."""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from drd.calibration import Calibration, load_calibration
+from drd.config import Config
+from drd.encoders.stream import EncoderStream
+from drd.estimator import Estimator
+from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
+from drd.fog.stream import FogStream
+from drd.samples import CanFrame, Pose, Side
+from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
+
+
+class Pipeline:
+    """Feed it what arrives, with the arrival's CLOCK_MONOTONIC time; it calls `on_pose(pose, input_ns)`.
+
+    `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
+    configuration start from. Raises ConfigError where a file that the configuration names cannot be used.
+    """
+
+    def __init__(self, config: Config, base: Path, on_pose: Callable[[Pose, int], None]):
+        self._config, self._on_pose = config, on_pose
+        file = config.calibration.file
+        self.calibration: Calibration | None = load_calibration(base / file) if file else None
+        has_gyro = config.fog.protocol != "none"
+        self.fog = FogStream(config.fog, config.robot.max_acceleration_deg_s2 * RAD_PER_DEG) if has_gyro else None
+        self.encoders = EncoderStream(config.encoders, config.robot, base)
+        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m)
+        self.reasons = self.estimator.reasons
+        self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
+
+    def on_fog_bytes(self, data: bytes, arrival_ns: int) -> None:
+        """Bytes from the gyro's serial line."""
+        if self.fog is None:
+            return
+        for sample in self.fog.feed(data, arrival_ns):
+            self._emit(self.estimator.add_gyro(sample), arrival_ns)
+
+    def on_frames(self, frames: Sequence[CanFrame]) -> None:
+        """Frames from the bus."""
+        for frame in frames:
+            for sample in self.encoders.feed(frame):
+                self._emit(self.estimator.add_wheels(sample), frame.t_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Time passes, whether or not anything arrives."""
+        last = self.encoders.last_ns
+        for side in Side:
+            mine, other = last[side], last[Side.RIGHT if side is Side.LEFT else Side.LEFT]
+            # With both sides silent the estimator's own reason says all.
+            dead = (
+                other is not None
+                and now_ns - other < self._side_silent_ns
+                and (mine is None or now_ns - mine > self._side_silent_ns)
+            )
+            name = side.name.lower()
+            self.reasons.update(f"encoders.{name}", f"the {name} counter is silent" if dead else None, now_ns)
+        self._emit(self.estimator.tick(now_ns), now_ns)
+
+    def port_state(self, source: str, text: str | None, now_ns: int) -> None:
+        """A port's trouble (None: it is open) becomes a reason; a new opening starts the parser afresh."""
+        self.reasons.update(source, text, now_ns)
+        if text is not None:
+            if source == "fog.port" and self.fog is not None:
+                self.fog.restart()
+            elif source == "encoders.port":
+                self.encoders.restart()
+
+    def _emit(self, pose: Pose | None, input_ns: int) -> None:
+        if pose is not None:
+            self._on_pose(pose, input_ns)
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """All counters, by part."""
+        return {
+            "fog": dict(self.fog.counters) if self.fog is not None else {},
+            "encoders": self.encoders.counters,
+            "estimator": dict(self.estimator.counters),
+        }
+
+    def health(self, now_ns: int) -> dict[str, Any]:
+        """What the pipeline knows of itself: validity, reasons, rates, temperature, and what the filter has learned."""
+        nominal, P = self.estimator.filter.nominal, self.estimator.filter.P
+        learned = {
+            "gyro_bias_rad_s": (-nominal.gyro_bias_rad_s, GYRO_BIAS),
+            "gyro_scale": (nominal.gyro_scale, GYRO_SCALE),
+            "left_wheel_scale_error": (nominal.scale_left, SCALE_L),
+            "right_wheel_scale_error": (nominal.scale_right, SCALE_R),
+            "tread_m": (nominal.tread_m, TREAD),
+        }
+        return {
+            "robot": self._config.robot.name,
+            "validity": self.reasons.validity.value,
+            "reasons": [
+                {
+                    "source": r.source,
+                    "text": r.text,
+                    "since_s": (now_ns - r.since_ns) * S_PER_NS if r.since_ns else None,
+                }
+                for r in self.reasons.active()
+            ],
+            "fog_rate_hz": self.fog.rate_hz if self.fog is not None else None,
+            "fog_temperature_c": self.fog.temperature_c if self.fog is not None else None,
+            "bias_measurement": self.estimator.bias.state.value,
+            "learned": {
+                name: {"value": value, "sigma": math.sqrt(max(float(P[i, i]), 0.0))}
+                for name, (value, i) in learned.items()
+            },
+            "counters": self.counters(),
+        }
