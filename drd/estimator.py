@@ -71,9 +71,7 @@ class Estimator:
         self._rejections, self._rejected_ns = 0, 0
         self._last_gyro_ns = self._last_wheel_ns = self._first_ns = 0
         self._speed_m_s = self._rate_rad_s = 0.0
-        if self._has_gyro and self.bias.active:
-            self.reasons.set("bias", self.bias.state.value, 0, Validity.INITIALISING)
-        elif not self._has_gyro:
+        if not self._has_gyro:
             self.bias.state = BiasState.SKIPPED
 
     @property
@@ -253,10 +251,10 @@ class Estimator:
 
     def _wheels_silent(self, now_ns: int) -> bool:
         since = self._last_wheel_ns or self._first_ns
-        return now_ns - since > self._config.encoders.silent_after_s * NS_PER_S
+        return now_ns - since >= self._config.encoders.silent_after_s * NS_PER_S
 
     def _gyro_silent(self, now_ns: int) -> bool:
-        return now_ns - (self._last_gyro_ns or self._first_ns) > self._config.fog.silent_after_s * NS_PER_S
+        return now_ns - (self._last_gyro_ns or self._first_ns) >= self._config.fog.silent_after_s * NS_PER_S
 
     def _watch(self, now_ns: int) -> None:
         """Turn silence and spread into reasons."""
@@ -265,13 +263,16 @@ class Estimator:
             reasons.update(
                 "fog", "no gyro samples: heading from the wheels alone" if self._gyro_silent(now_ns) else None, now_ns
             )
-        if self._wheels_silent(now_ns):
-            silent_s = (now_ns - (self._last_wheel_ns or self._first_ns)) * S_PER_NS
+        if not self._last_wheel_ns:
+            reasons.set("encoders", "no wheel samples yet", now_ns, Validity.INITIALISING)
+        elif self._wheels_silent(now_ns):
+            silent_s = (now_ns - self._last_wheel_ns) * S_PER_NS
             severity = Validity.INVALID if silent_s > e.invalid_after_s else Validity.DEGRADED
-            text = "no wheel samples: position unknown since then" if self._last_wheel_ns else "no wheel samples yet"
-            reasons.set("encoders", text, now_ns, severity)
+            reasons.set("encoders", "no wheel samples: position unknown since then", now_ns, severity)
         else:
             reasons.clear("encoders")
+        if self.bias.active and not reasons.has("bias"):
+            reasons.set("bias", self.bias.state.value, now_ns, Validity.INITIALISING)
         if self.bias.state is BiasState.SHORT and reasons.has("bias"):
             learned = self._track.kf.gyro_bias_sigma_rad_s() < 2.0 * self.bias.sigma_after_rad_s(
                 e.static_bias.minimum_s
