@@ -30,7 +30,8 @@ def make(noise: NoiseProfile = SILENT, midpoint: bool = True, sigmas: Sigmas = S
 
 
 def vector(nominal: Nominal) -> npt.NDArray[np.float64]:
-    return SIGN * np.array([getattr(nominal, name) for name in NAMES])
+    values: npt.NDArray[np.float64] = SIGN * np.array([getattr(nominal, name) for name in NAMES])
+    return values
 
 
 def moved(error: npt.NDArray[np.float64], heading: float, left: float, right: float, midpoint: bool) -> Filter:

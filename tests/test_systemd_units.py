@@ -1,0 +1,80 @@
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SYSTEMD = Path(__file__).parents[1] / "systemd"
+UNIT = (SYSTEMD / "drd@.service").read_text()
+PROGRAM = "/opt/drd/bin/drd"
+
+
+def analyze(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    if shutil.which("systemd-analyze") is None:
+        if "CI" in os.environ:
+            pytest.fail("systemd-analyze is missing")
+        pytest.skip("systemd-analyze is not installed")
+    return subprocess.run(["systemd-analyze", *arguments], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def installed(folder: Path, with_realtime: bool, extra: str = "") -> None:
+    """The unit as an installation has it, with a program that exists here in the place of drd."""
+    (folder / "drd@.service").write_text(UNIT.replace(PROGRAM, "/bin/true") + extra)
+    if with_realtime:
+        (folder / "drd@.service.d").mkdir()
+        shutil.copy(SYSTEMD / "realtime.conf", folder / "drd@.service.d")
+
+
+def settings(text: str) -> list[tuple[str, str]]:
+    return re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("with_realtime", [False, True])
+def test_systemd_has_nothing_to_say_against_the_unit(tmp_path: Path, with_realtime: bool) -> None:
+    installed(tmp_path, with_realtime)
+    result = analyze("verify", "./drd@test.service", cwd=tmp_path)
+    assert (result.stdout, result.stderr, result.returncode) == ("", "", 0)
+
+
+def test_the_check_sees_an_unknown_key(tmp_path: Path) -> None:
+    installed(tmp_path, False, extra="\n[Service]\nNoSuchKey=1\n")
+    assert "NoSuchKey" in analyze("verify", "./drd@test.service", cwd=tmp_path).stderr
+
+
+def test_the_exposure_is_2_or_better(tmp_path: Path) -> None:
+    installed(tmp_path, False)
+    result = analyze("security", "--offline=yes", "--threshold=20", "./drd@.service", cwd=tmp_path)
+    assert result.returncode == 0, result.stdout
+
+
+def test_the_sandbox_leaves_what_the_daemon_needs() -> None:
+    found = settings(UNIT)
+    values = dict(found)
+    assert values["ExecStart"] == f"{PROGRAM} run /etc/drd/%i.yaml"
+    assert values["Type"] == "notify"
+    assert {"AF_UNIX", "AF_INET", "AF_INET6", "AF_CAN"} <= set(values["RestrictAddressFamilies"].split())
+    assert {"char-ttyUSB rw", "char-ttyACM rw", "char-ttyS rw"} <= {v for k, v in found if k == "DeviceAllow"}
+    assert values["SupplementaryGroups"] == "dialout"
+    assert not {"PrivateDevices", "PrivateNetwork"} & values.keys()
+    assert values["Restart"] == "on-failure"
+
+
+def test_the_drop_in_gives_back_what_real_time_needs() -> None:
+    values = dict(settings((SYSTEMD / "realtime.conf").read_text()))
+    assert values["RestrictRealtime"] == "no"
+    assert values["LimitMEMLOCK"] == "infinity"
+    assert int(values["LimitRTPRIO"]) >= int(values["CPUSchedulingPriority"])
+    assert {"@resources", "@memlock"} <= set(values["SystemCallFilter"].split())
+
+
+def test_no_active_udev_rule_names_a_device_without_its_serial_number() -> None:
+    rules = [line for line in (SYSTEMD / "99-drd.rules").read_text().splitlines() if line and not line.startswith("#")]
+    naming = [rule for rule in rules if "SYMLINK" in rule]
+    assert naming
+    for rule in naming:
+        assert "ATTRS{serial}==" in rule
+        assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in rule
+    for rule in rules:
+        assert re.fullmatch(r'(?:\w+(?:\{\w+\})?(?:==|!=|=|\+=)"[^"]*"(?:, |$))+', rule), rule
