@@ -33,6 +33,31 @@ CLOSE_DEADLINE_S = 3.0
 EXIT_DEADLINE_S = 8.0
 
 
+class Traffic:
+    """Rate of the poses and time from an input's arrival to its published pose, over the last full period."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, float | None] = {"pose_rate_hz": None, "latency_mean_ms": None, "latency_max_ms": None}
+        self._began_ns = time.monotonic_ns()
+        self._count = self._sum_ns = self._max_ns = 0
+
+    def add(self, latency_ns: int) -> None:
+        """One pose was published."""
+        self._count += 1
+        self._sum_ns += latency_ns
+        self._max_ns = max(self._max_ns, latency_ns)
+
+    def close_period(self, now_ns: int) -> None:
+        """Make `last` of what was added since the period before."""
+        n = self._count
+        self.last = {
+            "pose_rate_hz": n / max((now_ns - self._began_ns) * S_PER_NS, S_PER_NS),
+            "latency_mean_ms": self._sum_ns / n / NS_PER_MS if n else None,
+            "latency_max_ms": self._max_ns / NS_PER_MS if n else None,
+        }
+        self._began_ns, self._count, self._sum_ns, self._max_ns = now_ns, 0, 0, 0
+
+
 class Daemon:
     """One robot's dead reckoning. Raises ConfigError from the constructor or `run` before anything is published."""
 
@@ -48,7 +73,7 @@ class Daemon:
         self._pose: Pose | None = None
         self._pose_wall_ns = 0
         self._started_ns = time.monotonic_ns()
-        self._latency_ns, self._latency_max_ns, self._poses = 0, 0, 0
+        self._traffic = Traffic()
         self._ports: dict[str, SerialPort | CanPort] = {}
         self._unreported: set[str] = set()
         self._ready = False
@@ -149,17 +174,14 @@ class Daemon:
         now_ns = time.monotonic_ns()
         self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
         self._link.publish_pose(pose, self._pose_wall_ns)
-        latency_ns = time.monotonic_ns() - input_ns
-        self._poses += 1
-        self._latency_ns += latency_ns
-        self._latency_max_ns = max(self._latency_max_ns, latency_ns)
+        self._traffic.add(time.monotonic_ns() - input_ns)
 
     def _publish_health(self) -> None:
         assert self._link is not None
+        self._traffic.close_period(time.monotonic_ns())
         self._link.publish_health(self._health())
         if self._ready:
             self._notifier.status(self._status())
-        self._latency_ns = self._latency_max_ns = self._poses = 0
 
     def _health(self) -> dict[str, Any]:
         now_ns = time.monotonic_ns()
@@ -167,9 +189,7 @@ class Daemon:
         health["version"] = __version__
         health["monotonic_ns"], health["wall_ns"] = now_ns, time.time_ns()
         health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
-        health["pose_rate_hz"] = self._poses / self._config.output.health_period_s
-        health["latency_mean_ms"] = self._latency_ns / self._poses / NS_PER_MS if self._poses else None
-        health["latency_max_ms"] = self._latency_max_ns / NS_PER_MS if self._poses else None
+        health |= self._traffic.last
         health["counters"] |= {name: dict(port.counters) for name, port in self._ports.items()}
         assert self._link is not None
         health["counters"]["zenoh"] = dict(self._link.counters)

@@ -161,7 +161,8 @@ class Estimator:
             self.reasons.set("bias", text, t_ns)
         kf.anchor_gyro()
         for rate in bias.take_pending():
-            self._add_rate(rate)
+            if rate.t_ns > self._track.t_ns:
+                self._add_rate(rate)
 
     def calibrate_bias(self) -> str | None:
         """Measure the static bias anew. Returns why not, if the robot is not known to stand or has no gyro."""

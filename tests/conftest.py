@@ -1,0 +1,44 @@
+"""The running daemon and its hardware, for tests that need the real thing."""
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from harness import Robot
+
+from drd.daemon import Daemon
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    made = Robot(tmp_path)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture
+def running(robot: Robot) -> Iterator[Robot]:
+    """The robot drives and its daemon runs in this process, in a thread with a loop of its own."""
+    loop = asyncio.new_event_loop()
+    stop = asyncio.Event()
+    closed: list[bool] = []
+
+    def work() -> None:
+        asyncio.set_event_loop(loop)
+        closed.append(loop.run_until_complete(Daemon(robot.loaded, robot.file.parent).run(stop)))
+        loop.close()
+
+    robot.emulator.start()
+    thread = threading.Thread(target=work, name="daemon under test")
+    thread.start()
+    try:
+        robot.listen()
+        yield robot
+    finally:
+        loop.call_soon_threadsafe(stop.set)
+        thread.join(15.0)
+        assert closed == [True]
