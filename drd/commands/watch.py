@@ -1,0 +1,198 @@
+"""`drd watch`: a live view of the pose and the health in the terminal, over Zenoh."""
+
+import argparse
+import json
+import math
+import os
+import shutil
+import sys
+import time
+from collections import deque
+from typing import Any
+
+import zenoh
+
+from drd.output.session import isolated_config, tidy
+from drd.units import DEG_PER_RAD
+
+_SILENCE_S = 3.0
+_RATE_WINDOW_S = 3.0
+
+
+def main(argv: list[str]) -> int:
+    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard."""
+    arguments = _arguments(argv)
+    plain = arguments.plain or not sys.stdout.isatty()
+    view = View(arguments.prefix, arguments.connect)
+    try:
+        with zenoh.open(isolated_config("client", (), (arguments.connect,))) as session:
+            _show(session, view, arguments.prefix, arguments.seconds, plain)
+    except zenoh.ZError as error:
+        print(f"drd watch: {arguments.connect}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
+        print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+    except BrokenPipeError:
+        # The reader (head, less) has left. Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return 0 if view.heard else 1
+
+
+def _arguments(argv: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="drd watch",
+        description="Show the pose, its uncertainty and what is wrong, live, from a running drd. Ctrl-C ends it.",
+        epilog="Exit code 1 where drd cannot be reached or nothing was heard from it within --seconds.",
+    )
+    parser.add_argument(
+        "--connect",
+        default="tcp/127.0.0.1:7447",
+        metavar="ENDPOINT",
+        help="Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)",
+    )
+    parser.add_argument("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
+    parser.add_argument("--seconds", type=float, default=math.inf, metavar="N", help="end after N seconds")
+    parser.add_argument(
+        "--plain", action="store_true", help="one line a second, as is done where the output is not a terminal"
+    )
+    return parser.parse_args(argv)
+
+
+def _show(session: Any, view: "View", prefix: str, seconds: float, plain: bool) -> None:
+    poses = session.declare_subscriber(f"{prefix}/pose", zenoh.handlers.RingChannel(256))
+    health = session.declare_subscriber(f"{prefix}/health", zenoh.handlers.RingChannel(16))
+    start_s, drawn = time.monotonic(), 0
+    while (now_s := time.monotonic()) - start_s < seconds:
+        time.sleep(min(1.0 if plain else 0.1, max(0.0, start_s + seconds - now_s)))
+        now_s = time.monotonic()
+        while sample := poses.try_recv():
+            view.take_pose(sample.payload.to_bytes(), now_s)
+        while sample := health.try_recv():
+            view.take_health(sample.payload.to_bytes())
+        if plain:
+            print(view.line(now_s), flush=True)
+        else:
+            drawn = _redraw(view.lines(now_s), drawn)
+
+
+def _redraw(lines: list[str], drawn: int) -> int:
+    """Write `lines` over the `drawn` ones of before; returns how many there are now."""
+    width, height = shutil.get_terminal_size()
+    lines = [line[: width - 1] for line in lines[: height - 1]]
+    up = f"\x1b[{drawn}F\x1b[J" if drawn else ""
+    print(up + "\n".join(lines), flush=True)
+    return len(lines)
+
+
+class View:
+    """What was heard, as text. Whatever arrives is shown or counted as unreadable; nothing raises."""
+
+    def __init__(self, prefix: str, endpoint: str):
+        self._where = f"'{prefix}' at {endpoint}"
+        self._pose: dict[str, Any] = {}
+        self._heard_s: deque[float] = deque(maxlen=4096)
+        self._first_s = time.monotonic()
+        self._counts: dict[str, int] = {}
+        self._changed: dict[str, int] = {}
+        self.heard = False
+        self.unreadable = 0
+
+    def take_pose(self, payload: bytes, now_s: float) -> None:
+        """A message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""
+        if (pose := self._object(payload)) is not None:
+            self._pose = pose
+            self._heard_s.append(now_s)
+            self.heard = True
+
+    def take_health(self, payload: bytes) -> None:
+        """A message of `prefix/health`; what is looked at are the whole numbers under `counters`."""
+        if (health := self._object(payload)) is not None:
+            counts = dict(_counters(health.get("counters"), ""))
+            self._changed = {k: n - self._counts[k] for k, n in counts.items() if n != self._counts.get(k, n)}
+            self._counts = counts
+            self.heard = True
+
+    def line(self, now_s: float) -> str:
+        """Everything in one line."""
+        if not self._heard_s:
+            return self._silence(now_s)
+        changed = " ".join(f"{k}{n:+d}" for k, n in list(self._changed.items())[:8])
+        return "  ".join(part for part in (*self._pose_lines(now_s), *self._reasons(), changed) if part)
+
+    def lines(self, now_s: float) -> list[str]:
+        """The same on several lines, with the changed counters one by one."""
+        if not self._heard_s:
+            return [self._silence(now_s)]
+        counters = [f"  {k:<40} {self._counts[k]:>12} ({n:+d})" for k, n in self._changed.items()]
+        heading = ["counters that changed:"] if counters else []
+        return [*self._pose_lines(now_s), *(f"  {r}" for r in self._reasons()), *heading, *counters]
+
+    def _silence(self, now_s: float) -> str:
+        waited_s = now_s - self._first_s
+        text = f"no pose heard under {self._where} for {waited_s:.0f} s"
+        if self.heard:
+            return text + ": the health arrives, so drd runs and has no pose yet"
+        return text + (": is that its output.prefix?" if waited_s > _SILENCE_S else "")
+
+    def _pose_lines(self, now_s: float) -> list[str]:
+        p, covariance = self._pose, self._pose.get("covariance_m_rad")
+        sigma = [_sigma(covariance, i) for i in range(3)]
+        while now_s - self._heard_s[0] > _RATE_WINDOW_S and len(self._heard_s) > 1:
+            self._heard_s.popleft()
+        span_s = min(_RATE_WINDOW_S, max(1.0, now_s - self._first_s))
+        age_s = now_s - self._heard_s[-1]
+        rate_hz = len(self._heard_s) / span_s if age_s < _RATE_WINDOW_S else 0.0
+        return [
+            f"{_text(p.get('validity')):<12}",
+            f"x {_number(p.get('x_m'))} m  y {_number(p.get('y_m'))} m"
+            f"  heading {_number(p.get('heading_rad'), DEG_PER_RAD, 2)} deg",
+            f"speed {_number(p.get('speed_m_s'))} m/s  rate {_number(p.get('rate_rad_s'), DEG_PER_RAD, 2)} deg/s",
+            f"sigma x {_number(sigma[0])} m  y {_number(sigma[1])} m  heading {_number(sigma[2], DEG_PER_RAD)} deg"
+            f"  within (99 %) {_number(p.get('position_bound_99_m'))} m",
+            f"poses {rate_hz:.1f}/s  age {age_s:.1f} s" + (f"  unreadable {self.unreadable}" * (self.unreadable > 0)),
+        ]
+
+    def _reasons(self) -> list[str]:
+        reasons = self._pose.get("reasons")
+        return [
+            f"{_text(r.get('source'))}: {_text(r.get('text'))} (for {_number(r.get('since_s'), digits=1).strip()} s)"
+            for r in (reasons if isinstance(reasons, list) else [])
+            if isinstance(r, dict)
+        ]
+
+    def _object(self, payload: bytes) -> dict[str, Any] | None:
+        try:
+            value = json.loads(payload)
+        except (ValueError, RecursionError):
+            value = None
+        if isinstance(value, dict):
+            return value
+        self.unreadable += 1
+        return None
+
+
+def _counters(value: Any, path: str, depth: int = 4) -> list[tuple[str, int]]:
+    if isinstance(value, dict) and depth:
+        return [c for k, v in value.items() for c in _counters(v, f"{path}.{_text(k)}".lstrip("."), depth - 1)]
+    return [(path, value)] if isinstance(value, int) and not isinstance(value, bool) else []
+
+
+def _sigma(covariance: Any, i: int) -> float | None:
+    try:
+        return math.sqrt(covariance[i][i])
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError):
+        return None
+
+
+def _number(value: Any, factor: float = 1.0, digits: int = 3) -> str:
+    """Eight wide; `-` where there is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e12:
+        return f"{'-':>8}"
+    return f"{value * factor:8.{digits}f}"
+
+
+def _text(value: Any) -> str:
+    """What came over the network must not steer the terminal."""
+    return "".join(c if c.isprintable() else "?" for c in value[:200]) if isinstance(value, str) else "-"

@@ -1,0 +1,94 @@
+"""What the daemon says and hears as JSON: strict (no NaN or Infinity), compact, units in the names."""
+
+import json
+import math
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any
+
+from drd.samples import Pose
+from drd.units import S_PER_NS
+
+MAX_REQUEST_BYTES = 4096
+
+
+class Refused(Exception):  # noqa: N818  # an outcome, not a fault: the asker is told and all goes on
+    """A request is not carried out; the text says why and goes back to whoever asked."""
+
+
+def pose_dict(pose: Pose, wall_ns: int) -> dict[str, Any]:
+    """The pose as plain values; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`.
+
+    `covariance_m_rad` is the full 3x3 matrix of x, y, heading (m^2, m rad, rad^2), `since_s` how long before the
+    pose a reason began. `heading_rad` is not wrapped.
+    """
+    xx, xy, xh, yy, yh, hh = pose.covariance
+    return {
+        "sequence": pose.sequence,
+        "monotonic_ns": pose.t_ns,
+        "wall_ns": wall_ns,
+        "x_m": pose.x_m,
+        "y_m": pose.y_m,
+        "heading_rad": pose.heading_rad,
+        "speed_m_s": pose.speed_m_s,
+        "rate_rad_s": pose.rate_rad_s,
+        "covariance_m_rad": [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]],
+        "position_bound_99_m": pose.position_bound_m,
+        "validity": pose.validity.value,
+        "reasons": [
+            {"source": r.source, "text": r.text, "since_s": round((pose.t_ns - r.since_ns) * S_PER_NS, 3)}
+            for r in pose.reasons
+        ],
+    }
+
+
+def pose_json(pose: Pose, wall_ns: int) -> bytes:
+    """`pose_dict` as JSON."""
+    return encode(pose_dict(pose, wall_ns))
+
+
+def health_json(payload: Mapping[str, Any]) -> bytes:
+    """The health as JSON."""
+    return encode(payload)
+
+
+def encode(value: Mapping[str, Any]) -> bytes:
+    """Compact JSON in ASCII. Non-finite numbers become null; what JSON has no word for becomes text."""
+    return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def decode_request(data: bytes) -> dict[str, Any]:
+    """A request's payload: a JSON object of finite numbers, or nothing. Raises Refused; nothing else escapes."""
+    if len(data) > MAX_REQUEST_BYTES:
+        raise Refused(f"payload of {len(data)} bytes; at most {MAX_REQUEST_BYTES} are read")
+    if not data:
+        return {}
+    try:
+        value = json.loads(data, parse_constant=_finite, parse_float=_finite)
+    except (ValueError, RecursionError) as error:
+        raise Refused(f"payload is not JSON: {str(error)[:100]}") from None
+    if not isinstance(value, dict):
+        raise Refused(f"payload is not a JSON object but a {type(value).__name__}")
+    return value
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is not a finite number")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """Only what strict JSON can say."""
+    if isinstance(value, Enum):
+        value = value.value
+    elif callable(tolist := getattr(value, "tolist", None)):  # numpy scalars and arrays
+        value = tolist()
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(v) for v in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
