@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import logging
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -53,7 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = COMMANDS[chosen.command]
     try:
         call: Callable[[list[str]], int] = importlib.import_module(command.module).main
-        return call(chosen.arguments)
+        code = call(chosen.arguments)
+        sys.stdout.flush()
+        return code
     except ModuleNotFoundError as error:
         if not command.extra:
             raise
@@ -66,5 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(f"drd {chosen.command}: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        # The reader (head, less) has left. Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         return 130

@@ -109,8 +109,8 @@ class Fog:
     axis: str = key("z", "Sensor axis that points up; single-axis gyros have only z", choices=("x", "y", "z"))
     latency_s: float = key(
         0.0,
-        "Time from the end of a measuring interval to the arrival of its packet's first byte "
-        "on the line's far end (filter delay and transmission)",
+        "Time from the end of a measuring interval to the arrival of its packet's last byte: the gyro's filter delay "
+        "and the transmission",
         "s",
         low=0,
         high=1,
@@ -402,7 +402,7 @@ class Output:
     connect: tuple[str, ...] = key((), "Zenoh end points to connect to, such as a router", "Zenoh end points")
     zenoh_config: str | None = key(
         None,
-        "Zenoh's own configuration file (JSON5), read first; the keys above are not applied over it",
+        "Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then not looked at",
         "path",
     )
     commands: bool = key(False, "Allow set_pose, reset and calibrate_bias over Zenoh")
@@ -482,7 +482,9 @@ def _check_together(c: Config, where: str) -> None:
             f"at most duration_s ({b.duration_s:g})",
             f"{b.minimum_s:g}",
         )
-    if "*" in c.output.prefix or c.output.prefix.strip("/") != c.output.prefix:
+    if c.output.publish_on == "gyro" and c.fog.protocol == "none":
+        raise ConfigError(where, "output.publish_on", "wheels, since the robot has no gyro", "'gyro'")
+    if set("*$?#") & set(c.output.prefix) or "" in c.output.prefix.split("/"):
         raise ConfigError(
-            where, "output.prefix", "a Zenoh key without wildcards or outer slashes", repr(c.output.prefix)
+            where, "output.prefix", "a Zenoh key without *, $, ?, # and outer or double slashes", repr(c.output.prefix)
         )

@@ -13,13 +13,16 @@ from drd.noise import make_noise
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.standstill import BiasMeasurement, BiasState, Standstill
 from drd.timeline import Piece, Stream, pieces
+from drd.uncertainty import (
+    UNSEEN_ACCELERATION_M_S2,
+    UNSEEN_TURN_RAD_S2,
+    position_bound_m,
+    rate_sigma_rad_s,
+    speed_sigma_m_s,
+    unseen_growth,
+)
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
-# How much a robot that is not seen may accelerate and turn: widens the pose over a gap. (25)
-UNSEEN_ACCELERATION_M_S2 = 1.0
-UNSEEN_TURN_RAD_S2 = 0.5
-# Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (26)
-BOUND_SIGMAS = math.sqrt(9.210340371976182)
 # Agreement for so long ends the report of a disagreement.
 AGREEMENT_NS = 2 * NS_PER_S
 
@@ -53,7 +56,7 @@ class Estimator:
             gyro_scale=i.gyro_scale if self.estimates_gyro_scale else 0.0,
             gyro_bias_rad_s=i.gyro_bias_deg_s * RAD_PER_DEG,
         )
-        noise = make_noise(e.profile, e.noise, tread_m)
+        self._noise = noise = make_noise(e.profile, e.noise, tread_m)
         self._track, self._preview = (
             Track(Filter(tread_m, self._sigmas, noise, e.gate_sigma, e.midpoint)) for _ in range(2)
         )
@@ -71,6 +74,7 @@ class Estimator:
         self._rejections, self._rejected_ns = 0, 0
         self._last_gyro_ns = self._last_wheel_ns = self._first_ns = 0
         self._speed_m_s = self._rate_rad_s = 0.0
+        self._wheel_interval_s, self._gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
         if not self._has_gyro:
             self.bias.state = BiasState.SKIPPED
 
@@ -84,7 +88,7 @@ class Estimator:
     def add_gyro(self, sample: GyroSample) -> Pose | None:
         """Take a gyro sample; a pose where the configuration or silent wheels ask for one here."""
         self._first_ns = self._first_ns or sample.t_ns
-        self._last_gyro_ns = max(self._last_gyro_ns, sample.t_ns)
+        self._last_gyro_ns, self._gyro_interval_s = max(self._last_gyro_ns, sample.t_ns), sample.interval_s
         rate = self._calibrated(sample)
         if self.bias.active:
             self.bias.gyro(rate)
@@ -111,7 +115,7 @@ class Estimator:
         if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns):
             self.counters["late_wheels"] += 1
             return None
-        self._last_wheel_ns = sample.t_ns
+        self._last_wheel_ns, self._wheel_interval_s = sample.t_ns, sample.interval_s
         self._speed_m_s = 0.5 * (left_m_s + right_m_s)
         self._advance()
         self._watch(sample.t_ns)
@@ -221,10 +225,10 @@ class Estimator:
     def _unseen(self, track: Track, dt_s: float, blind: bool) -> None:
         """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (25)"""
         speed, rate = abs(self._speed_m_s), abs(self._rate_rad_s)
-        track.kf.add_position_variance(_growth(track.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
+        track.kf.add_position_variance(unseen_growth(track.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
         track.unseen_s += dt_s
         if blind:
-            track.kf.add_heading_variance(_growth(track.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
+            track.kf.add_heading_variance(unseen_growth(track.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
             track.blind_s += dt_s
         else:
             track.kf.anchor_wheels()  # (24)
@@ -306,13 +310,25 @@ class Estimator:
             x_m=n.x_m,
             y_m=n.y_m,
             heading_rad=n.heading_rad,
-            speed_m_s=0.0 if self._wheels_silent(t_ns) else self._speed_m_s,
+            speed_m_s=self._speed_m_s,
             rate_rad_s=self._rate_rad_s,
+            speed_sigma_m_s=self._speed_sigma_m_s(preview),
+            rate_sigma_rad_s=self._rate_sigma_rad_s(preview, t_ns),
             covariance=covariance,
             position_bound_m=bound_m,
             validity=self.reasons.validity,
             reasons=self.reasons.active(),
         )
+
+    def _speed_sigma_m_s(self, track: Track) -> float:
+        unseen = UNSEEN_ACCELERATION_M_S2 * track.unseen_s
+        return speed_sigma_m_s(track.kf, self._noise, self._speed_m_s, self._wheel_interval_s) + unseen
+
+    def _rate_sigma_rad_s(self, track: Track, t_ns: int) -> float:
+        gyro = self._has_gyro and not self.bias.active and not self._gyro_silent(t_ns)
+        interval_s = self._gyro_interval_s if gyro else self._wheel_interval_s
+        unseen = UNSEEN_TURN_RAD_S2 * track.blind_s
+        return rate_sigma_rad_s(track.kf, self._noise, self._rate_rad_s, interval_s, gyro) + unseen
 
     # ---- commands ----------------------------------------------------------------------------------------------
 
@@ -336,19 +352,3 @@ class Estimator:
         self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
         self._preview.kf.copy_from(self._track.kf)
-
-
-def _growth(unseen_s: float, dt_s: float, speed: float, acceleration: float) -> float:
-    """Variance that the next `dt_s` of unseen motion add: sigma(t) = speed t + acceleration t^2 / 2. (25)"""
-    before = unseen_s * (speed + 0.5 * acceleration * unseen_s)
-    after_s = unseen_s + dt_s
-    after = after_s * (speed + 0.5 * acceleration * after_s)
-    return after * after - before * before
-
-
-def position_bound_m(covariance: tuple[float, float, float, float, float, float]) -> float:
-    """Radius that holds 99 % of a Gaussian position error, from the worst axis. (26)"""
-    xx, xy, _, yy, _, _ = covariance
-    half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
-    worst = half + math.hypot(difference, xy)
-    return BOUND_SIGMAS * math.sqrt(max(worst, 0.0)) if math.isfinite(worst) else math.inf

@@ -99,14 +99,13 @@ class Filter:
         self._Q: Matrix = np.zeros((N, N))
         self._T: Matrix = np.zeros((N, N))
         self._PH: Matrix = np.zeros(N)
-        self._ones: Matrix = np.ones(N)
+        self._sigma: Matrix = np.zeros(())  # sqrt(S); numpy takes an array's element faster than a float
         self._gate2 = gate_sigma**2
         # Views, made once.
         self._FT, self._PT = self._F.T, self.P.T
         self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
         self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
         self._f, self._q, self._p = (_elements(m) for m in (self._F, self._Q, self.P))
-        self._ph = _elements(self._PH)
         self.restart(tread_m, sigmas)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
@@ -156,25 +155,25 @@ class Filter:
             U_R, U_L = U + 0.5 * D * turn, U - 0.5 * D * turn
             f[G_SCALE], f[G_BIAS] = rate_rad_s * dt_s * self._estimate_gyro_scale, dt_s
         # F: the derivatives of these lines; `bend` is the midpoint's share. (13)
+        bend = h * U
         per_right, per_left, per_tread = U_R / D, -U_L / D, -turn / D
-        bend_x, bend_y = -h * U * s, h * U * c
-        half_right, half_left = 0.5 * U_R, 0.5 * U_L
+        bend_x, bend_y, arm_x, arm_y = -bend * s, bend * c, 0.5 * D * c, 0.5 * D * s
         f[X_HEADING] = -U * s
         f[Y_HEADING] = U * c
-        f[X_SCALE_R] = half_right * c + bend_x * per_right
-        f[Y_SCALE_R] = half_right * s + bend_y * per_right
-        f[X_SCALE_L] = half_left * c + bend_x * per_left
-        f[Y_SCALE_L] = half_left * s + bend_y * per_left
+        f[X_SCALE_R] = per_right * (bend_x + arm_x)
+        f[Y_SCALE_R] = per_right * (bend_y + arm_y)
+        f[X_SCALE_L] = per_left * (bend_x - arm_x)
+        f[Y_SCALE_L] = per_left * (bend_y - arm_y)
         f[X_TREAD] = bend_x * per_tread
         f[Y_TREAD] = bend_y * per_tread
         f[H_SCALE_R] = per_right
         f[H_SCALE_L] = per_left
         f[H_TREAD] = per_tread
-        self._process_noise(dt_s, abs(U_L), abs(U_R), abs(turn), rate_sigma_rad_s, c, s, h * U)
-        P, Q, T = self.P, self._Q, self._T
-        np.dot(self._F, P, T)  # (18)
-        np.dot(T, self._FT, P)
-        np.add(P, Q, P)
+        self._process_noise(dt_s, abs(U_L), abs(U_R), abs(turn), rate_sigma_rad_s, c, s, bend)
+        P, T = self.P, self._T
+        self._F.dot(P, T)  # (18)
+        T.dot(self._FT, P)
+        P += self._Q
 
     def _process_noise(
         self,
@@ -191,26 +190,29 @@ class Filter:
 
         `c`, `s`: cosine and sine of the step's heading; `bend`: the midpoint's share of the travel, m.
         """
-        k, q = self._noise, self._q
+        k, q, D = self._noise, self._q, self.nominal.tread_m
         right, left = k.wheel_m2_per_m * right_m, k.wheel_m2_per_m * left_m
         turn = k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s
         side = k.lateral_m2_per_m * 0.5 * (left_m + right_m)
         anywhere = k.position_m2_per_rad * turn_rad + k.position_m2_per_s * dt_s
+        scale = k.wheel_scale_per_s * dt_s
         # In the robot's own axes: forward, sideways, heading.
-        per_m = 1.0 / self.nominal.tread_m
-        both, difference = right + left, right - left
-        heading = both * per_m * per_m + turn
-        forward, sideways = 0.25 * both, bend * bend * heading + side
-        forward_sideways, forward_heading = 0.5 * difference * bend * per_m, 0.5 * difference * per_m
-        cross, c2, s2, cs = 2.0 * forward_sideways * c * s, c * c, s * s, c * s
+        both = right + left
+        heading = both / (D * D) + turn
+        sideways_heading = bend * heading
+        forward, sideways = 0.25 * both, bend * sideways_heading + side
+        forward_heading = 0.5 * (right - left) / D
+        forward_sideways = forward_heading * bend
+        c2, s2, cs = c * c, s * s, c * s
+        cross = 2.0 * forward_sideways * cs
         q[XX] = forward * c2 + sideways * s2 - cross + anywhere
         q[YY] = forward * s2 + sideways * c2 + cross + anywhere
         q[XY] = q[YX] = (forward - sideways) * cs + forward_sideways * (c2 - s2)
-        q[XH] = q[HX] = forward_heading * c - bend * heading * s
-        q[YH] = q[HY] = forward_heading * s + bend * heading * c
+        q[XH] = q[HX] = forward_heading * c - sideways_heading * s
+        q[YH] = q[HY] = forward_heading * s + sideways_heading * c
         q[HH] = heading
-        q[RR] = k.wheel_scale_per_m * right_m + k.wheel_scale_per_s * dt_s
-        q[LL] = k.wheel_scale_per_m * left_m + k.wheel_scale_per_s * dt_s
+        q[RR] = k.wheel_scale_per_m * right_m + scale
+        q[LL] = k.wheel_scale_per_m * left_m + scale
         q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
         q[GG] = (k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma) * dt_s  # (21)
         q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
@@ -221,29 +223,31 @@ class Filter:
 
         Unless the outcome is ACCEPTED nothing has changed.
         """
-        n, ph, P, T = self.nominal, self._ph, self.P, self._T
+        n, P, PH, T = self.nominal, self.P, self._PH, self._T
         z = n.heading_rad - n.gyro_heading_rad  # (14)
-        np.subtract(self._P_wheels, self._P_gyro, self._PH)  # P H^T, from rows since P is symmetric
+        np.subtract(self._P_wheels, self._P_gyro, PH)  # P H^T, from rows since P is symmetric
+        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias = ph = PH.tolist()
         R = self._noise.comparison_rad2 + self._noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
-        S = ph[HEADING] - ph[GYRO_HEADING] + R  # (15)
+        S = heading - gyro_heading + R  # (15)
         self.z, self.S = z, S
-        if not (0.0 < S < math.inf and math.isfinite(z) and math.isfinite(np.dot(self._PH, self._ones))):
+        if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
         if z * z > self._gate2 * S:  # (16)
             return Outcome.REJECTED
         k = z / S
-        n.x_m -= ph[X] * k  # (23)
-        n.y_m -= ph[Y] * k
-        n.heading_rad -= ph[HEADING] * k
-        n.scale_right += ph[SCALE_R] * k
-        n.scale_left += ph[SCALE_L] * k
-        n.tread_m -= ph[TREAD] * k
-        n.gyro_heading_rad -= ph[GYRO_HEADING] * k
-        n.gyro_scale -= ph[GYRO_SCALE] * k
-        n.gyro_bias_rad_s -= ph[GYRO_BIAS] * k
-        np.multiply(self._PH, 1.0 / math.sqrt(S), self._PH)
-        np.dot(self._PH_column, self._PH_row, T)
-        np.subtract(P, T, P)  # (17)
+        n.x_m -= x * k  # (23)
+        n.y_m -= y * k
+        n.heading_rad -= heading * k
+        n.scale_right += scale_right * k
+        n.scale_left += scale_left * k
+        n.tread_m -= tread * k
+        n.gyro_heading_rad -= gyro_heading * k
+        n.gyro_scale -= gyro_scale * k
+        n.gyro_bias_rad_s -= gyro_bias * k
+        self._sigma[()] = math.sqrt(S)
+        PH /= self._sigma
+        self._PH_column.dot(self._PH_row, T)
+        P -= T  # (17)
         self._updates += 1
         if self._updates % UPDATES_PER_SYMMETRISATION == 0:
             np.add(P, self._PT, T)

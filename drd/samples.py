@@ -95,7 +95,9 @@ class Reason(NamedTuple):
 class Pose:
     """The estimate at `t_ns`. `covariance` is the upper triangle (xx, xy, xh, yy, yh, hh) in m^2, m rad, rad^2.
 
-    `position_bound_m`: radius that holds the true position in 99 of 100 cases, if the noise profile holds.
+    Speed and rate are the newest samples' means, with their standard deviations; they hold on while a sensor is
+    silent, and their deviations grow. `position_bound_m`: radius that holds the true position in 99 of 100 cases, if
+    the noise profile holds.
     """
 
     t_ns: int
@@ -105,6 +107,8 @@ class Pose:
     heading_rad: float  # not wrapped: whole turns are kept
     speed_m_s: float
     rate_rad_s: float
+    speed_sigma_m_s: float
+    rate_sigma_rad_s: float
     covariance: tuple[float, float, float, float, float, float]
     position_bound_m: float
     validity: Validity

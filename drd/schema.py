@@ -65,7 +65,7 @@ def loads(text: str, cls: type[T], where: str = "(text)") -> Loaded[T]:
     """Read YAML text into `cls`. Raises ConfigError; nothing else escapes."""
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last: "\UFFFFFFFF"
         raise ConfigError(where, "", "YAML", " ".join(str(error).split()) or type(error).__name__) from error
     origins: dict[str, str] = {}
     value = _section(cls, node, "", where, origins)
@@ -79,7 +79,7 @@ def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origin
             raise ConfigError(_at(where, node), path, "a section of keys", _shown(node))
         names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]  # T is always a dataclass
         for key_node, value_node in node.value:
-            name = str(key_node.value)
+            name = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else _shown(key_node)
             if name not in names:
                 raise ConfigError(
                     _at(where, key_node), _join(path, name), f"one of {', '.join(names)}", "an unknown key"
@@ -112,35 +112,40 @@ def _value(hint: Any, meta: Key, node: yaml.Node, path: str, where: str) -> Any:
         if type(None) in typing.get_args(hint):
             return None
         raise error
-    kind = _bare(hint)
-    if kind == tuple[str, ...]:
-        if not isinstance(node, yaml.SequenceNode) or not all(isinstance(n, yaml.ScalarNode) for n in node.value):
-            raise error
-        return tuple(str(n.value) for n in node.value)
-    if not isinstance(node, yaml.ScalarNode):
-        raise error
     try:
-        value = _scalar(kind, node)
-    except ValueError:
+        if _bare(hint) == tuple[str, ...]:
+            return _texts(node)
+        value = _scalar(_bare(hint), node)
+        in_range = isinstance(value, str) or (math.isfinite(value) and meta.low <= value <= meta.high)
+    except (ValueError, OverflowError):  # the latter: a whole number of hundreds of digits
         raise error from None
-    if isinstance(value, (int, float)) and not (math.isfinite(value) and meta.low <= value <= meta.high):
+    if not in_range:
         raise error
     if meta.choices and value not in meta.choices:
         raise error
     return value
 
 
-def _scalar(kind: Any, node: yaml.ScalarNode) -> bool | int | float | str:
+def _texts(node: yaml.Node) -> tuple[str, ...]:
+    if not isinstance(node, yaml.SequenceNode):
+        raise ValueError("not a list")
+    return tuple(str(_scalar(str, item)) for item in node.value)
+
+
+def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
+    if not isinstance(node, yaml.ScalarNode) or _is_null(node):
+        raise ValueError("not a single value")
     text = str(node.value)
     if kind is bool:
         if node.tag != "tag:yaml.org,2002:bool":
             raise ValueError(text)
         return text.lower() in {"true", "yes", "on"}
     if kind is str:
-        if not text:
-            raise ValueError("empty")
+        # Line breaks and lone surrogates would come out again in a log, a Zenoh key or a frame name.
+        if not text or not text.isprintable():
+            raise ValueError("empty or not printable")
         return text
-    if node.style in {"'", '"'} or node.tag.endswith(":bool"):
+    if node.style or node.tag.endswith(":bool"):
         raise ValueError("a quoted or boolean value is not a number")
     # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
     return int(text, 0) if kind is int else float(text)

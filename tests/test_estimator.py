@@ -368,3 +368,15 @@ def test_the_bound_holds_and_the_heading_is_honest_over_drawn_robots() -> None:
         heading_sigmas.append((pose.heading_rad - truth.heading_rad) ** 2 / pose.covariance[5])
     assert outside <= 2  # 99 % bound: 0.4 of 40 expected
     assert 0.1 < sum(heading_sigmas) / 40 < 1.67  # 99.9 % point of chi-square with 40 degrees; noise is modelled amply
+
+
+def test_speed_and_rate_carry_their_uncertainty_which_grows_in_silence() -> None:
+    e = make()
+    pose = feed(e, drive(10))[-1]
+    assert 0.0 < pose.speed_sigma_m_s < 0.05
+    assert 0.0 < pose.rate_sigma_rad_s < 0.01
+    without = feed(make(), (x for x in drive(10) if isinstance(x[1], WheelSample)))[-1]
+    assert without.rate_sigma_rad_s > pose.rate_sigma_rad_s
+    silent = [p for i in range(1, 60) if (p := e.tick(T0 + round((10 + i * 0.05) * S))) is not None]
+    assert silent[-1].speed_sigma_m_s > silent[0].speed_sigma_m_s > pose.speed_sigma_m_s
+    assert silent[-1].rate_sigma_rad_s > silent[0].rate_sigma_rad_s

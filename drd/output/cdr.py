@@ -21,8 +21,8 @@ class OdometryEncoder:
     """Encodes poses of one pair of frames into a buffer laid out once. Not for several threads at a time.
 
     The robot is planar: z, roll and pitch are 0 with UNKNOWN_VARIANCE, as their truth is not observed. The twist is
-    in the child frame: linear.x is the speed, angular.z the rate. Pose carries no variance of either, so the twist's
-    covariance says unknown throughout: fuse the pose, or give the twist your own covariance.
+    in the child frame: linear.x is the speed, angular.z the rate, each with its variance; linear.y is 0 with
+    UNKNOWN_VARIANCE, as sideways slip is not observed.
     """
 
     def __init__(self, frame_id: str, child_frame_id: str):
@@ -54,6 +54,7 @@ class OdometryEncoder:
         v[c + 6], v[c + 7], v[c + 11] = xy, yy, yh
         v[c + 30], v[c + 31], v[c + 35] = xh, yh, hh
         v[_TWIST], v[_TWIST + 5] = pose.speed_m_s, pose.rate_rad_s
+        v[_TWIST_COVARIANCE], v[_TWIST_COVARIANCE + 35] = pose.speed_sigma_m_s**2, pose.rate_sigma_rad_s**2
         _DOUBLES.pack_into(self._buffer, self._doubles_at, *v)
         return bytes(self._buffer)
 

@@ -32,6 +32,8 @@ def pose_dict(pose: Pose, wall_ns: int) -> dict[str, Any]:
         "heading_rad": pose.heading_rad,
         "speed_m_s": pose.speed_m_s,
         "rate_rad_s": pose.rate_rad_s,
+        "speed_sigma_m_s": pose.speed_sigma_m_s,
+        "rate_sigma_rad_s": pose.rate_sigma_rad_s,
         "covariance_m_rad": [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]],
         "position_bound_99_m": pose.position_bound_m,
         "validity": pose.validity.value,

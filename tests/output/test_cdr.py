@@ -23,6 +23,8 @@ def a_pose(**changes: Any) -> Pose:
         "heading_rad": 0.5,
         "speed_m_s": 3.0,
         "rate_rad_s": 4.0,
+        "speed_sigma_m_s": 0.5,
+        "rate_sigma_rad_s": 0.25,
         "covariance": (11.0, 12.0, 16.0, 22.0, 26.0, 66.0),
         "position_bound_m": 0.1,
         "validity": Validity.VALID,
@@ -80,8 +82,8 @@ def test_what_a_planar_robot_does_not_observe_is_said_to_be_unknown() -> None:
     assert matrix.diagonal().tolist() == [11.0, 22.0, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, 66.0]
     assert matrix[2:5].sum() == matrix[:, 2:5].sum() == 3 * UNKNOWN_VARIANCE
     twist = message.twist.covariance.reshape(6, 6)
-    assert twist.diagonal().tolist() == [UNKNOWN_VARIANCE] * 6
-    assert twist.sum() == 6 * UNKNOWN_VARIANCE
+    assert twist.diagonal().tolist() == [0.25, *[UNKNOWN_VARIANCE] * 4, 0.0625]
+    assert twist.sum() == 4 * UNKNOWN_VARIANCE + 0.3125
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

@@ -24,7 +24,19 @@ from drd.samples import Pose, Reason, Validity
 
 REASONS = (Reason("encoders", "silent", 1_000_000_000),)
 POSE = Pose(
-    3_500_000_000, 2, 3.25, -4.5, 0.5, 1.0, 0.1, (0.04, 0, 0, 0.09, 0, 0.0001), 0.75, Validity.DEGRADED, REASONS
+    3_500_000_000,
+    2,
+    3.25,
+    -4.5,
+    0.5,
+    1.0,
+    0.1,
+    0.01,
+    0.001,
+    (0.04, 0, 0, 0.09, 0, 0.0001),
+    0.75,
+    Validity.DEGRADED,
+    REASONS,
 )
 
 

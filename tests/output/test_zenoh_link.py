@@ -28,7 +28,7 @@ from drd.samples import Pose, Validity
 from drd.schema import ConfigError
 
 PATIENCE_S = 10.0
-POSE = Pose(1, 2, 3.0, 4.0, 0.5, 1.0, 0.1, (1, 0, 0, 1, 0, 1), 0.2, Validity.VALID, ())
+POSE = Pose(1, 2, 3.0, 4.0, 0.5, 1.0, 0.1, 0.01, 0.001, (1, 0, 0, 1, 0, 1), 0.2, Validity.VALID, ())
 
 
 def free_endpoint() -> str:

@@ -1,0 +1,48 @@
+"""Uncertainties that the covariance does not hold by itself: position bound, speed, rate, motion that was not seen."""
+
+import math
+
+from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.noise import NoiseProfile
+
+# How much a robot that is not seen may accelerate and turn. (25)
+UNSEEN_ACCELERATION_M_S2 = 1.0
+UNSEEN_TURN_RAD_S2 = 0.5
+# Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (26)
+BOUND_SIGMAS = math.sqrt(9.210340371976182)
+
+
+def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: float) -> float:
+    """Variance that the next `dt_s` of unseen motion add: sigma(t) = speed t + acceleration t^2 / 2. (25)"""
+    before = unseen_s * (speed + 0.5 * acceleration * unseen_s)
+    after_s = unseen_s + dt_s
+    after = after_s * (speed + 0.5 * acceleration * after_s)
+    return after * after - before * before
+
+
+def position_bound_m(covariance: tuple[float, float, float, float, float, float]) -> float:
+    """Radius that holds 99 % of a Gaussian position error, from the worst axis. (26)"""
+    xx, xy, _, yy, _, _ = covariance
+    half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    worst = half + math.hypot(difference, xy)
+    return BOUND_SIGMAS * math.sqrt(max(worst, 0.0)) if math.isfinite(worst) else math.inf
+
+
+def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:
+    """Of the mean speed over a wheel sample of `interval_s`: travel noise of two wheels, and their scales. (30)"""
+    P = kf.P
+    travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
+    scale = 0.25 * float(P[SCALE_R, SCALE_R] + P[SCALE_L, SCALE_L] + 2.0 * P[SCALE_R, SCALE_L])
+    return math.sqrt(max(travel + scale * speed_m_s * speed_m_s, 0.0))
+
+
+def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:
+    """Of the mean yaw rate over the sample of `interval_s` that it came from, a gyro's or the wheels'. (30)"""
+    P, rate2 = kf.P, rate_rad_s * rate_rad_s
+    if gyro:
+        variance = noise.gyro_rad2_per_s / interval_s + float(P[GYRO_BIAS, GYRO_BIAS])
+        variance += rate2 * float(P[GYRO_SCALE, GYRO_SCALE])
+    else:
+        variance = noise.turn_rad2_per_rad * abs(rate_rad_s) / interval_s
+        variance += rate2 * float(P[TREAD, TREAD]) / kf.nominal.tread_m**2
+    return math.sqrt(max(variance, 0.0))
