@@ -32,7 +32,7 @@ def main(argv: list[str]) -> int:
             f"calibration holds from {low:g} to {high:g} deg/s and {cold:g} to {warm:g} degC: {calibration.provenance}"
         )
     print(f"the gyro's scale is {'' if pipeline.estimator.estimates_gyro_scale else 'not '}estimated")
-    print(f"one encoder count is {pipeline.encoders.resolution_m * 1e3:.4g} mm of travel")
+    print(f"wheel travel is resolved to {pipeline.encoders.resolution_m * 1e3:.4g} mm")
     print(f"{arguments.config}: good")
     return 0
 
@@ -56,4 +56,4 @@ def _shown(value: Any) -> str:
         return "null"
     if isinstance(value, tuple):
         return f"[{', '.join(map(str, value))}]"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:.12g}" if isinstance(value, float) else str(value)

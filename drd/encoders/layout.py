@@ -1,0 +1,73 @@
+"""What every layout of encoder frames offers: which frames it reads, and what they say."""
+
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from drd.config import Encoders, Wheel
+from drd.samples import CanFrame, Side, WheelReading
+from drd.schema import ConfigError
+
+
+class CounterRestart(NamedTuple):
+    """A side's device has started anew: the next reading is a new start, not motion.
+
+    `reply` holds the frames to send in answer; their `t_ns` has no meaning.
+    """
+
+    side: Side
+    reply: tuple[CanFrame, ...]
+
+
+class Layout(Protocol):
+    """One way to lay wheel readings out in CAN frames. `decode` never raises: every bad frame has a counter.
+
+    `can_ids`: the identifiers it reads, each with whether it is an extended (29-bit) one.
+    `modulus_counts`: count at which the counter starts again; None: it never does (float revolutions, speed).
+    `reports_speed`: a reading is the speed of the wheel's rim in m/s instead of a count.
+    `cyclic`: a frame that the daemon shall send again and again, and its period in seconds.
+    """
+
+    can_ids: tuple[tuple[int, bool], ...]
+    modulus_counts: int | None
+    counters: dict[str, int]
+    reports_speed: bool = False
+    cyclic: tuple[CanFrame, float] | None = None
+
+    def metres_per_count(self, radius_m: float) -> float:
+        """Travel of a wheel of this radius in one count; 1 where readings are speeds."""
+        ...
+
+    def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
+        """What the frame says; empty when it is bad (counted) or none of the layout's business."""
+        ...
+
+    def start_frames(self) -> tuple[CanFrame, ...]:
+        """Frames to send after each opening of the bus."""
+        return ()
+
+
+def wheels(encoders: Encoders) -> dict[Side, Wheel]:
+    """The configuration of each side."""
+    return {Side.LEFT: encoders.left, Side.RIGHT: encoders.right}
+
+
+def side_key(side: Side, name: str) -> str:
+    """Path of a configuration key of one side, as errors name it."""
+    return f"encoders.{side.name.lower()}.{name}"
+
+
+def counts_per_revolution(encoders: Encoders, base: Path) -> float:
+    """Counts of one wheel turn. Raises ConfigError where they are not configured."""
+    if encoders.counts_per_revolution is None:
+        expected = f"a number, since layout {encoders.layout} counts"
+        raise ConfigError(str(base), "encoders.counts_per_revolution", expected, "nothing")
+    return encoders.counts_per_revolution
+
+
+def nodes(encoders: Encoders, base: Path, low: int, high: int) -> dict[Side, int]:
+    """Node id of each side. Raises ConfigError where the layout's identifiers cannot hold one."""
+    for side, wheel in wheels(encoders).items():
+        if not low <= wheel.node <= high:
+            expected = f"a whole number from {low} to {high} (layout {encoders.layout})"
+            raise ConfigError(str(base), side_key(side, "node"), expected, str(wheel.node))
+    return {side: wheel.node for side, wheel in wheels(encoders).items()}

@@ -1,0 +1,113 @@
+"""Left and right readings, each with its own time, into samples of both wheels' travel over the same interval."""
+
+from dataclasses import dataclass
+
+from drd.samples import Side, WheelSample
+from drd.units import NS_PER_S, S_PER_NS
+
+
+@dataclass(slots=True)
+class _Point:
+    """One side's accumulated travel at a time, and whether a pair has made use of it."""
+
+    t_ns: int
+    travel_m: float
+    used: bool = False
+
+
+class _Track:
+    """The last two points of one side. `older` is None where the travel since then is unknown."""
+
+    __slots__ = ("newer", "older")
+
+    def __init__(self) -> None:
+        self.older: _Point | None = None
+        self.newer: _Point | None = None
+
+    def push(self, point: _Point, *, moved: bool) -> int:
+        """Take the newest point; return how many points go without having been of use."""
+        gone = (self.older,) if moved else (self.older, self.newer)
+        self.older, self.newer = self.newer if moved else None, point
+        return sum(point is not None and not point.used for point in gone)
+
+    def at(self, t_ns: int, window_ns: int) -> float | None:
+        """Travel at `t_ns` between the two points; None outside them or beyond the window around both."""
+        older, newer = self.older, self.newer
+        if newer is None:
+            return None
+        if newer.t_ns == t_ns:
+            return newer.travel_m
+        if older is None or not older.t_ns <= t_ns < newer.t_ns:
+            return None
+        if min(t_ns - older.t_ns, newer.t_ns - t_ns) > window_ns:
+            return None
+        part = (t_ns - older.t_ns) / (newer.t_ns - older.t_ns)
+        return older.travel_m + (newer.travel_m - older.travel_m) * part
+
+    def use(self) -> None:
+        """Both points have served a pair."""
+        for point in (self.older, self.newer):
+            if point is not None:
+                point.used = True
+
+
+class Pairing:
+    """Pairs both sides' travel at common times: the older of the two newest readings, the other interpolated.
+
+    So the skew between two nodes does not become a turn. Samples tile time: each begins where the last one ended,
+    or `lost_s` after it. Two nodes give at most one sample in half a nominal period, so that one pair of readings
+    is one sample; readings of the same time always give one.
+    """
+
+    def __init__(self, window_s: float, gap_s: float, period_s: float):
+        self.counters = {"unpaired": 0, "new_starts": 0}
+        self._window_ns = round(window_s * NS_PER_S)
+        self._gap_ns = round(gap_s * NS_PER_S)
+        self._least_ns = round(0.5 * period_s * NS_PER_S)
+        self._tracks = {side: _Track() for side in Side}
+        # Time and both travels where the last interval ended, and whether one since then is not known.
+        self._end: tuple[int, float, float] | None = None
+        self._broken = False
+        self._lost_ns = 0
+
+    def add(self, side: Side, t_ns: int, travel_m: float, *, moved: bool) -> WheelSample | None:
+        """Take one side's accumulated travel; times increase per side.
+
+        `moved` is False where the travel since that side's last reading is not known. Returns the sample that this
+        reading completes.
+        """
+        self.counters["unpaired"] += self._tracks[side].push(_Point(t_ns, travel_m), moved=moved)
+        self._broken |= not moved
+        pair = self._newest_pair()
+        if pair is None:
+            return None
+        for track in self._tracks.values():
+            track.use()
+        return self._sample_to(*pair)
+
+    def _newest_pair(self) -> tuple[int, float, float] | None:
+        """Newest time at which both sides' travel is known, with the two; None where it brings no new sample."""
+        left, right = self._tracks[Side.LEFT], self._tracks[Side.RIGHT]
+        if left.newer is None or right.newer is None:
+            return None
+        t_ns = min(left.newer.t_ns, right.newer.t_ns)
+        if self._end is not None:
+            elapsed_ns = t_ns - self._end[0]
+            if elapsed_ns <= 0 or (elapsed_ns < self._least_ns and left.newer.t_ns != right.newer.t_ns):
+                return None
+        left_m, right_m = left.at(t_ns, self._window_ns), right.at(t_ns, self._window_ns)
+        return None if left_m is None or right_m is None else (t_ns, left_m, right_m)
+
+    def _sample_to(self, t_ns: int, left_m: float, right_m: float) -> WheelSample | None:
+        """End an interval here; None where it is only a new start."""
+        end, self._end = self._end, (t_ns, left_m, right_m)
+        broken, self._broken = self._broken, False
+        if end is None:
+            return None
+        interval_ns = t_ns - end[0]
+        if broken or interval_ns > self._gap_ns:
+            self.counters["new_starts"] += 1
+            self._lost_ns += interval_ns
+            return None
+        lost_s, self._lost_ns = self._lost_ns * S_PER_NS, 0
+        return WheelSample(t_ns, interval_ns * S_PER_NS, left_m - end[1], right_m - end[2], lost_s)

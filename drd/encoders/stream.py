@@ -1,0 +1,112 @@
+"""CAN frames in, wheel samples out: layout, counters and pairing as configured."""
+
+from collections import deque
+from pathlib import Path
+
+from drd.config import Encoders, Robot
+from drd.encoders import make_layout
+from drd.encoders.counter import MARGIN_COUNTS, Counter, Outcome, SpeedIntegral, Travel
+from drd.encoders.layout import CounterRestart, wheels
+from drd.encoders.pairing import Pairing
+from drd.samples import CanFrame, Side, WheelReading, WheelSample
+from drd.schema import ConfigError
+from drd.units import NS_PER_S
+
+# Taken for the resolution where readings are no whole counts: far below any motion that matters.
+UNCOUNTED_RESOLUTION_M = 1e-4
+# Enough for both nodes' answers between two calls; a node that boots in a loop must not fill the memory.
+MAX_REPLIES = 16
+
+
+class EncoderStream:
+    """The wheel encoders of one robot. `feed` never raises on a frame's content.
+
+    `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send again and again and
+    its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first.
+    `resolution_m`: travel of one count of the coarser side.
+    """
+
+    def __init__(self, encoders: Encoders, robot: Robot, base: Path):
+        self._layout = make_layout(encoders, base)
+        self.can_ids = self._layout.can_ids
+        self.cyclic = self._layout.cyclic
+        self.last_ns: dict[Side, int | None] = dict.fromkeys(Side)
+        self._known_ids = frozenset(self.can_ids)
+        self._latency_ns = round(encoders.latency_s * NS_PER_S)
+        self._metres = self._metres_per_unit(encoders, robot)
+        counted = self._layout.modulus_counts is not None and not self._layout.reports_speed
+        self.resolution_m = max(map(abs, self._metres.values())) if counted else UNCOUNTED_RESOLUTION_M
+        self._travels = {side: self._travel(side, encoders, robot, base) for side in Side}
+        self._pairing = Pairing(encoders.pair_window_s, encoders.gap_s, 1.0 / encoders.rate_hz)
+        self._replies: deque[CanFrame] = deque(maxlen=MAX_REPLIES)
+        self._counters = {"frames": 0, "foreign": 0, "samples": 0}
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """All counters in one; those of one side begin with left_ or right_."""
+        merged = {**self._counters, **self._layout.counters, **self._pairing.counters}
+        for side, travel in self._travels.items():
+            merged |= {f"{side.name.lower()}_{name}": count for name, count in travel.counters.items()}
+        return merged
+
+    def feed(self, frame: CanFrame) -> list[WheelSample]:
+        """Take one frame; return the samples that it completes."""
+        self._counters["frames"] += 1
+        if (frame.can_id, frame.extended) not in self._known_ids:
+            self._counters["foreign"] += 1
+            return []
+        samples = []
+        for event in self._layout.decode(frame):
+            if isinstance(event, CounterRestart):
+                self._travels[event.side].restart()
+                self._replies.extend(event.reply)
+            elif (sample := self._read(frame.t_ns, event)) is not None:
+                samples.append(sample)
+        self._counters["samples"] += len(samples)
+        return samples
+
+    def restart(self) -> None:
+        """The bus was opened again. The counters ran on: whether their motion is lost is the gap's length alone."""
+        self._replies.clear()
+
+    def start_frames(self) -> tuple[CanFrame, ...]:
+        """Frames to send after each opening of the bus; their `t_ns` has no meaning."""
+        return self._layout.start_frames()
+
+    def take_replies(self) -> list[CanFrame]:
+        """Frames to send now, in answer to what was received since the last call (a node's boot-up)."""
+        replies = list(self._replies)
+        self._replies.clear()
+        return replies
+
+    def _read(self, t_ns: int, reading: WheelReading) -> WheelSample | None:
+        side, travel = reading.side, self._travels[reading.side]
+        sampled_ns = t_ns - self._latency_ns
+        outcome = travel.add(sampled_ns, reading.value)
+        if outcome is Outcome.IGNORED:
+            return None
+        self.last_ns[side] = t_ns
+        return self._pairing.add(side, sampled_ns, travel.total * self._metres[side], moved=outcome is Outcome.MOVED)
+
+    def _metres_per_unit(self, encoders: Encoders, robot: Robot) -> dict[Side, float]:
+        """Forward travel of one unit of each side's total."""
+        unit_m = self._layout.metres_per_count(robot.wheel_radius_m)
+        scale = {Side.LEFT: robot.left_scale, Side.RIGHT: robot.right_scale}
+        return {side: (-unit_m if w.reversed else unit_m) * scale[side] for side, w in wheels(encoders).items()}
+
+    def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
+        """The side's accumulator. Raises ConfigError where even readings without any loss could not be used."""
+        period_s = 1.0 / encoders.rate_hz
+        if encoders.gap_s <= period_s:
+            got = f"{encoders.gap_s:g}"
+            raise ConfigError(str(base), "encoders.gap_s", f"more than one period of rate_hz ({period_s:g} s)", got)
+        max_units_s = robot.max_speed_m_s / abs(self._metres[side])
+        if self._layout.reports_speed:
+            return SpeedIntegral(max_units_s, encoders.gap_s)
+        modulus = self._layout.modulus_counts
+        counter = Counter(modulus, max_units_s, period_s, encoders.gap_s)
+        if counter.longest_gap_s <= period_s:
+            least = 2 * (max_units_s * period_s + MARGIN_COUNTS)
+            expected = f"more than {least:.0f}: less can turn by half between two readings at max_speed_m_s"
+            raise ConfigError(str(base), "encoders.modulus_counts", expected, str(modulus))
+        return counter
