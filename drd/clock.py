@@ -20,7 +20,8 @@ class ReceiveClock:
 
     A stamp is used if it is 0 to `limit_s` old and no step of the wall clock lies between it and now; otherwise the
     frame counts as received now (`stepped_stamps`). Results never run backward (`backward_stamps`): drivers deliver
-    stamps out of order (linux-can/can-utils issue 233). Never raises on a stamp, NaN and infinity included.
+    stamps out of order (linux-can/can-utils issue 233). Steps are seen from frame to frame; two that cancel out in
+    between are not. Never raises on a stamp, NaN and infinity included.
     """
 
     def __init__(

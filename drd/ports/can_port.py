@@ -1,0 +1,280 @@
+"""The encoders' CAN bus: data frames with their receive time, through bus errors, unplugging and replugging."""
+
+import logging
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, Final
+
+import can
+from can.interfaces.slcan import slcanBus
+
+from drd.clock import ReceiveClock
+from drd.config import Encoders
+from drd.ports import can_errors
+from drd.ports.port import Port, reason_of
+from drd.ports.serial_port import request_low_latency
+from drd.samples import CanFrame
+
+log = logging.getLogger(__name__)
+
+FRAMES_PER_WAKE_UP: Final = 64
+FRAMES_PER_BATCH: Final = 256
+THREAD_POLL_S: Final = 0.1
+SENDS_WAITING: Final = 16
+SEND_TIMEOUT_S: Final = 0.1
+# The kernel caps this at net.core.rmem_max; a CAN frame takes some 700 bytes of it.
+RECEIVE_BUFFER_BYTES: Final = 1 << 20
+SLCAN_LINE_BYTES: Final = 4096
+
+
+class CanPort(Port):
+    """Reads the bus until cancelled and calls `on_frames` on the event loop with batches of data frames, in order.
+
+    `can_ids`: identifiers to receive, each with its extended flag; none = all. Frames wait in a queue of
+    `encoders.queue_frames`; when it is full the oldest is dropped and counted, since the newest counter reading says
+    most. `frames` counts what came from the bus, dropped ones included. Receive times are CLOCK_MONOTONIC. The bus's
+    own troubles (bus-off, error-passive) are reported as state until a data frame or the controller's restart.
+
+    python-can's Notifier and AsyncBufferedReader are not used: the one takes one frame per wake-up and hands its
+    exceptions to nobody, the other's queue is unbounded.
+    """
+
+    def __init__(
+        self,
+        encoders: Encoders,
+        can_ids: Sequence[tuple[int, bool]],
+        on_frames: Callable[[Sequence[CanFrame]], None],
+        on_state: Callable[[str | None], None],
+        open_bus: Callable[..., can.BusABC] = can.Bus,
+    ):
+        super().__init__(encoders.channel, on_state)
+        names = ("frames", "queue_dropped", "remote_frames", "bad_frames", "error_frames", *can_errors.COUNTERS,
+                 "sent", "send_dropped", "send_errors", "close_errors")  # fmt: skip
+        self._clock = ReceiveClock()
+        self.counters |= dict.fromkeys(names, 0) | self._clock.counters
+        self._encoders = encoders
+        self._bus_arguments = _bus_arguments(encoders, can_ids)
+        self._on_frames = on_frames
+        self._open_bus = open_bus
+        self._bus: can.BusABC | None = None
+        self._reader: threading.Thread | None = None
+        self._stop_reader = threading.Event()
+        self._file_number: int | None = None
+        self._interface_index: int | None = None
+        # Text of the bus's trouble as of the last frame read; the reader thread writes it.
+        self._bus_state: str | None = None
+        self._queue: deque[CanFrame] = deque()
+        self._delivery_due = False
+        self._lock = threading.Lock()  # guards the queue and _delivery_due
+        self._sends = threading.BoundedSemaphore(SENDS_WAITING)
+
+    async def run(self) -> None:
+        """Keep the bus open and read it until cancelled."""
+        try:
+            await super().run()
+        finally:
+            # A delivery may still be scheduled: nothing is handed over after the end.
+            self._queue.clear()
+
+    def send(self, can_id: int, data: bytes, extended: bool = False) -> None:
+        """Send a data frame, in order and off the event loop. Refused and counted while the bus is away or stuck."""
+        if not (self._is_open and self._sends.acquire(blocking=False)):
+            self.counters["send_dropped"] += 1
+            return
+        self._worker.submit(
+            self._send, can.Message(arbitration_id=can_id, data=data, is_extended_id=extended)
+        )
+
+    def _send(self, message: can.Message) -> None:
+        try:
+            assert self._bus is not None
+            self._bus.send(message, timeout=SEND_TIMEOUT_S)
+            self.counters["sent"] += 1
+        except Exception as error:  # vendor drivers raise their own
+            self.counters["send_errors"] += 1
+            log.debug("bus=%s send=%s", self._device, reason_of(error))
+        finally:
+            self._sends.release()
+
+    def _open(self) -> None:
+        # Read before opening: an interface that is replaced in between is then noticed.
+        self._interface_index = _interface_index(self._device)
+        self._bus = self._open_bus(**self._bus_arguments)
+        self._bus_state = None
+        if isinstance(self._bus, slcanBus):
+            request_low_latency(self._bus.serialPortOrig)
+        sock = getattr(self._bus, "socket", None)
+        if isinstance(sock, socket.socket):
+            with suppress(OSError):
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            # Binding to an interface that is down succeeds and leaves ENETDOWN for the first read.
+            if number := sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                raise OSError(number, "")
+
+    def _close(self) -> None:
+        if self._reader is not None:
+            self._stop_reader.set()
+            self._reader.join()
+            self._reader = None
+        bus, self._bus = self._bus, None
+        if bus is None:
+            return
+        try:
+            bus.shutdown()
+        except Exception:
+            # slcan writes to its port first, which fails after a hang-up and leaves the port open.
+            self.counters["close_errors"] += 1
+            if isinstance(bus, slcanBus):
+                with suppress(OSError):
+                    bus.serialPortOrig.close()
+
+    def _start_reading(self) -> None:
+        bus = self._bus
+        assert bus is not None
+        try:
+            self._file_number = bus.fileno()
+            self._loop.add_reader(self._file_number, self._on_readable, bus)
+        except (NotImplementedError, OSError, ValueError, can.CanError):
+            # virtual and most vendors' buses have nothing to wait on.
+            self._file_number = None
+            self._stop_reader.clear()
+            self._reader = threading.Thread(
+                target=self._read_in_thread, args=(bus,), name=f"drd {self._device} reader"
+            )
+            self._reader.start()
+
+    def _stop_reading(self) -> None:
+        self._stop_reader.set()
+        if self._file_number is not None:
+            self._loop.remove_reader(self._file_number)
+            self._file_number = None
+
+    def _on_readable(self, bus: can.BusABC) -> None:
+        try:
+            # What is left after this many frames wakes the loop again, and so does a line or a filtered frame behind
+            # which recv() stopped: python-can keeps no complete frames back.
+            for _ in range(min(FRAMES_PER_WAKE_UP, self._encoders.queue_frames)):
+                if not self._receive(bus, 0):
+                    break
+        except Exception as error:  # vendor drivers raise their own
+            self._lose(reason_of(error))
+        self._deliver()
+
+    def _read_in_thread(self, bus: can.BusABC) -> None:
+        try:
+            while not self._stop_reader.is_set():
+                if self._receive(bus, THREAD_POLL_S):
+                    self._schedule_delivery()
+        except Exception as error:  # vendor drivers raise their own
+            self._loop.call_soon_threadsafe(self._lose, reason_of(error))
+
+    def _receive(self, bus: can.BusABC, timeout_s: float) -> bool:
+        """Take one frame from the bus; False when there is none. Raises what means that the bus is lost."""
+        try:
+            message = bus.recv(timeout_s)
+        except Exception as error:
+            if not _is_garbage(bus, error):
+                raise
+            self.counters["bad_frames"] += 1
+            return True
+        if message is None:
+            # Noise without line ends would grow slcan's buffer for ever.
+            if isinstance(bus, slcanBus) and len(bus._buffer) > SLCAN_LINE_BYTES:
+                bus._buffer.clear()
+                self.counters["bad_frames"] += 1
+            return False
+        self._take(message)
+        return True
+
+    def _take(self, message: can.Message) -> None:
+        """Sort one message: data into the queue, everything else into its counter."""
+        data = bytes(message.data)
+        if message.is_error_frame:
+            self.counters["error_frames"] += 1
+            reported = can_errors.problems(message.arbitration_id, data)
+            for name in reported:
+                self.counters[name] += 1
+            self._bus_state = can_errors.state_after(reported, self._bus_state)
+        elif message.is_remote_frame:
+            self.counters["remote_frames"] += 1
+        elif len(data) != message.dlc or not 0 <= message.arbitration_id <= _mask(message.is_extended_id):
+            # slcan passes truncated lines as frames with too little data.
+            self.counters["bad_frames"] += 1
+        else:
+            t_ns = self._clock.to_monotonic_ns(message.timestamp)
+            self._bus_state = None
+            self.counters["frames"] += 1
+            with self._lock:
+                if len(self._queue) >= self._encoders.queue_frames:
+                    self._queue.popleft()
+                    self.counters["queue_dropped"] += 1
+                self._queue.append(CanFrame(t_ns, message.arbitration_id, message.is_extended_id, data))
+
+    def _schedule_delivery(self) -> None:
+        with self._lock:
+            due, self._delivery_due = self._delivery_due, True
+        if not due:
+            self._loop.call_soon_threadsafe(self._deliver)
+
+    def _deliver(self) -> None:
+        """Hand over one batch; more batches take their turn in the loop."""
+        with self._lock:
+            self._delivery_due = False
+            batch = [self._queue.popleft() for _ in range(min(FRAMES_PER_BATCH, len(self._queue)))]
+            more = bool(self._queue)
+        if more:
+            self._schedule_delivery()
+        self.counters.update(self._clock.counters)
+        if self._is_open:
+            self._report(self._bus_state)
+        if batch:
+            self._backoff.reset()
+            self._on_frames(batch)
+
+    def _vanished(self) -> str | None:
+        # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
+        # interface have no index, then as now.
+        same = _interface_index(self._device) == self._interface_index
+        return None if same else "the interface was deleted or made anew"
+
+
+def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> dict[str, Any]:
+    """Arguments of can.Bus. No configuration file of python-can is read: ours says everything."""
+    filters = [{"can_id": i, "can_mask": _mask(extended), "extended": extended} for i, extended in can_ids]
+    arguments: dict[str, Any] = {
+        "interface": encoders.interface,
+        "channel": encoders.channel,
+        "ignore_config": True,
+    }
+    arguments["can_filters"] = filters or None
+    if encoders.bitrate is not None and encoders.interface != "socketcan":
+        arguments["bitrate"] = encoders.bitrate
+    if encoders.interface == "slcan":
+        # slcan sleeps 2 s after opening unless told; timeout 0 keeps recv(0) from waiting for a byte.
+        arguments |= {"sleep_after_open": encoders.open_delay_s, "timeout": 0}
+    return arguments
+
+
+def _is_garbage(bus: can.BusABC, error: Exception) -> bool:
+    """Whether slcan raised because of a line that is no frame, rather than because the adapter is gone."""
+    if not isinstance(bus, slcanBus):
+        return False
+    if isinstance(error.__cause__, UnicodeDecodeError):
+        # slcan keeps what it could not decode in front of every later line, and would fail on all of them.
+        bus._buffer.clear()
+        return True
+    return isinstance(error, (ValueError, KeyError, IndexError))
+
+
+def _interface_index(name: str) -> int | None:
+    try:
+        return socket.if_nametoindex(name)
+    except OSError:
+        return None
+
+
+def _mask(extended: bool) -> int:
+    return 0x1FFFFFFF if extended else 0x7FF

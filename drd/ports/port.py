@@ -1,0 +1,116 @@
+"""A device that is kept open: opened off the event loop, re-opened after every loss, closed in every path."""
+
+import asyncio
+import errno
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+from drd.ports.backoff import Backoff
+
+VANISHED_CHECK_S: Final = 1.0
+
+
+class Port(ABC):
+    """Opening, loss and re-opening, common to the serial port and the CAN bus.
+
+    `on_state(None)`: open; `on_state(text)`: the reason why no data can come. It is called on changes only, from the
+    event loop. Nothing that a device or driver does raises out of `run()`. An exception in a data callback, a bug of
+    ours, goes to the loop's exception handler; reading goes on.
+    """
+
+    def __init__(self, device: str, on_state: Callable[[str | None], None]):
+        self.counters: dict[str, int] = {"opens": 0, "open_errors": 0, "losses": 0}
+        self._device = device
+        self._on_state = on_state
+        self._state: str | None = "not opened yet"
+        self._is_open = False
+        self._backoff = Backoff()
+        self._loop: asyncio.AbstractEventLoop
+        self._worker: ThreadPoolExecutor
+        self._lost: asyncio.Future[str]
+
+    async def run(self) -> None:
+        """Keep the device open and read it until cancelled."""
+        self._loop = asyncio.get_running_loop()
+        # A single thread does all that may block, in order: closing waits for an opening that was cancelled half way.
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"drd {self._device}")
+        try:
+            while True:
+                await self._open_and_read()
+                await asyncio.sleep(self._backoff.next_s())
+        finally:
+            self._worker.shutdown(wait=False)
+
+    async def _open_and_read(self) -> None:
+        """One life of the device, from opening to closing."""
+        self._lost = self._loop.create_future()
+        try:
+            try:
+                await self._loop.run_in_executor(self._worker, self._open)
+                self._is_open = True
+                self._start_reading()
+            except (
+                Exception
+            ) as error:  # drivers raise what they like: OSError, ValueError, termios.error, CanError
+                self.counters["open_errors"] += 1
+                reason = f"cannot open {self._device}: {reason_of(error)}"
+            else:
+                self.counters["opens"] += 1
+                self._report(None)
+                reason = f"lost {self._device}: {await self._until_lost()}"
+                self.counters["losses"] += 1
+            self._is_open = False
+            self._report(reason)
+        finally:
+            self._is_open = False
+            self._stop_reading()
+            await asyncio.shield(self._loop.run_in_executor(self._worker, self._close))
+
+    async def _until_lost(self) -> str:
+        while not (await asyncio.wait({self._lost}, timeout=VANISHED_CHECK_S))[0]:
+            if reason := self._vanished():
+                return reason
+        return self._lost.result()
+
+    def _lose(self, reason: str) -> None:
+        """End this life of the device. Call it on the event loop; only the first reason counts."""
+        if not self._lost.done():
+            self._lost.set_result(reason)
+
+    def _report(self, state: str | None) -> None:
+        if state != self._state:
+            self._state = state
+            self._on_state(state)
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Open the device; runs in the worker thread, may block and raise."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Close whatever `_open` left open, if anything; runs in the worker thread, may block, never raises."""
+
+    @abstractmethod
+    def _start_reading(self) -> None:
+        """Deliver what arrives, from the loop's next turn on; call `_lose` when nothing can arrive any more."""
+
+    @abstractmethod
+    def _stop_reading(self) -> None:
+        """Undo `_start_reading`, also where that raised half way or was never called."""
+
+    @abstractmethod
+    def _vanished(self) -> str | None:
+        """Why the open device is no longer the one of that name, where the driver does not tell; asked each second."""
+
+
+def reason_of(error: Exception) -> str:
+    """One phrase for a failure: the system's own where an errno is known, else the library's."""
+    for candidate in (error, error.__cause__):
+        if isinstance(candidate, OSError) and candidate.errno:
+            if candidate.errno == errno.EWOULDBLOCK:  # flock's answer
+                return "in use by another program"
+            return os.strerror(candidate.errno)
+    return str(error) or type(error).__name__
