@@ -1,0 +1,269 @@
+"""When the measuring intervals of a FOG ended, from its packets' arrivals.
+
+A FOG sends at its own clock's beat. Counting packets at the nominal rate is wrong by 2 to 3 % (DSP-3000 manual 54-0215
+p. 12; a DSP-1750 gives 989 Hz for nominal 1000), which would be a scale error of every turn. Arrival times are right on
+the average but scattered: an adapter delivers in bursts every 16 to 30 ms (FTDI's latency timer), a busy host reads
+late. So phase and period of the beat are tracked against the arrivals, and the beat gives the times.
+
+Tracking: a Kalman filter with two states, phase and period. It is the alpha-beta filter whose gains fall as in a
+fit to all arrivals since the start and settle at a memory of some ten seconds, set by the sensor clock's drift.
+Packets are late, never early: an arrival before the predicted one is nearly exact, a later one proves little. Two
+measurement variances say so and put the phase near the smallest delay, not the mean one. Both corrections
+of one arrival have the same sign and nearly the same ratio, so where the phase settles does not bias the period.
+
+Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival later than delays explain means loss;
+a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
+it is taken back, and only losses that lasted are counted. Limits, for sensors without counter whose beat is within
+0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of
+single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
+"""
+
+from cmath import rect
+from collections import deque
+from collections.abc import Sequence
+from math import floor, tau
+from statistics import median
+from typing import Final, NamedTuple
+
+from drd.units import NS_PER_S, S_PER_NS
+
+# Delay of a packet beyond the smallest: standard deviation of a late one, of one that came before its prediction,
+# and the largest that a burst or a busy host causes often.
+LATE_S: Final = 0.01
+EARLY_S: Final = 0.001
+MAX_DELAY_S: Final = 0.03
+# Standard deviation of the sensor's clock against its nominal rate.
+NOMINAL_TOLERANCE: Final = 0.03
+# Random walk of the relative period per sqrt(s). DSP-3000: 0.2 % over temperature; some 0.01 % in a minute.
+DRIFT_PER_SQRT_S: Final = 1e-5
+# Losses are inferred from time once the period is known that well, after so many arrivals that fit.
+LOCKED_TOLERANCE: Final = 0.005
+LOCKING: Final = 20
+# An arrival fits within the largest usual delay and this part of a period. So many in a row that do not fit have the
+# beat measured anew.
+FIT_PART: Final = 0.1
+RELOCKING: Final = 8
+# Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
+# and while an adapter bundles packets (the newest of a bundle has any age up to a period).
+EVIDENCE: Final = 3
+EVIDENCE_BUNDLED: Final = 16
+# Ages scatter if so many of them, as phasors of one turn a period, add up to less than this part of their number.
+SCATTER: Final = 64
+SCATTERED: Final = 0.5
+# Part of a period by which even the freshest arrival is late after a loss; the rest is for the phase's error.
+LOSS_PART: Final = 0.75
+# After a silence longer than both, the sensor may have been switched off and on: phase new, period the same.
+SILENCE_S: Final = 1.0
+SILENCE_BEATS: Final = 10
+MIN_PERIOD_S: Final = 1e-4
+
+
+class Stamp(NamedTuple):
+    """End of a packet's measuring interval on the host's clock, and its duration.
+
+    `steps`: beats since the previous packet, more than 1 after a loss.
+    """
+
+    t_ns: int
+    interval_s: float
+    steps: int
+
+
+class SampleClock:
+    """Times of one sensor's packets.
+
+    `rate_hz` is nominal; a wrong one is noticed and replaced. `sequence_modulus` is that of the packets' counter, None
+    if they have none. `period_s` is the tracked beat. `counters`: `lost_packets`; `clock_relocks`, how often arrivals
+    would not fit the beat and it was measured anew.
+    """
+
+    def __init__(self, rate_hz: float, sequence_modulus: int | None):
+        self.period_s = 1.0 / rate_hz
+        self.counters = {"lost_packets": 0, "clock_relocks": 0}
+        self._modulus = sequence_modulus
+        self._period_var = (NOMINAL_TOLERANCE * self.period_s) ** 2
+        self._bundled: int
+        self._origin_ns: int | None = None
+        self._last_t_ns: int | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """The port was opened again: the phase is new and what was missed is not counted; the period stays."""
+        self._synchronised = False
+        self._last_sequence: int | None = None
+        self._arrival_s = self._phase_s = self._phase_var = self._covariance = 0.0
+        self._forget_evidence()
+
+    def stamp(self, sequences: Sequence[int | None], arrival_ns: int) -> list[Stamp]:
+        """Times of the packets that were read together at `arrival_ns`, oldest first; strictly increasing.
+
+        `sequences`: each packet's counter, or None. The last packet is the newest, the others are older by their beats.
+        """
+        if not sequences:
+            return []
+        if self._origin_ns is None:
+            self._origin_ns = arrival_ns
+        arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
+        steps = self._steps(sequences, arrival_s)
+        self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
+        if not self._synchronised:
+            self._synchronise(arrival_s)
+        elif self._locked and arrival_s - self._arrival_s > max(SILENCE_S, SILENCE_BEATS * self.period_s):
+            self._resume(arrival_s, steps)
+        else:
+            steps[0] = max(1, steps[0] + self._observe(arrival_s, steps))
+        self._arrival_s = arrival_s
+        return self._stamps(steps, min(self._phase_s, arrival_s))
+
+    @property
+    def _waiting_s(self) -> float:
+        """Age that the newest packet of a bundle may have: almost a period; 0 if there are no bundles.
+
+        A bundle of packets that are far apart is no adapter's habit but a host that was busy once.
+        """
+        return self.period_s if self._bundled and self.period_s < MAX_DELAY_S else 0.0
+
+    @property
+    def _locked(self) -> bool:
+        return self._fitting >= LOCKING and self._period_var < (LOCKED_TOLERANCE * self.period_s) ** 2
+
+    def _steps(self, sequences: Sequence[int | None], arrival_s: float) -> list[int]:
+        """Beats from each packet to the next, by their counter where they have one, else 1."""
+        if self._modulus is None:
+            return [1] * len(sequences)
+        steps = []
+        for sequence in sequences:
+            last, self._last_sequence = self._last_sequence, sequence
+            steps.append(1 if sequence is None or last is None else (sequence - last) % self._modulus)
+        if self._locked:
+            turns = ((arrival_s - self._arrival_s) / self.period_s - sum(steps)) / self._modulus
+            steps[0] += max(0, round(turns)) * self._modulus
+        # A packet that repeats its predecessor's number is a packet all the same.
+        return [step or 1 for step in steps]
+
+    def _synchronise(self, arrival_s: float) -> None:
+        """Take the newest packet's arrival for its time."""
+        self._phase_s, self._phase_var, self._covariance = arrival_s, LATE_S**2, 0.0
+        self._synchronised = True
+
+    def _forget_evidence(self) -> None:
+        """Collect anew what tells losses and a wrong beat."""
+        self._fitting = 0
+        self._bundled = 0  # arrivals until bundling is forgotten
+        self._misfits: list[tuple[float, int]] = []
+        self._lates_s: deque[float] = deque(maxlen=SCATTER)
+        self._inferred: deque[int] = deque([0], maxlen=EVIDENCE_BUNDLED)
+        self._counted = 0
+
+    def _resume(self, arrival_s: float, steps: list[int]) -> None:
+        """After a silence: count what is missing into `steps` and begin with a new phase."""
+        if self._modulus is None:
+            steps[0] = max(1, round((arrival_s - self._phase_s) / self.period_s) - len(steps) + 1)
+        self.counters["lost_packets"] += sum(steps) - len(steps)
+        self._lates_s.clear()
+        self._synchronise(arrival_s)
+
+    def _observe(self, arrival_s: float, steps: list[int]) -> int:
+        """Hold the newest packet's arrival against the beat; return further beats that passed (loss inferred)."""
+        self._advance(sum(steps))
+        late_s, further = arrival_s - self._phase_s, 0
+        fitting_s = max(FIT_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
+        limit_s = max(LOSS_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
+        if self._modulus is not None:
+            self.counters["lost_packets"] += sum(steps) - len(steps) if late_s >= -limit_s else 0
+        elif self._locked:
+            further = self._infer_loss(late_s, limit_s)
+            self._advance(further)
+            late_s -= further * self.period_s
+        if abs(late_s) > fitting_s:
+            self._misfit(arrival_s, sum(steps))
+        elif further <= 0:
+            # A loss just inferred may turn out to be a delay: its arrival proves no phase.
+            self._correct(late_s)
+        return further
+
+    def _infer_loss(self, late_s: float, limit_s: float) -> int:
+        """Packets lost before this arrival, judged by time alone; negative: a loss that was only a delay."""
+        evidence = EVIDENCE_BUNDLED if self._waiting_s else EVIDENCE
+        self._lates_s.append(late_s)
+        recent_s = list(self._lates_s)[-evidence:]
+        inferred, lost = self._inferred[-1], 0
+        if late_s > limit_s:
+            lost = self._periods(late_s - limit_s + LOSS_PART * self.period_s)
+        elif len(recent_s) == evidence and self._shows_loss(recent_s):
+            lost = self._periods(min(recent_s))
+        elif late_s < -self.period_s / 2:
+            lost = -min(inferred - self._counted, round(-late_s / self.period_s))
+        self._lates_s = deque((late - lost * self.period_s for late in self._lates_s), SCATTER)
+        self._inferred.append(inferred + lost)
+        recent = list(self._inferred)[-evidence:]
+        if len(recent) == evidence and min(recent) > self._counted:
+            self.counters["lost_packets"] += min(recent) - self._counted
+            self._counted = min(recent)
+        return lost
+
+    def _shows_loss(self, lates_s: list[float]) -> bool:
+        """Whether even the freshest of these arrivals came a period late, and not because bundles slipped.
+
+        After a loss, packets of bundles come one to two periods late. But where the adapter's beat is close to a
+        multiple of the sensor's, the newest packets' age hardly changes for seconds, the sensor's beat seems to be the
+        adapter's, and when at last a bundle has one packet less, all that follow come a period late. So nothing is
+        inferred while the ages (lateness modulo the period) do not scatter.
+        """
+        freshest_s = LOSS_PART * self.period_s
+        if min(lates_s) <= freshest_s or not self._waiting_s:
+            return min(lates_s) > freshest_s
+        ages = [rect(1.0, tau * late_s / self.period_s) for late_s in self._lates_s]
+        return median(lates_s) > freshest_s + self.period_s / 2 and abs(sum(ages)) < SCATTERED * len(ages)
+
+    def _periods(self, late_s: float) -> int:
+        """Whole periods in a lateness of at least LOSS_PART of one."""
+        return floor(late_s / self.period_s + 1 - LOSS_PART)
+
+    def _advance(self, beats: int) -> None:
+        """Predict the phase `beats` later; a negative number takes beats back."""
+        self._phase_s += beats * self.period_s
+        self._phase_var += (2 * self._covariance + beats * self._period_var) * beats
+        self._covariance += beats * self._period_var
+        self._period_var += abs(beats) * DRIFT_PER_SQRT_S**2 * self.period_s**3
+
+    def _correct(self, late_s: float) -> None:
+        """Kalman update of phase and period."""
+        innovation_var = self._phase_var + (EARLY_S if late_s < 0 else LATE_S) ** 2
+        phase_gain, period_gain = self._phase_var / innovation_var, self._covariance / innovation_var
+        self._phase_s += phase_gain * late_s
+        self.period_s = max(MIN_PERIOD_S, self.period_s + period_gain * late_s)
+        self._period_var -= period_gain * self._covariance
+        self._covariance *= 1 - phase_gain
+        self._phase_var *= 1 - phase_gain
+        self._fitting += 1
+        self._misfits.clear()
+
+    def _misfit(self, arrival_s: float, beats: int) -> None:
+        """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
+        self._misfits.append((arrival_s, beats))
+        if len(self._misfits) <= RELOCKING:
+            return
+        beats = sum(count for _, count in self._misfits[1:])
+        uncertainty_s = (MAX_DELAY_S + self._waiting_s) / beats
+        measured_s = (arrival_s - self._misfits[0][0]) / beats
+        if abs(measured_s - self.period_s) > uncertainty_s:
+            self.period_s = max(MIN_PERIOD_S, measured_s)
+            self._period_var = uncertainty_s**2
+        self.counters["clock_relocks"] += 1
+        self._forget_evidence()
+        self._synchronise(arrival_s)
+
+    def _stamps(self, steps: list[int], newest_s: float) -> list[Stamp]:
+        """Stamps of one chunk's packets, the newest at `newest_s`; none before a stamp that was given already."""
+        assert self._origin_ns is not None
+        newest_ns = self._origin_ns + round(newest_s * NS_PER_S)
+        beats, stamps = sum(steps), []
+        for step in steps:
+            beats -= step
+            t_ns = newest_ns - round(beats * self.period_s * NS_PER_S)
+            if self._last_t_ns is not None:
+                t_ns = max(t_ns, self._last_t_ns + 1)
+            self._last_t_ns = t_ns
+            stamps.append(Stamp(t_ns, self.period_s, step))
+        return stamps

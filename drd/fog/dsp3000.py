@@ -1,0 +1,69 @@
+"""KVH DSP-3000, asynchronous ASCII: lines "(-)xxx.xxxxxx y CR LF", value and valid flag.
+
+Source: KVH manual 54-0215 Rev. C p. 12; a real line, with its leading spaces, is in ros-drivers/kvh_drivers,
+test/dsp3000_parser_utest.cpp. There is no checksum, so anything but that form is refused.
+"""
+
+import re
+from math import nan, remainder
+from typing import Final
+
+from drd.config import Fog
+from drd.samples import FogReading
+from drd.units import RAD_PER_DEG
+
+# Exactly six decimals: a line that lost a digit on the way is noticed by it.
+LINE: Final = re.compile(rb" *(-?[0-9]{1,3}\.[0-9]{6}) +([01])\r")
+# The known line has 21 characters; the rest is room for other column widths.
+MAX_LINE_BYTES: Final = 40
+FULL_TURN_DEG: Final = 360.0
+
+
+class Dsp3000Parser:
+    """One reading a line, in the configured mode.
+
+    A line is found if the byte before it is a line feed, or none since the start and it begins with a space or a
+    sign: a value whose first digits were cut off cannot be told from a whole one otherwise.
+    """
+
+    sequence_modulus: int | None = None
+
+    def __init__(self, fog: Fog):
+        self.counters = dict.fromkeys(("frames", "malformed_lines", "bad_flag"), 0)
+        self._is_angle = fog.dsp3000.mode != "rate"
+        self._integrated = fog.dsp3000.mode == "integrated"
+        self._line = b""
+        self._cut = True
+        self._last_deg: float | None = None
+
+    def feed(self, data: bytes) -> list[FogReading]:
+        """Take the next bytes; return the readings that they complete."""
+        *lines, rest = (self._line + data).split(b"\n")
+        # Of a line that is too long enough is kept to know so.
+        self._line = rest[: MAX_LINE_BYTES + 1]
+        return [reading for line in lines if (reading := self._decode(line)) is not None]
+
+    def reset(self) -> None:
+        """Forget an unfinished line and, in integrated mode, the last angle."""
+        self._line, self._cut, self._last_deg = b"", True, None
+
+    def _decode(self, line: bytes) -> FogReading | None:
+        match = LINE.fullmatch(line) if len(line) <= MAX_LINE_BYTES else None
+        cut, self._cut = self._cut and line[:1].isdigit(), False
+        if match is None or cut:
+            self.counters["malformed_lines"] += 1
+            return None
+        self.counters["frames"] += 1
+        valid = match[2] == b"1"
+        self.counters["bad_flag"] += not valid
+        value_deg = float(match[1])
+        if self._integrated:
+            value_deg, valid = self._increment_deg(value_deg, valid)
+        return FogReading(value_deg * RAD_PER_DEG if valid else 0.0, self._is_angle, None, nan, valid)
+
+    def _increment_deg(self, angle_deg: float, valid: bool) -> tuple[float, bool]:
+        """Turn since the previous valid line, modulo a full turn, and whether there was such a line."""
+        last_deg, self._last_deg = self._last_deg, angle_deg if valid else None
+        if last_deg is None or not valid:
+            return 0.0, False
+        return remainder(angle_deg - last_deg, FULL_TURN_DEG), True

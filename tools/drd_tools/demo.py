@@ -1,0 +1,188 @@
+"""`drd demo`: the emulated hardware, the real daemon as a process of its own, and a watcher, for half a minute."""
+
+import argparse
+import contextlib
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import zenoh
+
+import drd
+from drd.commands.watch import View
+from drd.config import Config, load_config
+from drd.output.session import isolated_config
+from drd_tools.emulate.drive import demo_drive
+from drd_tools.emulate.hardware import Emulator, Truth
+from drd_tools.plots import path_picture
+
+Array = npt.NDArray[np.float64]
+
+# The daemon's start and its measurement of the bias fit in; the rest of the time the robot drives.
+STAND_MARGIN_S = 2.5
+CONNECT_S = 15.0
+
+
+class Result(NamedTuple):
+    """What the demo shows: columns of time_s, x_m, y_m, heading_rad; the estimate's also has bound_m."""
+
+    truth: Array
+    estimate: Array
+    wheels: Array
+    length_m: float
+
+    @property
+    def errors_m(self) -> Array:
+        """Distance of the estimate from the truth, at the estimate's times."""
+        at = self.truth_at(self.estimate[:, 0])
+        return np.hypot(self.estimate[:, 1] - at[:, 0], self.estimate[:, 2] - at[:, 1])
+
+    def truth_at(self, time_s: Array) -> Array:
+        """True x, y, heading at these times; shape (n, 3)."""
+        return np.column_stack([np.interp(time_s, self.truth[:, 0], self.truth[:, i]) for i in (1, 2, 3)])
+
+    def sentence(self) -> str:
+        """The figures in one line."""
+        heading = self.estimate[-1, 3] - self.truth_at(self.estimate[-1:, 0])[0, 2]
+        errors, wheels = self.errors_m, self.wheels
+        last = self.truth_at(wheels[-1:, 0])[0]
+        alone = math.hypot(wheels[-1, 1] - last[0], wheels[-1, 2] - last[1])
+        percent = 100 * errors[-1] / self.length_m
+        return (
+            f"after {self.length_m:.1f} m: position error {errors[-1]:.3f} m ({percent:.2f} %), "
+            f"99 % bound {self.estimate[-1, 4]:.3f} m, heading error {abs(math.degrees(heading)):.2f} deg; "
+            f"largest error {errors.max():.3f} m; wheels alone {alone:.3f} m"
+        )
+
+
+def main(argv: list[str]) -> int:
+    """Exit code 0; 1 where the daemon failed or no pose was heard."""
+    arguments = _arguments(argv)
+    config = load_config(arguments.config).value
+    stand_s = config.estimation.static_bias.duration_s + STAND_MARGIN_S
+    if arguments.seconds < stand_s + 5.0:
+        print(f"drd demo: --seconds: expected at least {stand_s + 5.0:g}, got {arguments.seconds:g}", file=sys.stderr)
+        return 2
+    drive = demo_drive(arguments.seconds, stand_s=stand_s)
+    with Emulator(config, arguments.config.parent, drive, seed=arguments.seed) as emulator:
+        with _daemon(arguments.config) as process:
+            poses = _watch(process, config, emulator, arguments.seconds)
+        truth = list(emulator.truth)
+    if process.returncode != 0 or not poses:
+        print(f"drd demo: the daemon ended with {process.returncode} and {len(poses)} poses", file=sys.stderr)
+        return 1
+    result = evaluate(truth, poses, config, drive.length_m)
+    _draw(arguments.output, result)
+    print(result.sentence())
+    print(f"picture: {arguments.output}")
+    return 0
+
+
+def _arguments(argv: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="drd demo",
+        description="Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true "
+        "and the estimated path. Needs no hardware.",
+    )
+    parser.add_argument(
+        "--config", type=Path, default=_demo_config(), metavar="CONFIG", help="configuration (default: %(default)s)"
+    )
+    parser.add_argument("--seconds", type=float, default=30.0, metavar="N", help="length of the run (default: 30)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="repeats the sensors' noise (default: 1)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("demo.png"), metavar="FILE.png", help="the picture (default: demo.png)"
+    )
+    return parser.parse_args(argv)
+
+
+def _demo_config() -> Path:
+    """In a checkout beside the package, in an installation among its data."""
+    package = Path(drd.__file__).parent
+    beside = package.parent / "config" / "demo.yaml"
+    return beside if beside.exists() else package / "data" / "config" / "demo.yaml"
+
+
+@contextlib.contextmanager
+def _daemon(config: Path) -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, "-m", "drd", "run", str(config)])
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(15.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _watch(
+    process: subprocess.Popen[bytes], config: Config, emulator: Emulator, seconds: float
+) -> list[dict[str, Any]]:
+    """Print one line a second, as `drd watch --plain` does; returns all poses."""
+    endpoint, prefix = config.output.listen[0], config.output.prefix
+    session = _connect(process, endpoint)
+    if session is None:
+        return []
+    poses: list[dict[str, Any]] = []
+    view = View(prefix, endpoint)
+    with session:
+        subscriber = session.declare_subscriber(f"{prefix}/pose", zenoh.handlers.FifoChannel(4096))
+        end_s = emulator.start_ns * 1e-9 + seconds
+        while (now_s := time.monotonic()) < end_s and process.poll() is None:
+            time.sleep(min(1.0, max(0.0, end_s - now_s)))
+            while (sample := subscriber.try_recv()) is not None:
+                payload = sample.payload.to_bytes()
+                view.take_pose(payload, time.monotonic())
+                poses.append(json.loads(payload))
+            print(view.line(time.monotonic()), flush=True)
+    return poses
+
+
+def _connect(process: subprocess.Popen[bytes], endpoint: str) -> Any:
+    """A session with the daemon, once it listens; None if it ends or takes too long."""
+    deadline_s = time.monotonic() + CONNECT_S
+    while time.monotonic() < deadline_s and process.poll() is None:
+        with contextlib.suppress(zenoh.ZError):
+            return zenoh.open(isolated_config("client", (), (endpoint,)))
+        time.sleep(0.1)
+    return None
+
+
+def evaluate(truth: Sequence[Truth], poses: Sequence[dict[str, Any]], config: Config, length_m: float) -> Result:
+    """Bring truth, estimate and the wheels' own odometry (equation 7) to one time base, from the first pose on."""
+    start_ns = poses[0]["monotonic_ns"]
+    rows = np.array(
+        [((t.t_ns - start_ns) * 1e-9, t.x_m, t.y_m, t.heading_rad, t.left_m, t.right_m) for t in truth], dtype=float
+    )
+    names = ("x_m", "y_m", "heading_rad", "position_bound_99_m")
+    estimate = np.array([[(p["monotonic_ns"] - start_ns) * 1e-9, *(p[n] for n in names)] for p in poses], dtype=float)
+    steps = np.diff(rows[:, 4:6], axis=0)
+    turn = (steps[:, 1] - steps[:, 0]) / config.robot.tread_m
+    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    middle, travel = heading[:-1] + 0.5 * turn, steps.mean(axis=1)
+    x, y = (np.concatenate([[0.0], np.cumsum(travel * f(middle))]) for f in (np.cos, np.sin))
+    return Result(rows[:, :4], estimate, np.column_stack([rows[:, 0], x, y, heading]), length_m)
+
+
+def _draw(file: Path, result: Result) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    path_picture(
+        file,
+        result.truth[:, 1:3],
+        result.estimate[:, 1:3],
+        result.wheels[:, 1:3],
+        time_s=result.estimate[:, 0],
+        error_m=result.errors_m,
+        bound_m=result.estimate[:, 4],
+        title="drd demo: true and estimated path",
+        caption=result.sentence(),
+    )

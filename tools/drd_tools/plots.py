@@ -1,0 +1,145 @@
+"""Pictures of a run: the path, and how far the estimate was off against what it claimed."""
+
+import math
+import textwrap
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import MaxNLocator
+
+Array = npt.NDArray[np.float64]
+
+# Okabe and Ito (2008): told apart by all readers, and in grey by their lightness.
+BLUE: Final = "#0072B2"
+SKY: Final = "#56B4E9"
+VERMILION: Final = "#D55E00"
+INK: Final = "#222222"
+TRUE_GREY: Final = "#B4B4B4"
+GRID: Final = "#E6E6E6"
+BOUND: Final = "#DCEFFA"
+
+WIDTH_IN: Final = 10.0
+HEIGHT_IN: Final = 5.8
+DPI: Final = 150
+LEFT: Final = 0.015
+HEADER: Final = 0.87  # where title and legend end, as part of the height
+CAPTION_COLUMNS: Final = 125
+STYLE: Final[Any] = {
+    "font.size": 11.0,
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "text.color": INK,
+    "axes.edgecolor": "#808080",
+    "xtick.color": "#808080",
+    "ytick.color": "#808080",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+}
+LEGEND: Final[Any] = {
+    "loc": "lower left",
+    "borderaxespad": 0,
+    "borderpad": 0,
+    "frameon": False,
+    "fontsize": 10,
+    "handlelength": 1.8,
+    "columnspacing": 1.6,
+}
+
+
+def path_picture(  # noqa: PLR0913  # one keyword for each thing that is drawn
+    file: Path,
+    truth_xy: Array,
+    estimate_xy: Array,
+    odometry_xy: Array | None = None,
+    *,
+    time_s: Array,
+    error_m: Array,
+    bound_m: Array | None = None,
+    valid: npt.NDArray[np.bool_] | None = None,
+    title: str = "",
+    caption: str = "",
+) -> None:
+    """Write a PNG: paths seen from above on the left, the position error over time on the right.
+
+    `truth_xy`, `estimate_xy`, `odometry_xy` (the wheels alone): shape (n, 2) each, n >= 1, m. `time_s`, `error_m`,
+    `bound_m` (the claimed 99 % bound), `valid` (False is shaded): shape (k,). Raises OSError where `file` cannot be
+    written, ValueError where shapes do not fit.
+    """
+    with mpl.rc_context(STYLE):
+        layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.05, rect=(0, 0, 1, HEADER))
+        figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor="white", layout=layout)
+        shown = [xy for xy in (truth_xy, estimate_xy, odometry_xy) if xy is not None]
+        extent = np.ptp(np.concatenate(shown), axis=0)
+        # The path's panel is as wide as the path asks for, within limits that leave both panels readable.
+        width = float(np.clip((extent[0] + 0.1) / (extent[1] + 0.1), 0.55, 1.3))
+        path: Any
+        error: Any
+        path, error = figure.subplots(1, 2, width_ratios=(width, 1.25))
+        _draw_paths(path, truth_xy, estimate_xy, odometry_xy)
+        _draw_error(error, time_s, error_m, bound_m, valid)
+        keys = [key for axes in (path, error) for key in axes.get_legend_handles_labels()[0]]
+        figure.text(LEFT, 0.98, title, va="top", fontsize=15, fontweight="bold")
+        figure.legend(handles=keys, ncols=len(keys), bbox_to_anchor=(LEFT, HEADER + 0.015), **LEGEND)
+        figure.supxlabel(_wrapped(caption), x=LEFT, ha="left", fontsize=10, color="#555555", linespacing=1.4)
+        figure.savefig(file, format="png")
+
+
+def _draw_paths(axes: Any, truth_xy: Array, estimate_xy: Array, odometry_xy: Array | None) -> None:
+    axes.plot(*truth_xy.T, color=TRUE_GREY, linewidth=6, solid_capstyle="round", label="true path")
+    axes.plot(*estimate_xy.T, color=BLUE, linewidth=1.8, zorder=3, label="drd")
+    if odometry_xy is not None:
+        axes.plot(*odometry_xy.T, color=VERMILION, linewidth=1.6, dashes=(4, 2), label="wheels alone")
+        _mark_end(axes, odometry_xy, VERMILION)
+    start: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 14}
+    axes.plot(*truth_xy[0], "o", zorder=5, label="start", **start)
+    _mark_end(axes, truth_xy, INK, label="end")
+    _mark_end(axes, estimate_xy, BLUE)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+    _tidy(axes, "Path, seen from above")
+
+
+def _mark_end(axes: Any, xy: Array, color: str, label: str | None = None) -> None:
+    style: Any = {"color": color, "markersize": 8, "markeredgecolor": "white", "markeredgewidth": 1.0}
+    axes.plot(*xy[-1], "o", zorder=6, label=label, **style)
+
+
+def _draw_error(
+    axes: Any, time_s: Array, error_m: Array, bound_m: Array | None, valid: npt.NDArray[np.bool_] | None
+) -> None:
+    largest_m = float(np.max(error_m if bound_m is None else np.maximum(error_m, bound_m), initial=0.0))
+    scale, unit = (100.0, "cm") if largest_m < 1.0 else (1.0, "m")
+    if bound_m is not None:
+        axes.fill_between(time_s, 0, scale * bound_m, color=BOUND, linewidth=0, label="99 % bound, as claimed")
+        axes.plot(time_s, scale * bound_m, color=SKY, linewidth=1.4)
+    axes.plot(time_s, scale * error_m, color=BLUE, linewidth=1.8)
+    if valid is not None and not valid.all():
+        whole_height = axes.get_xaxis_transform()
+        style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "label": "not valid"}
+        axes.fill_between(time_s, 0, 1, where=~valid, transform=whole_height, **style)
+    axes.set_ylim(bottom=0.0)
+    axes.margins(x=0.0)
+    axes.set_xlabel("time / s")
+    axes.set_ylabel(f"distance from the truth / {unit}")
+    _tidy(axes, "Position error of drd")
+
+
+def _tidy(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=11, fontweight="bold", pad=10)
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+
+
+def _wrapped(text: str) -> str:
+    """In lines of about equal length."""
+    lines = max(1, math.ceil(len(text) / CAPTION_COLUMNS))
+    return textwrap.fill(text, min(CAPTION_COLUMNS, len(text) // lines + 12))
