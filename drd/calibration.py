@@ -71,7 +71,7 @@ def load_calibration(file: Path) -> Calibration:
     where = str(file)
     try:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
+    except (OSError, yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         raise ConfigError(where, "", "a readable YAML file", " ".join(str(error).split())) from error
     if not isinstance(data, dict):
         raise ConfigError(where, "", "a section of keys", type(data).__name__)
@@ -114,7 +114,7 @@ def _numbers(value: Any, count: int, where: str, path: str) -> list[float]:
     try:
         # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
         numbers = [float(v) for v in value if not isinstance(v, bool)]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise ConfigError(where, path, expected, repr(value)[:80])

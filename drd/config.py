@@ -39,7 +39,7 @@ class Robot:
         high=100,
     )
     max_acceleration_deg_s2: float = key(
-        2000.0,
+        500.0,
         "A gyro reading that asks for more is a corrupted one; lower it to the robot's ability",
         "deg/s^2",
         low=10,

@@ -12,6 +12,7 @@ import yaml
 
 T = TypeVar("T")
 REQUIRED: Any = dataclasses.MISSING
+BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
 class ConfigError(Exception):
@@ -137,9 +138,9 @@ def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
         raise ValueError("not a single value")
     text = str(node.value)
     if kind is bool:
-        if node.tag != "tag:yaml.org,2002:bool":
+        if node.tag != "tag:yaml.org,2002:bool" or text.lower() not in BOOLEANS:
             raise ValueError(text)
-        return text.lower() in {"true", "yes", "on"}
+        return BOOLEANS[text.lower()]
     if kind is str:
         # Line breaks and lone surrogates would come out again in a log, a Zenoh key or a frame name.
         if not text or not text.isprintable():

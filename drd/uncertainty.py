@@ -29,11 +29,12 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 
 
 def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:
-    """Of the mean speed over a wheel sample of `interval_s`: travel noise of two wheels, and their scales. (30)"""
+    """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (30)"""
     P = kf.P
     travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
+    timing = 2.0 * noise.timing_s2 / interval_s**2  # both ends of the interval
     scale = 0.25 * float(P[SCALE_R, SCALE_R] + P[SCALE_L, SCALE_L] + 2.0 * P[SCALE_R, SCALE_L])
-    return math.sqrt(max(travel + scale * speed_m_s * speed_m_s, 0.0))
+    return math.sqrt(max(travel + (scale + timing) * speed_m_s * speed_m_s, 0.0))
 
 
 def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:

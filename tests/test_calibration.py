@@ -94,7 +94,7 @@ def test_a_bad_file_is_refused_with_its_key(tmp_path: Path, change: dict[str, ob
     assert "gyro.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "- 1", "[", "3", "a: &a [*a]"])
+@pytest.mark.parametrize("text", ["", "- 1", "[", "3", "a: &a [*a]", '"\\UFFFFFFFF"', "residual_deg_s: " + "9" * 400])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError):
         load_calibration(write(tmp_path, text))

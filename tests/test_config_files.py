@@ -51,7 +51,7 @@ def entries_of(text: str) -> dict[str, Entry]:
 
 def keys_of(cls: type[Any], prefix: str = "") -> dict[str, dataclasses.Field[Any]]:
     """All keys that drd knows, by path."""
-    found = {}
+    found: dict[str, dataclasses.Field[Any]] = {}
     for field in dataclasses.fields(cls):
         kind = typing.get_type_hints(cls)[field.name]
         if dataclasses.is_dataclass(kind):

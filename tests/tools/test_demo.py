@@ -54,4 +54,4 @@ def test_the_figures_are_those_of_the_paths(tmp_path: Path) -> None:
     np.testing.assert_allclose(result.errors_m, 0.1, atol=1e-12)
     assert result.wheels[-1, 1] == pytest.approx(10.1)
     assert f"heading error {math.degrees(0.01):.2f} deg" in result.sentence()
-    assert "wheels alone 0.100 m" in result.sentence()
+    assert "wheels alone 0.100 m, largest 0.100 m" in result.sentence()

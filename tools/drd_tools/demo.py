@@ -53,13 +53,13 @@ class Result(NamedTuple):
         """The figures in one line."""
         heading = self.estimate[-1, 3] - self.truth_at(self.estimate[-1:, 0])[0, 2]
         errors, wheels = self.errors_m, self.wheels
-        last = self.truth_at(wheels[-1:, 0])[0]
-        alone = math.hypot(wheels[-1, 1] - last[0], wheels[-1, 2] - last[1])
+        true = self.truth_at(wheels[:, 0])
+        alone = np.hypot(wheels[:, 1] - true[:, 0], wheels[:, 2] - true[:, 1])
         percent = 100 * errors[-1] / self.length_m
         return (
             f"after {self.length_m:.1f} m: position error {errors[-1]:.3f} m ({percent:.2f} %), "
             f"99 % bound {self.estimate[-1, 4]:.3f} m, heading error {abs(math.degrees(heading)):.2f} deg; "
-            f"largest error {errors.max():.3f} m; wheels alone {alone:.3f} m"
+            f"largest error {errors.max():.3f} m; wheels alone {alone[-1]:.3f} m, largest {alone.max():.3f} m"
         )
 
 

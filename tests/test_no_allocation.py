@@ -1,0 +1,26 @@
+"""The filter works in the memory that it was made with, and nothing in the pipeline grows with time."""
+
+from drd.samples import Pose
+from drd_tools.bench.allocation import filter_growth, pipeline_growth
+
+CYCLES = 1500
+# Buffers of bounded length that are full at another moment, and counters that leave the cached small integers.
+SETTLING_BLOCKS, SETTLING_BYTES = 100, 10_000
+
+
+def test_no_block_that_a_filter_step_allocates_lives_on() -> None:
+    growth = filter_growth(10_000)
+    assert (growth.blocks, growth.size_bytes) == (0, 0)
+
+
+def test_the_pipelines_memory_does_not_grow_with_its_cycles() -> None:
+    growth = pipeline_growth(CYCLES)
+    assert growth.blocks < SETTLING_BLOCKS
+    assert growth.size_bytes < SETTLING_BYTES
+
+
+def test_poses_that_somebody_keeps_are_noticed() -> None:
+    kept: list[Pose] = []
+    growth = pipeline_growth(CYCLES, lambda pose, _: kept.append(pose))
+    assert growth.blocks > CYCLES
+    assert len(kept) > CYCLES

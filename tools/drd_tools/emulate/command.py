@@ -1,0 +1,125 @@
+"""`drd emulate`: the hardware of a configured robot, without the robot."""
+
+import argparse
+import csv
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from drd.config import load_config
+from drd.schema import ConfigError
+from drd_tools.emulate.drive import Drive, demo_drive, square_drive
+from drd_tools.emulate.hardware import Emulator, Truth
+
+# How far the path goes where no --seconds ends it.
+DEMO_S = 600.0
+
+
+def main(argv: list[str]) -> int:
+    """Run the command. Returns the exit code: 0, 1 when the emulator failed, 2 when it cannot be started."""
+    arguments = _parser().parse_args(argv)
+    try:
+        config = load_config(arguments.config).value
+        emulator = Emulator(
+            config,
+            arguments.config.parent,
+            _drive(arguments),
+            seed=arguments.seed,
+            allow_real_bus=arguments.real_bus,
+        )
+        with _until_signal() as stopped, emulator:
+            for name, place in emulator.places.items():
+                print(f"{name}: {place}", flush=True)
+            failed = _wait(emulator, stopped, arguments.seconds)
+    except ConfigError as error:
+        print(f"drd emulate: {error}", file=sys.stderr)
+        return 2
+    print(", ".join(f"{name}={count}" for name, count in emulator.counters.items()), flush=True)
+    if arguments.truth is not None:
+        try:
+            write_truth(arguments.truth, emulator.truth)
+        except OSError as error:
+            print(f"drd emulate: cannot write {arguments.truth}: {error.strerror}", file=sys.stderr)
+            return 1
+    return 1 if failed else 0
+
+
+def write_truth(file: Path, rows: Iterable[Truth]) -> None:
+    """Write the true path as CSV; the first line names the columns. Raises OSError."""
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(Truth._fields)
+        writer.writerows(rows)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd emulate",
+        description="Emulate the gyro and the wheel encoders of a configuration, driving a path in real time. The "
+        "gyro's port and an slcan adapter's become pseudo-terminals, linked at the configured paths, which must be "
+        "free; for socketcan, make a vcan interface first. Start drd with the same configuration to see it work.",
+    )
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="the daemon's configuration file")
+    parser.add_argument(
+        "--seconds", type=_seconds, metavar="N", help="stop after N seconds; otherwise at Ctrl-C or SIGTERM"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="repeats the sensors' noise (default 0)")
+    parser.add_argument(
+        "--path",
+        choices=("demo", "square"),
+        default="demo",
+        help=f"demo: figures of eight for --seconds, or {DEMO_S:g} s (default); square: 210 m with rounded corners in "
+        "about three minutes. Both begin with 10 s of standstill (a short demo: a third of it); at the end "
+        "the robot stands",
+    )
+    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true path there at the end")
+    parser.add_argument(
+        "--real-bus",
+        action="store_true",
+        help="allow a CAN bus that is not virtual; others on it will believe the frames",
+    )
+    return parser
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and 0 < value <= 86_400):
+        raise argparse.ArgumentTypeError(f"more than 0 and at most 86400, got {text}")
+    return value
+
+
+def _drive(arguments: argparse.Namespace) -> Drive:
+    if arguments.path == "square":
+        return square_drive()
+    seconds = min(arguments.seconds or DEMO_S, DEMO_S)
+    return demo_drive(seconds, stand_s=min(10.0, seconds / 3))
+
+
+def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -> bool:
+    """Until a signal, the end of the time, or the emulator's failure, which is reported as True."""
+    end_s = math.inf if seconds is None else time.monotonic() + seconds
+    while emulator.is_running and (left_s := end_s - time.monotonic()) > 0:
+        if stopped.wait(min(left_s, 0.5)):
+            break
+    return not emulator.is_running
+
+
+@contextmanager
+def _until_signal() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set; the handlers that were there come back."""
+    stopped = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopped  # only the main thread may have handlers
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: stopped.set()) for number in numbers]
+    try:
+        yield stopped
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,266 @@
+"""A robot's gyro and wheel encoders as hardware: bytes and frames in real time, where the daemon expects them."""
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+import can
+import numpy as np
+
+from drd.config import Config
+from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
+from drd_tools.emulate import encoder_frames, fog_packets
+from drd_tools.emulate.drive import Drive
+from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
+from drd_tools.emulate.sensors import Gyro, SensorErrors, Wheels
+
+# Commands of an SLCAN host are answered at least this often.
+POLL_S: Final = 0.01
+# 14 hours of a 20 Hz counter.
+TRUTH_ROWS: Final = 1_000_000
+
+
+class Truth(NamedTuple):
+    """True pose when the counters were sampled, and what they then had counted (faults left out)."""
+
+    t_ns: int  # CLOCK_MONOTONIC
+    x_m: float
+    y_m: float
+    heading_rad: float
+    left_m: float
+    right_m: float
+
+
+@dataclass
+class _Schedule:
+    """Samples at equal distances from the start; each is sent `latency_s` later."""
+
+    period_s: float
+    latency_s: float
+    number: int = 1
+
+    @property
+    def sampled_s(self) -> float:
+        return self.number * self.period_s
+
+    @property
+    def due_s(self) -> float:
+        return self.sampled_s + self.latency_s
+
+
+class Emulator:
+    """Drives a path and says about it, from a thread of its own, what the configured sensors would say.
+
+    The gyro's port and an slcan adapter's are pseudo-terminals, linked at the configured paths; other CAN interfaces
+    are joined. Time zero is `start()`. Use it as a context manager, or call `stop()`. Raises ConfigError where a path
+    is taken or a bus cannot be used; a bus that may be a real robot's needs `allow_real_bus`.
+
+    `base`: the folder that the configuration's own paths are relative to. `seed` repeats all sensor noise.
+    `counters`: packets and frames sent, and those lost because nobody listened.
+
+    The public fields below are its faults. Each may be changed at any time.
+    """
+
+    fog_silent: bool = False
+    fog_invalid: bool = False  # the packets say so
+    fog_garbage: bytes = b""  # goes before each packet
+    fog_drop_every: int = 0  # each n-th packet is missing; 0: none
+    fog_corrupt_every: int = 0  # each n-th packet has one wrong bit; 0: none
+    fog_offset_deg_s: float = 0.0  # added to the rate (ccw positive): a jump of the bias
+    wheels_silent: bool = False
+    left_silent: bool = False  # no effect where one frame holds both sides
+    right_silent: bool = False
+    wheels_drop_every: int = 0  # each n-th pair is missing; 0: none
+    swap_frames: bool = False  # right before left
+    count_offset_m: float = 0.0  # added to both counters: a preset write or a restart
+    left_slip: float = 0.0  # share of extra counts; -1: the counter stands still
+    right_slip: float = 0.0
+
+    def __init__(
+        self,
+        config: Config,
+        base: Path,
+        drive: Drive,
+        errors: SensorErrors | None = None,
+        seed: int = 0,
+        *,
+        allow_real_bus: bool = False,
+    ):
+        errors = errors or SensorErrors()
+        fog, encoders = config.fog, config.encoders
+        self.counters = {
+            "fog_packets": 0,
+            "fog_dropped": 0,
+            "can_frames": 0,
+            "can_dropped": 0,
+            "can_received": 0,
+        }
+        self.truth: deque[Truth] = deque(maxlen=TRUTH_ROWS)
+        self.received: deque[can.Message] = deque(maxlen=RECEIVED_FRAMES)  # what others sent on the bus
+        self._drive = drive
+        self._gyro = Gyro(drive, errors.gyro, seed)
+        self._wheels = Wheels(drive, config.robot, errors.wheels, seed)
+        self._random = np.random.default_rng([seed, 3])
+        self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
+        self._frames = encoder_frames.make_encoder(encoders, config.robot, base)
+        self._fog_port = None if self._fog is None else PtyLink(fog.port, "fog.port")
+        self._bus = can_endpoint(encoders, allow_real_bus)
+        fog_hz = fog.rate_hz * (1 + errors.gyro.clock_error_percent / 100)
+        self._fog_schedule = _Schedule(1 / fog_hz, fog.latency_s)
+        self._wheel_schedule = _Schedule(1 / encoders.rate_hz, encoders.latency_s)
+        self._counted_m = (0.0, 0.0)
+        self._start_ns = 0
+        self._stop = threading.Event()
+        self._lock = threading.Lock()  # one step of the loop, or one unplugging
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Plug in and drive off. Raises ConfigError, with nothing left behind."""
+        self.plug_in()
+        self._start_ns = time.monotonic_ns()
+        self._thread = threading.Thread(target=self._run, name="drd emulator", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop and unplug; the links are gone then. May be called twice."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._unplug_all()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether its thread is at work."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def start_ns(self) -> int:
+        """CLOCK_MONOTONIC of the drive's time zero."""
+        return self._start_ns
+
+    @property
+    def places(self) -> dict[str, str]:
+        """Where gyro and CAN bus are, for people."""
+        fog = "none" if self._fog_port is None else f"{self._fog_port.path} -> {self._fog_port.device}"
+        return {"FOG": fog, "CAN": self._bus.place}
+
+    def plug_in(self) -> None:
+        """Plug in only, for whoever drives with `step()`. Raises ConfigError, with nothing left behind."""
+        try:
+            self.replug_fog()
+            self.replug_can()
+        except BaseException:
+            self._unplug_all()
+            raise
+
+    def step(self, now_s: float) -> float:
+        """Send all that is due until `now_s` after the start; returns when the next is. The thread calls it."""
+        with self._lock:
+            return self._step(now_s)
+
+    def unplug_fog(self) -> None:
+        """Pull the gyro's cable: its port hangs up and the link vanishes."""
+        with self._lock:
+            if self._fog_port is not None:
+                self._fog_port.close()
+
+    def replug_fog(self) -> None:
+        """Plug the gyro in again: a new pseudo-terminal behind the same name."""
+        with self._lock:
+            if self._fog_port is not None:
+                self._fog_port.open()
+
+    def unplug_can(self) -> None:
+        """Pull the CAN adapter; a bus that is no adapter falls silent."""
+        with self._lock:
+            self._bus.close()
+
+    def replug_can(self) -> None:
+        """Plug the CAN adapter in again."""
+        with self._lock:
+            self._bus.open()
+
+    def send_frame(self, message: can.Message) -> None:
+        """Send any other frame: another node's, a boot-up message."""
+        with self._lock:
+            self._count("can_frames", "can_dropped", self._bus.send(message))
+
+    def _unplug_all(self) -> None:
+        self.unplug_fog()
+        self.unplug_can()
+
+    def _run(self) -> None:
+        wait_s = 0.0
+        while not self._stop.wait(wait_s):
+            due_s = self.step(self._now_s())
+            wait_s = min(max(due_s - self._now_s(), 0.0), POLL_S)
+
+    def _now_s(self) -> float:
+        return (time.monotonic_ns() - self._start_ns) * S_PER_NS
+
+    def _step(self, now_s: float) -> float:
+        frames = self._bus.received()
+        self.counters["can_received"] += len(frames)
+        self.received.extend(frames)
+        while self._wheel_schedule.due_s <= now_s:
+            self._send_wheels(self._wheel_schedule)
+            self._wheel_schedule.number += 1
+        if self._fog is None:
+            return self._wheel_schedule.due_s
+        while self._fog_schedule.due_s <= now_s:
+            self._send_fog(self._fog, self._fog_schedule)
+            self._fog_schedule.number += 1
+        return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
+
+    def _send_fog(self, encoder: fog_packets.FogEncoder, now: _Schedule) -> None:
+        rate_rad_s = self._gyro.mean_rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
+        rate_rad_s += self.fog_offset_deg_s * RAD_PER_DEG
+        temperature_c = self._gyro.temperature_at_c(now.sampled_s)
+        # A silent gyro goes on measuring: an integrated angle or sequence number shows it afterwards.
+        packet = encoder.encode(rate_rad_s, now.period_s, temperature_c, valid=not self.fog_invalid)
+        if self.fog_silent or _is_nth(now.number, self.fog_drop_every):
+            return
+        if _is_nth(now.number, self.fog_corrupt_every):
+            packet = self._with_wrong_bit(packet)
+        sent = self._fog_port is not None and self._fog_port.write(self.fog_garbage + packet)
+        self._count("fog_packets", "fog_dropped", sent)
+
+    def _send_wheels(self, now: _Schedule) -> None:
+        left_m, right_m = self._wheels.travel_at_m(now.sampled_s, self.left_slip, self.right_slip)
+        motion = self._drive.at(now.sampled_s)
+        t_ns = self._start_ns + round(now.sampled_s * NS_PER_S)
+        self.truth.append(Truth(t_ns, motion.x_m, motion.y_m, motion.heading_rad, left_m, right_m))
+        left_m_s, right_m_s = (
+            (m - before) / now.period_s for m, before in zip((left_m, right_m), self._counted_m, strict=True)
+        )
+        self._counted_m = (left_m, right_m)
+        offset_m = self.count_offset_m
+        frames = self._frames.encode(left_m + offset_m, right_m + offset_m, left_m_s, right_m_s)
+        if self.wheels_silent or _is_nth(now.number, self.wheels_drop_every):
+            return
+        if len(frames) == 2:  # left first
+            frames = [f for f, silent in zip(frames, (self.left_silent, self.right_silent), strict=True) if not silent]
+        for frame in reversed(frames) if self.swap_frames else frames:
+            self._count("can_frames", "can_dropped", self._bus.send(frame))
+
+    def _with_wrong_bit(self, packet: bytes) -> bytes:
+        data = bytearray(packet)
+        data[int(self._random.integers(len(data)))] ^= 1 << int(self._random.integers(8))
+        return bytes(data)
+
+    def _count(self, sent_key: str, lost_key: str, sent: bool) -> None:
+        self.counters[sent_key if sent else lost_key] += 1
+
+
+def _is_nth(number: int, every: int) -> bool:
+    return every > 0 and number % every == 0
