@@ -102,12 +102,13 @@ def test_commands_change_the_pose_and_bad_ones_are_refused(served: Robot) -> Non
         "x_m": 100.0, "y_m": -50.0, "heading_rad": 1.0, "sigma_m": 0.1, "sigma_rad": 0.0}  # fmt: skip
     pose = served.wait("the new pose", lambda p: abs(p["x_m"] - 100.0) < 10.0)
     assert pose["position_bound_99_m"] > 0.2
-    for request, text in [
+    bad: list[tuple[dict[str, Any], str]] = [
         ({"x_m": 1.0}, "y_m"),
         ({"x_m": "1", "y_m": 0, "heading_rad": 0}, "x_m"),
         ({"x_m": 1, "y_m": 0, "heading_rad": 0, "sigma_m": -1}, "sigma_m"),
         ({"x_m": 1, "y_m": 0, "heading_rad": 0, "z_m": 1}, "z_m"),
-    ]:
+    ]
+    for request, text in bad:
         assert text in served.get("set_pose", request)["error"]
     assert served.get("reset") == {"reset": True}
     served.wait("the origin", lambda p: abs(p["x_m"]) < 10.0)
@@ -127,7 +128,7 @@ def test_systemd_hears_ready_status_watchdog_and_stopping(robot: Robot, tmp_path
         while "READY=1" not in heard:
             heard = inbox.recv(4096).decode()
         assert "STATUS=" in heard
-        stamps = []
+        stamps: list[float] = []
         while len(stamps) < 4:
             if "WATCHDOG=1" in inbox.recv(4096).decode():
                 stamps.append(time.monotonic())

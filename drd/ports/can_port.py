@@ -84,9 +84,7 @@ class CanPort(Port):
         if not (self._is_open and self._sends.acquire(blocking=False)):
             self.counters["send_dropped"] += 1
             return
-        self._worker.submit(
-            self._send, can.Message(arbitration_id=can_id, data=data, is_extended_id=extended)
-        )
+        self._worker.submit(self._send, can.Message(arbitration_id=can_id, data=data, is_extended_id=extended))
 
     def _send(self, message: can.Message) -> None:
         try:
@@ -141,9 +139,7 @@ class CanPort(Port):
             # virtual and most vendors' buses have nothing to wait on.
             self._file_number = None
             self._stop_reader.clear()
-            self._reader = threading.Thread(
-                target=self._read_in_thread, args=(bus,), name=f"drd {self._device} reader"
-            )
+            self._reader = threading.Thread(target=self._read_in_thread, args=(bus,), name=f"drd {self._device} reader")
             self._reader.start()
 
     def _stop_reading(self) -> None:

@@ -52,9 +52,7 @@ class Port(ABC):
                 await self._loop.run_in_executor(self._worker, self._open)
                 self._is_open = True
                 self._start_reading()
-            except (
-                Exception
-            ) as error:  # drivers raise what they like: OSError, ValueError, termios.error, CanError
+            except Exception as error:  # drivers raise what they like: OSError, ValueError, termios.error, CanError
                 self.counters["open_errors"] += 1
                 reason = f"cannot open {self._device}: {reason_of(error)}"
             else:

@@ -27,9 +27,7 @@ class SerialPort(Port):
     its symbolic link is waited for.
     """
 
-    def __init__(
-        self, fog: Fog, on_bytes: Callable[[bytes, int], None], on_state: Callable[[str | None], None]
-    ):
+    def __init__(self, fog: Fog, on_bytes: Callable[[bytes, int], None], on_state: Callable[[str | None], None]):
         super().__init__(fog.port, on_state)
         self.counters |= {"bytes": 0, "low_latency_refused": 0}
         self._fog = fog

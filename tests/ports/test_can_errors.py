@@ -23,9 +23,7 @@ from drd.ports.can_errors import COUNTERS, problems, state_after
         (0x010, "0000000010000000", {"transceiver_error"}, None),
     ],
 )
-def test_each_error_class_has_its_counter_and_state(
-    can_id: int, data: str, names: set[str], state: str | None
-) -> None:
+def test_each_error_class_has_its_counter_and_state(can_id: int, data: str, names: set[str], state: str | None) -> None:
     assert problems(can_id, bytes.fromhex(data)) == names
     assert state_after(names, None) == state
 

@@ -11,9 +11,7 @@ import pytest
 
 
 def error_frame(can_id: int, data: str = "0000000000000000") -> can.Message:
-    return can.Message(
-        arbitration_id=can_id, data=bytes.fromhex(data), is_extended_id=False, is_error_frame=True
-    )
+    return can.Message(arbitration_id=can_id, data=bytes.fromhex(data), is_extended_id=False, is_error_frame=True)
 
 
 def network_is_down() -> can.CanOperationError:
@@ -67,9 +65,7 @@ def test_socketcan_is_opened_with_filters_of_the_wanted_identifiers(
     run_port: Any, eventually: Any, can_record: Any, garage: Any
 ) -> None:
     async def scenario() -> None:
-        async with run_port(
-            can_record.port([(0x181, False), (0x18FF1234, True)], garage.open, bitrate=500_000)
-        ):
+        async with run_port(can_record.port([(0x181, False), (0x18FF1234, True)], garage.open, bitrate=500_000)):
             await eventually(lambda: garage.buses)
         assert garage.buses[0].arguments == {
             "interface": "socketcan",
@@ -244,9 +240,7 @@ def test_a_stamp_that_is_no_wall_clock_time_is_counted(
     asyncio.run(scenario())
 
 
-@pytest.mark.parametrize(
-    "error", [ZeroDivisionError("a driver's bug"), ValueError(), can.CanOperationError("gone")]
-)
+@pytest.mark.parametrize("error", [ZeroDivisionError("a driver's bug"), ValueError(), can.CanOperationError("gone")])
 def test_whatever_a_driver_raises_is_a_loss_and_not_an_end(
     error: Exception, run_port: Any, eventually: Any, can_record: Any, garage: Any
 ) -> None:

@@ -111,9 +111,7 @@ def test_a_line_that_is_no_frame_is_counted_and_the_next_frame_arrives(
     asyncio.run(scenario())
 
 
-noise = st.binary(min_size=1, max_size=30).map(
-    lambda data: b"!" + data.replace(b"\r", b"").replace(b"\a", b"") + b"\r"
-)
+noise = st.binary(min_size=1, max_size=30).map(lambda data: b"!" + data.replace(b"\r", b"").replace(b"\a", b"") + b"\r")
 truncated = st.integers(1, 12).map(lambda length: slcan_line(0)[:length] + b"\r")
 
 
@@ -206,9 +204,7 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_returns(
     with caplog.at_level(logging.WARNING, logger="can"):
         files = set(Path("/proc/self/fd").iterdir())
         asyncio.run(scenario())
-        assert len(set(Path("/proc/self/fd").iterdir()) - files) <= 1, (
-            "only the second line's far end is open"
-        )
+        assert len(set(Path("/proc/self/fd").iterdir()) - files) <= 1, "only the second line's far end is open"
     assert "not properly shut down" not in caplog.text
 
 

@@ -210,9 +210,7 @@ def test_when_the_estimator_is_slow_the_oldest_frames_are_dropped_and_each_is_co
             async with run_port(port):
                 await eventually(lambda: can_record.states == [None])
                 await asyncio.to_thread(lambda: [other.send(frame) for frame in messages])
-                await eventually(
-                    lambda: len(can_record.frames) + port.counters["queue_dropped"] == len(messages)
-                )
+                await eventually(lambda: len(can_record.frames) + port.counters["queue_dropped"] == len(messages))
                 await asyncio.sleep(0.2)
         received = can_record.numbers
         assert port.counters["frames"] == len(messages)
@@ -226,9 +224,7 @@ def test_when_the_estimator_is_slow_the_oldest_frames_are_dropped_and_each_is_co
     asyncio.run(scenario())
 
 
-def test_files_and_threads_are_given_back(
-    run_port: Any, eventually: Any, can_record: Any, garage: Any
-) -> None:
+def test_files_and_threads_are_given_back(run_port: Any, eventually: Any, can_record: Any, garage: Any) -> None:
     async def scenario() -> None:
         for _ in range(5):
             channel = next(channels)

@@ -30,9 +30,7 @@ class Record:
         )
 
 
-def test_bytes_arrive_in_order_with_the_time_of_their_arrival(
-    make_pty: Any, run_port: Any, eventually: Any
-) -> None:
+def test_bytes_arrive_in_order_with_the_time_of_their_arrival(make_pty: Any, run_port: Any, eventually: Any) -> None:
     async def scenario() -> None:
         line, record = make_pty(), Record()
         port = record.port(line.path)
@@ -57,9 +55,7 @@ def test_every_byte_value_passes_unchanged(make_pty: Any, run_port: Any, eventua
         sent = bytes(range(256)) * 64
         async with run_port(record.port(line.path)):
             await eventually(lambda: record.states == [None])
-            writer = threading.Thread(
-                target=lambda: [line.write(sent[i : i + 512]) for i in range(0, len(sent), 512)]
-            )
+            writer = threading.Thread(target=lambda: [line.write(sent[i : i + 512]) for i in range(0, len(sent), 512)])
             writer.start()
             await eventually(lambda: len(record.data) >= len(sent))
             writer.join()
@@ -163,9 +159,7 @@ def test_a_port_that_another_program_holds_exclusively_is_waited_for(
     asyncio.run(scenario())
 
 
-def test_what_is_no_serial_device_is_reported_and_not_raised(
-    run_port: Any, eventually: Any, tmp_path: Path
-) -> None:
+def test_what_is_no_serial_device_is_reported_and_not_raised(run_port: Any, eventually: Any, tmp_path: Path) -> None:
     async def scenario(path: str) -> None:
         record = Record()
         port = record.port(path)
