@@ -25,13 +25,15 @@ GYRO_HEADING: Final = 6  # rad, from the gyro
 GYRO_SCALE: Final = 7  # 1
 GYRO_BIAS: Final = 8  # rad/s
 N: Final = 9
-# Flat positions in a 9 x 9 matrix, made once: the elements of F and Q that change with each step.
-(X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (X * N + i for i in (HEADING, SCALE_R, SCALE_L, TREAD))
-(Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (Y * N + i for i in (HEADING, SCALE_R, SCALE_L, TREAD))
-(H_SCALE_R, H_SCALE_L, H_TREAD) = (HEADING * N + i for i in (SCALE_R, SCALE_L, TREAD))
-(G_SCALE, G_BIAS) = (GYRO_HEADING * N + i for i in (GYRO_SCALE, GYRO_BIAS))
+# Flat positions in a 9 x 9 matrix, made once: the elements of F and Q that change with each step. F is kept transposed,
+# since F P and (F P) F^T are then a fifth faster.
+(X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (i * N + X for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (i * N + Y for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
+(G_SCALE, G_BIAS) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS))
 (XX, YY, HH, RR, LL, DD, GG, SS, BB) = (i * (N + 1) for i in range(N))
-XY, YX, XH, HX, YH, HY = X * N + Y, Y * N + X, X_HEADING, HEADING * N + X, Y_HEADING, HEADING * N + Y
+XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
+YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
 RATE_ERROR_CORRELATION_S: Final = 60.0
@@ -95,17 +97,17 @@ class Filter:
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
         self._updates = 0
-        self._F: Matrix = np.eye(N)
+        self._FT: Matrix = np.eye(N)
         self._Q: Matrix = np.zeros((N, N))
         self._T: Matrix = np.zeros((N, N))
         self._PH: Matrix = np.zeros(N)
         self._sigma: Matrix = np.zeros(())  # sqrt(S); numpy takes an array's element faster than a float
         self._gate2 = gate_sigma**2
         # Views, made once.
-        self._FT, self._PT = self._F.T, self.P.T
+        self._F, self._PT = self._FT.T, self.P.T
         self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
         self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
-        self._f, self._q, self._p = (_elements(m) for m in (self._F, self._Q, self.P))
+        self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
         self.restart(tread_m, sigmas)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
@@ -143,8 +145,9 @@ class Filter:
         U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
         middle = n.heading_rad + h * turn
         c, s = math.cos(middle), math.sin(middle)
-        n.x_m += U * c  # (7)
-        n.y_m += U * s  # (7)
+        step_x, step_y = U * c, U * s
+        n.x_m += step_x  # (7)
+        n.y_m += step_y  # (7)
         n.heading_rad += turn  # (7)
         if rate_rad_s is None:
             f[G_SCALE] = f[G_BIAS] = 0.0
@@ -152,24 +155,24 @@ class Filter:
             # F is taken at the gyro's turn: the wheels' own noise in it would pull tread and scales one way. (29)
             turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
             n.gyro_heading_rad += turn  # (11)
-            U_R, U_L = U + 0.5 * D * turn, U - 0.5 * D * turn
             f[G_SCALE], f[G_BIAS] = rate_rad_s * dt_s * self._estimate_gyro_scale, dt_s
-        # F: the derivatives of these lines; `bend` is the midpoint's share. (13)
-        bend = h * U
-        per_right, per_left, per_tread = U_R / D, -U_L / D, -turn / D
-        bend_x, bend_y, arm_x, arm_y = -bend * s, bend * c, 0.5 * D * c, 0.5 * D * s
-        f[X_HEADING] = -U * s
-        f[Y_HEADING] = U * c
+        # F: the derivatives of these lines; `arm` is half the tread, `bend` the midpoint's share. (13)
+        half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
+        per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
+        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -h * step_y, h * step_x
+        f[X_HEADING] = -step_y
+        f[Y_HEADING] = step_x
         f[X_SCALE_R] = per_right * (bend_x + arm_x)
         f[Y_SCALE_R] = per_right * (bend_y + arm_y)
         f[X_SCALE_L] = per_left * (bend_x - arm_x)
         f[Y_SCALE_L] = per_left * (bend_y - arm_y)
-        f[X_TREAD] = bend_x * per_tread
-        f[Y_TREAD] = bend_y * per_tread
+        f[X_TREAD] = per_tread * bend_x
+        f[Y_TREAD] = per_tread * bend_y
         f[H_SCALE_R] = per_right
         f[H_SCALE_L] = per_left
         f[H_TREAD] = per_tread
-        self._process_noise(dt_s, abs(U_L), abs(U_R), abs(turn), rate_sigma_rad_s, c, s, bend)
+        left_m, right_m = abs(per_left) * D, abs(per_right) * D
+        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, h * U)
         P, T = self.P, self._T
         self._F.dot(P, T)  # (18)
         T.dot(self._FT, P)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drd_tools.bench import filter as filter_bench
+from drd.filter import Filter, Outcome
 from drd_tools.bench import latency, timing
 from drd_tools.bench.__main__ import BENCHMARKS, main
 from drd_tools.bench.cpu import usage
@@ -16,7 +16,9 @@ FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4}
 MAY_BE_ZERO = {"allocation"}
 
 
-@pytest.mark.parametrize("name", sorted(BENCHMARKS))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.process] if name == "cpu" else []) for name in BENCHMARKS]
+)
 def test_each_benchmark_gives_all_its_figures(name: str) -> None:
     report = BENCHMARKS[name](True)
     assert len(report.figures) == FIGURES[name]
@@ -51,14 +53,14 @@ def test_an_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> 
 def test_no_ratio_is_printed_where_the_two_filters_disagree(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    update = filter_bench.Filter.update
+    update = Filter.update
 
-    def wrong(self: filter_bench.Filter, rate_rad_s: float) -> filter_bench.Outcome:
+    def wrong(self: Filter, rate_rad_s: float) -> Outcome:
         outcome = update(self, rate_rad_s)
         self.P[3, 3] *= 1.0 + 1e-8
         return outcome
 
-    monkeypatch.setattr(filter_bench.Filter, "update", wrong)
+    monkeypatch.setattr(Filter, "update", wrong)
     assert main(["--quick", "filter"]) == 1
     captured = capsys.readouterr()
     assert "FilterPy" not in captured.out
