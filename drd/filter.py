@@ -152,10 +152,13 @@ class Filter:
         if rate_rad_s is None:
             f[G_SCALE] = f[G_BIAS] = 0.0
         else:
-            # F is taken at the gyro's turn: the wheels' own noise in it would pull tread and scales one way. (29)
-            turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
-            n.gyro_heading_rad += turn  # (11)
+            gyro_turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
+            n.gyro_heading_rad += gyro_turn  # (11)
             f[G_SCALE], f[G_BIAS] = rate_rad_s * dt_s * self._estimate_gyro_scale, dt_s
+            # F is taken at the gyro's turn: the wheels' own noise in it would pull tread and scales one way. But
+            # wheels that stand still have no noise, and the gyro's must not pass for a turn then. (29)
+            if left_m or right_m:
+                turn = gyro_turn
         # F: the derivatives of these lines; `arm` is half the tread, `bend` the midpoint's share. (13)
         half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
         per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D

@@ -11,6 +11,8 @@ from drd.units import S_PER_NS
 
 MAX_REQUEST_BYTES = 4096
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
 
 class Refused(Exception):  # noqa: N818  # an outcome, not a fault: the asker is told and all goes on
     """A request is not carried out; the text says why and goes back to whoever asked."""
@@ -56,7 +58,11 @@ def health_json(payload: Mapping[str, Any]) -> bytes:
 
 def encode(value: Mapping[str, Any]) -> bytes:
     """Compact JSON in ASCII. Non-finite numbers become null; what JSON has no word for becomes text."""
-    return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False).encode("ascii")
+    try:
+        text = _ENCODER.encode(value)
+    except (TypeError, ValueError):
+        text = _ENCODER.encode(_plain(value))
+    return text.encode("ascii")
 
 
 def decode_request(data: bytes) -> dict[str, Any]:
