@@ -34,12 +34,13 @@ EXIT_DEADLINE_S = 8.0
 
 
 class Traffic:
-    """Rate of the poses and time from an input's arrival to its published pose, over the last full period."""
+    """Rates of wheel samples and poses, and time from an input's arrival to its pose, over the last full period."""
 
     def __init__(self) -> None:
-        self.last: dict[str, float | None] = {"pose_rate_hz": None, "latency_mean_ms": None, "latency_max_ms": None}
+        names = ("wheel_rate_hz", "pose_rate_hz", "latency_mean_ms", "latency_max_ms")
+        self.last: dict[str, float | None] = dict.fromkeys(names)
         self._began_ns = time.monotonic_ns()
-        self._count = self._sum_ns = self._max_ns = 0
+        self._count = self._sum_ns = self._max_ns = self._wheel_samples = 0
 
     def add(self, latency_ns: int) -> None:
         """One pose was published."""
@@ -47,15 +48,17 @@ class Traffic:
         self._sum_ns += latency_ns
         self._max_ns = max(self._max_ns, latency_ns)
 
-    def close_period(self, now_ns: int) -> None:
-        """Make `last` of what was added since the period before."""
-        n = self._count
+    def close_period(self, now_ns: int, wheel_samples: int) -> None:
+        """Make `last` of what was added since the period before; `wheel_samples` counts them from the start."""
+        n, period_s = self._count, max((now_ns - self._began_ns) * S_PER_NS, S_PER_NS)
         self.last = {
-            "pose_rate_hz": n / max((now_ns - self._began_ns) * S_PER_NS, S_PER_NS),
+            "wheel_rate_hz": (wheel_samples - self._wheel_samples) / period_s,
+            "pose_rate_hz": n / period_s,
             "latency_mean_ms": self._sum_ns / n / NS_PER_MS if n else None,
             "latency_max_ms": self._max_ns / NS_PER_MS if n else None,
         }
         self._began_ns, self._count, self._sum_ns, self._max_ns = now_ns, 0, 0, 0
+        self._wheel_samples = wheel_samples
 
 
 class Daemon:
@@ -178,7 +181,7 @@ class Daemon:
 
     def _publish_health(self) -> None:
         assert self._link is not None
-        self._traffic.close_period(time.monotonic_ns())
+        self._traffic.close_period(time.monotonic_ns(), self.pipeline.encoders.counters["samples"])
         self._link.publish_health(self._health())
         if self._ready:
             self._notifier.status(self._status())

@@ -90,6 +90,8 @@ def test_pose_odom_and_queries_agree(served: Robot) -> None:
     assert health["robot"] == "test"
     assert health["counters"]["estimator"]["accepted"] > 0
     assert health["latency_max_ms"] > 0
+    assert health["wheel_rate_hz"] == pytest.approx(20.0, rel=0.15)
+    assert health["fog_rate_hz"] == pytest.approx(10.0, rel=0.05)
     config = served.get("config")
     assert config["config"]["robot"]["tread_m"] == 0.6
     assert config["origins"]["robot.tread_m"].endswith("robot.yaml:1")
