@@ -317,6 +317,13 @@ class Noise:
     )
     gyro_deg_per_sqrt_h: float = key(0.083, "Angle random walk of the gyro", "deg/sqrt(h)", low=0, high=100)
     gyro_bias_deg_h_per_sqrt_h: float = key(3.7, "Rate random walk of the gyro", "deg/h/sqrt(h)", low=0, high=1e4)
+    gyro_bias_repeatability_deg_s: float = key(
+        0.002,
+        "Change of the gyro's bias when it is switched off and on; added after each silence of the gyro",
+        "deg/s",
+        low=0,
+        high=10,
+    )
     gyro_scale_per_sqrt_h: float = key(
         2e-4, "Slow change of the gyro's scale, where it is estimated", "1/sqrt(h)", low=0, high=1
     )
@@ -390,8 +397,8 @@ class Output:
     child_frame_id: str = key("base_link", "Frame of the robot in odom messages")
     publish_on: str = key(
         "wheels",
-        "Samples that publish a pose: wheels (20 Hz), gyro, or both",
-        choices=("wheels", "gyro", "both"),
+        "Samples that publish a pose: wheels, or gyro (at most at the encoders' rate)",
+        choices=("wheels", "gyro"),
     )
     health_period_s: float = key(1.0, "How often the health is published", "s", low=0.1, high=60)
     listen: tuple[str, ...] = key(

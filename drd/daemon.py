@@ -31,6 +31,8 @@ log = logging.getLogger("drd")
 TICK_S = 0.05
 CLOSE_DEADLINE_S = 3.0
 EXIT_DEADLINE_S = 8.0
+# Metres or radians that set_pose takes; beyond, doubles no longer resolve a step of the robot.
+LARGEST_COMMANDED = 1e7
 
 
 class Traffic:
@@ -231,6 +233,8 @@ class Daemon:
                 raise Refused(f"{name}: expected a finite number, got {value!r}")
             if name.startswith("sigma") and value < 0:
                 raise Refused(f"{name}: expected a number from 0, got {value!r}")
+            if abs(value) > LARGEST_COMMANDED:
+                raise Refused(f"{name}: expected at most {LARGEST_COMMANDED:g}, got {value!r}")
             values[name] = float(value)
         self.pipeline.estimator.set_pose(**values)
         return values
@@ -242,8 +246,7 @@ class Daemon:
     def _calibrate_bias(self, _: dict[str, Any]) -> dict[str, Any]:
         if (refusal := self.pipeline.estimator.calibrate_bias()) is not None:
             raise Refused(refusal)
-        static_bias = self._config.estimation.static_bias
-        return {"measuring_s": static_bias.duration_s or static_bias.minimum_s}
+        return {"measuring_s": self.pipeline.estimator.bias.duration_s}
 
 
 def run(loaded: Loaded[Config], base: Path) -> int:

@@ -39,6 +39,9 @@ HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 RATE_ERROR_CORRELATION_S: Final = 60.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
+# Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
+HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
+POSITION_UNKNOWN_M2: Final = 1e8
 
 Matrix = npt.NDArray[np.float64]
 
@@ -275,14 +278,19 @@ class Filter:
         self.P[:, target] = self.P[:, source]
 
     def add_position_variance(self, variance_m2: float) -> None:
-        """Widen the position by motion that was not seen. (25)"""
-        self._p[XX] += variance_m2
-        self._p[YY] += variance_m2
+        """Widen the position by motion that was not seen, up to where it means "anywhere". (25)"""
+        for i in (XX, YY):
+            self._p[i] += min(variance_m2, max(0.0, POSITION_UNKNOWN_M2 - self._p[i]))
 
     def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
         """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (25)"""
+        added = min(variance_rad2, max(0.0, HEADING_UNKNOWN_RAD2 - self._p[HH]))
         for i in (HH, GG, HG, GH) if both else (HH,):
-            self._p[i] += variance_rad2
+            self._p[i] += added
+
+    def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
+        """The gyro was away and may have come back with another bias."""
+        self._p[BB] += variance_rad2_s2
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
         """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""

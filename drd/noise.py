@@ -31,12 +31,14 @@ class NoiseProfile:
     gyro_rad2_per_s: float = 0.0
     gyro_scale_per_s: float = 0.0
     gyro_bias_rad2_s2_per_s: float = 0.0
+    gyro_bias_restart_rad2_s2: float = 0.0  # once, when the gyro comes back after a silence
+    count_m2: float = 0.0  # of a reading between two counts
     comparison_rad2: float  # R = this + (rate * timing)^2  (20)
     timing_s2: float = 0.0
 
 
-def physical(noise: Noise, tread_m: float) -> NoiseProfile:
-    """The profile of data-sheet numbers. (19), (20)"""
+def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
+    """The profile of data-sheet numbers; `resolution_m` is one encoder count. (19), (20)"""
     return NoiseProfile(
         wheel_m2_per_m=noise.wheel_m_per_sqrt_m**2,
         lateral_m2_per_m=noise.lateral_m_per_sqrt_m**2,
@@ -47,7 +49,9 @@ def physical(noise: Noise, tread_m: float) -> NoiseProfile:
         gyro_rad2_per_s=(noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H) ** 2,
         gyro_scale_per_s=noise.gyro_scale_per_sqrt_h**2 / S_PER_H,
         gyro_bias_rad2_s2_per_s=(noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H) ** 2,
-        comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2,
+        gyro_bias_restart_rad2_s2=(noise.gyro_bias_repeatability_deg_s * RAD_PER_DEG) ** 2,
+        comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2 + resolution_m**2 / 6.0 / tread_m**2,
+        count_m2=resolution_m**2 / 12.0,
         timing_s2=noise.timing_s**2,
     )
 
@@ -70,6 +74,6 @@ def paper() -> NoiseProfile:
     )
 
 
-def make_noise(profile: str, noise: Noise, tread_m: float) -> NoiseProfile:
+def make_noise(profile: str, noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
     """The profile that the configuration names: "physical" or "paper"."""
-    return paper() if profile == "paper" else physical(noise, tread_m)
+    return paper() if profile == "paper" else physical(noise, tread_m, resolution_m)

@@ -14,6 +14,7 @@ GUARD_NS = NS_PER_S // 5
 CREEP_COUNTS = 2.5
 # Readings kept while the encoders are silent.
 PENDING = 4096
+DEFAULT_DURATION_S = 10.0
 
 
 class BiasState(Enum):
@@ -52,6 +53,8 @@ class BiasMeasurement:
 
     def __init__(self, static_bias: StaticBias, noise: Noise):
         self._config = static_bias
+        # Skipped before a mission, it can still be asked for.
+        self.duration_s = static_bias.duration_s or DEFAULT_DURATION_S
         self._rad_per_sqrt_s = noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
         self.state = BiasState.WAITING
         self.bias_rad_s = self.sigma_rad_s = self.averaged_s = 0.0
@@ -69,21 +72,25 @@ class BiasMeasurement:
         self.state = BiasState.WAITING
         self._pending: deque[CalibratedRate] = deque(maxlen=PENDING)
         self._sum_rad = self._sum_s = 0.0
+        self._still_since_ns: int | None = None
 
     def gyro(self, rate: CalibratedRate) -> None:
         """Keep a reading until the encoders have said what the robot did in that time."""
         self._pending.append(rate)
 
-    def wheels(self, t_ns: int, still: bool) -> None:
-        """What the encoders say about the time up to `t_ns`."""
-        confirmed_ns = t_ns - GUARD_NS
-        while still and self._pending and self._pending[0].t_ns <= confirmed_ns:
+    def wheels(self, sample: WheelSample, still: bool) -> None:
+        """What the encoders say about the time of one of their samples."""
+        if still and self._still_since_ns is None:
+            self._still_since_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
+        while still and self._pending and self._pending[0].t_ns <= sample.t_ns - GUARD_NS:
             rate = self._pending.popleft()
+            began_ns = rate.t_ns - round(rate.interval_s * NS_PER_S)
+            if self._still_since_ns is None or began_ns < self._still_since_ns + GUARD_NS:
+                continue  # nobody has said that the robot stood then
             self._sum_rad += rate.rate_rad_s * rate.interval_s
             self._sum_s += rate.interval_s
             self.state = BiasState.MEASURING
-        duration_s = self._config.duration_s or 10.0
-        if self._sum_s >= duration_s:
+        if self._sum_s >= self.duration_s:
             self._finish(BiasState.DONE)
         elif not still and (self._sum_s > 0.0 or self._pending):
             self._finish(BiasState.DONE if self._sum_s >= self._config.minimum_s else BiasState.SHORT)

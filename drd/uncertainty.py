@@ -32,9 +32,10 @@ def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_
     """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (30)"""
     P = kf.P
     travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
+    count = noise.count_m2 / interval_s**2
     timing = 2.0 * noise.timing_s2 / interval_s**2  # both ends of the interval
     scale = 0.25 * float(P[SCALE_R, SCALE_R] + P[SCALE_L, SCALE_L] + 2.0 * P[SCALE_R, SCALE_L])
-    return math.sqrt(max(travel + (scale + timing) * speed_m_s * speed_m_s, 0.0))
+    return math.sqrt(max(travel + count + (scale + timing) * speed_m_s * speed_m_s, 0.0))
 
 
 def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:
@@ -45,5 +46,6 @@ def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interva
         variance += rate2 * float(P[GYRO_SCALE, GYRO_SCALE])
     else:
         variance = noise.turn_rad2_per_rad * abs(rate_rad_s) / interval_s
+        variance += 4.0 * noise.count_m2 / (interval_s * kf.nominal.tread_m) ** 2
         variance += rate2 * float(P[TREAD, TREAD]) / kf.nominal.tread_m**2
     return math.sqrt(max(variance, 0.0))

@@ -37,7 +37,7 @@ def measure(still_s: float, rate: float = 1e-3, sigma: float = 0.0, seed: int = 
         if i % 2 == 0:
             moving = 0.0 if t <= still_s else 0.5
             bias.gyro(CalibratedRate(round(t * S), 0.1, rate + sigma * rng.gauss(0, 1) + moving, 0.0))
-        bias.wheels(round(t * S), t <= still_s)
+        bias.wheels(wheel(t), t <= still_s)
         if not bias.active:
             break
     return bias

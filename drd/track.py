@@ -1,0 +1,79 @@
+"""A filter on its way through time: one step for each piece of time, whichever of the sensors saw it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drd.filter import Filter
+from drd.timeline import Piece, Stream, pieces
+from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
+from drd.units import S_PER_NS
+
+
+@dataclass(slots=True)
+class Track:
+    """The filter, the time it has reached, and what it has not seen.
+
+    `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's.
+    """
+
+    kf: Filter
+    no_gyro_after_s: float
+    max_speed_m_s: float
+    t_ns: int = 0  # 0: not begun
+    speed_m_s: float = 0.0
+    rate_rad_s: float = 0.0
+    unseen_s: float = 0.0  # no wheels
+    blind_s: float = 0.0  # neither wheels nor gyro
+    no_gyro_s: float = 0.0
+    # The wheels' heading stands rejected by this much, and is not yet released.
+    rejected_rad: float = 0.0
+
+    def copy_from(self, other: "Track") -> None:
+        """Take over another track's estimate and memory."""
+        self.kf.copy_from(other.kf)
+        self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
+        self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
+        self.rejected_rad = other.rejected_rad
+
+    def run(self, wheels: Stream, gyro: Stream, end_ns: int, on_gyro_end: Callable[[int], None] | None = None) -> None:
+        """Step to `end_ns`; `on_gyro_end` is called with the time where a gyro sample ends and the wheels are known."""
+        for piece in pieces(wheels, gyro, self.t_ns, end_ns):
+            self._step(piece)
+            self.t_ns = piece.end_ns
+            if on_gyro_end and piece.wheels and piece.gyro and piece.end_ns == piece.gyro.end_ns:
+                on_gyro_end(piece.end_ns)
+
+    def _step(self, piece: Piece) -> None:
+        kf, wheels, gyro = self.kf, piece.wheels, piece.gyro
+        dt_s = (piece.end_ns - piece.start_ns) * S_PER_NS
+        if wheels and not gyro and self.rejected_rad:
+            # Without this the hole would copy a slipped heading onto the gyro's, and the slip would never be found.
+            kf.anchor_wheels()
+            kf.add_heading_variance(self.rejected_rad**2, both=True)
+            self.rejected_rad = 0.0
+        left_m, right_m = (wheels.a * dt_s, wheels.b * dt_s) if wheels else (0.0, 0.0)
+        kf.predict(dt_s, left_m, right_m, gyro.a if gyro else None, gyro.b if gyro else 0.0)
+        if gyro:
+            self.rate_rad_s = kf.nominal.gyro_scale * gyro.a + kf.nominal.gyro_bias_rad_s
+            self.no_gyro_s = 0.0
+        if wheels:
+            self.unseen_s = self.blind_s = 0.0
+            self.speed_m_s = 0.5 * (wheels.a + wheels.b)
+            if not gyro:
+                kf.anchor_gyro()  # (24)
+                self.no_gyro_s += dt_s
+                if self.no_gyro_s > self.no_gyro_after_s:
+                    self.rate_rad_s = (wheels.b - wheels.a) / kf.nominal.tread_m
+        else:
+            self._unseen(dt_s, blind=gyro is None)
+
+    def _unseen(self, dt_s: float, blind: bool) -> None:
+        """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (25)"""
+        speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
+        self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
+        self.unseen_s += dt_s
+        if blind:
+            self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
+            self.blind_s += dt_s
+        else:
+            self.kf.anchor_wheels()  # (24)
