@@ -337,6 +337,8 @@ class Estimator:
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
         """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
+        if self._track.t_ns and self._wheels_silent(self._pose_ns):
+            self._track.run(self._wheels, self._gyro, self._pose_ns, self._update)  # nothing to wait for any more
         here, ahead = self._track.kf.nominal, self._look_ahead(self._pose_ns).kf.nominal
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
         dx_m, dy_m = ahead.x_m - here.x_m, ahead.y_m - here.y_m
