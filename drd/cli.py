@@ -49,7 +49,12 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand and return its exit code: 0 done, 1 failed, 2 bad usage or configuration."""
-    chosen = _parser().parse_args(argv)
+    parser = _parser()
+    argv = sys.argv[1:] if argv is None else argv
+    if not argv:
+        parser.print_help(sys.stderr)
+        return 2
+    chosen = parser.parse_args(argv)
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="level=%(levelname)s %(name)s %(message)s")
     # python-can logs each failed attempt to open a bus; the port's state says it once.
     logging.getLogger("can").setLevel(logging.CRITICAL)

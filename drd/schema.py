@@ -58,7 +58,8 @@ def load(file: Path, cls: type[T]) -> Loaded[T]:
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(file), "", "a readable UTF-8 text file", str(error)) from error
+        got = str(error.strerror) if isinstance(error, OSError) else str(error)
+        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
     return loads(text, cls, str(file))
 
 
@@ -67,10 +68,22 @@ def loads(text: str, cls: type[T], where: str = "(text)") -> Loaded[T]:
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last: "\UFFFFFFFF"
-        raise ConfigError(where, "", "YAML", " ".join(str(error).split()) or type(error).__name__) from error
+        line, problem = _yaml_problem(error, text)
+        raise ConfigError(f"{where}{line}", "", "YAML", problem) from error
     origins: dict[str, str] = {}
     value = _section(cls, node, "", where, origins)
     return Loaded(value, origins)
+
+
+def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
+    """Where PyYAML gave up, as ":line" or "" if it does not say, and why."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+        context = f" ({error.context})" if error.context else ""
+        return f":{error.problem_mark.line + 1}", f"an error: {error.problem}{context}"
+    if isinstance(error, yaml.reader.ReaderError):
+        line = text.count("\n", 0, error.position) + 1
+        return f":{line}", f"an error: {error.reason} (U+{error.character:04X})"
+    return "", f"an error: {' '.join(str(error).split()) or type(error).__name__}"
 
 
 def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origins: dict[str, str]) -> T:
@@ -108,7 +121,9 @@ def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origin
 
 def _value(hint: Any, meta: Key, node: yaml.Node, path: str, where: str) -> Any:
     """One checked value: bool, int, float, str, a tuple of strings, or None where the hint allows it."""
-    error = ConfigError(_at(where, node), path, _expectation(hint, meta), _shown(node))
+    is_quoted = isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'}
+    got = _shown(node) + (" (quoted)" if is_quoted and _bare(hint) in {bool, int, float} else "")
+    error = ConfigError(_at(where, node), path, _expectation(hint, meta), got)
     if _is_null(node):
         if type(None) in typing.get_args(hint):
             return None
@@ -160,15 +175,24 @@ def _bare(hint: Any) -> Any:
 
 
 def _expectation(hint: Any, meta: Key) -> str:
-    names = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
-    text = names.get(_bare(hint), "a list of texts")
+    unit = f" in {meta.unit}" if meta.unit else ""
+    texts = {
+        bool: "true or false",
+        int: f"a whole number{unit}",
+        float: f"a number{unit}",
+        str: f"a {meta.unit or 'text'}",
+    }
+    text = texts.get(_bare(hint), f"a list of {meta.unit or 'texts'}")
     if meta.choices:
         text = f"one of {', '.join(meta.choices)}"
-    if meta.unit:
-        text += f" in {meta.unit}"
     if meta.low > -math.inf or meta.high < math.inf:
-        text += f" from {meta.low:g} to {meta.high:g}"
+        text += f" from {_number(meta.low)} to {_number(meta.high)}"
     return text + (" or null" if type(None) in typing.get_args(hint) else "")
+
+
+def _number(value: float) -> str:
+    """Without an exponent where it is whole."""
+    return str(int(value)) if math.isfinite(value) and value == int(value) else f"{value:g}"
 
 
 def _is_null(node: yaml.Node) -> bool:

@@ -61,7 +61,24 @@ def test_each_command_exists_and_explains_itself(name: str, capsys: pytest.Captu
     assert capsys.readouterr().out.startswith(f"usage: drd {name}")
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["--fast", "run"]])
+def test_without_arguments_the_help_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["drd"])
+    for arguments in (None, list[str]()):
+        assert main(arguments) == 2
+        text = capsys.readouterr().err
+        assert all(f"\n  {name} " in text for name in COMMANDS)
+
+
+def test_an_unknown_command_is_told_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["fly"])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert all(name in last for name in ("fly", *COMMANDS))
+
+
+@pytest.mark.parametrize("arguments", [["fly"], ["--fast", "run"]])
 def test_bad_usage_ends_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(arguments)

@@ -1,6 +1,7 @@
 """The daemon as a process of its own, seen from other processes."""
 
 import json
+import math
 import os
 import signal
 import socket
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -174,3 +176,31 @@ def test_without_any_hardware_the_daemon_runs_says_so_and_ends_at_once(robot: Ro
         code, log = end(process)
     assert code == 0, log
     assert time.monotonic() - began < 6.0
+
+
+def test_a_process_that_stood_still_for_seconds_loses_nothing_and_does_not_jump(robot: Robot) -> None:
+    robot.emulator.start()
+    process = drd("run", robot.file)
+    try:
+        robot.listen()
+        robot.wait("a moving robot", lambda p: p["validity"] == "valid" and p["speed_m_s"] > 1.0, 20.0)
+        for stall_s in (0.4, 1.0, 2.5):
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(stall_s)
+            process.send_signal(signal.SIGCONT)
+            time.sleep(1.5)
+        robot.wait("a valid pose", lambda p: p["validity"] == "valid")
+        poses = robot.poses.copy()
+        assert max(p["speed_m_s"] for p in poses) < 2.0  # it drives 1.5 m/s
+        for a, b in pairwise(poses):
+            dt_s = (b["monotonic_ns"] - a["monotonic_ns"]) * 1e-9
+            assert dt_s >= 0.0
+            assert math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"]) < 2.0 * max(dt_s, 0.05) + 0.03
+        assert poses[-1]["position_bound_99_m"] < 2.0
+        pose = poses[-1]
+        truth = min(robot.emulator.truth.copy(), key=lambda row: abs(row.t_ns - pose["monotonic_ns"]))
+        assert math.hypot(pose["x_m"] - truth.x_m, pose["y_m"] - truth.y_m) < pose["position_bound_99_m"]
+    finally:
+        process.send_signal(signal.SIGCONT)
+        code, log = end(process)
+    assert code == 0, log

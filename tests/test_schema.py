@@ -19,6 +19,8 @@ class Inner:
 
     ratio: float | None = key(None, "A ratio", low=0, high=10)
     names: tuple[str, ...] = key(("a",), "Some names")
+    points: tuple[str, ...] = key((), "Some points", "end points")
+    file: str | None = key(None, "A file", "path")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +213,21 @@ def test_limits_belong_to_the_range_and_nothing_beyond(value: str) -> None:
         ("outer: {length_m: 1, inner: {ratio: x}}", "file.yaml:1", "outer.inner.ratio", "or null", "'x'"),
         ("outer: {length_m: 1, inner: {names: a}}", "file.yaml:1", "outer.inner.names", "a list of texts", "'a'"),
         ("- outer", "file.yaml:1", "", "a section of keys", "a list"),
-        ("{1: 2", "file.yaml", "", "YAML", "expected ',' or '}'"),
+        ("outer: {length_m: 1, inner: {points: a}}", "file.yaml:1", "outer.inner.points", "a list of end points", "a"),
+        ("outer: {length_m: 1, inner: {file: [a]}}", "file.yaml:1", "outer.inner.file", "a path or null", "a list"),
+        ("outer:\n  length_m: '1'", "file.yaml:2", "outer.length_m", "a number in m from 0.1 to 5", "'1' (quoted)"),
+        ('outer: {length_m: 1, flag: "on"}', "file.yaml:1", "outer.flag", "true or false", "'on' (quoted)"),
+        (
+            "outer: {length_m: 1, count: -1}",
+            "file.yaml:1",
+            "outer.count",
+            "a whole number from 0 to 18446744073709551616",
+            "'-1'",
+        ),
+        ("{1: 2", "file.yaml:1", "", "YAML", "an error: expected ',' or '}', but got '<stream end>' (while parsing"),
+        ("outer:\n  a: b: c\n", "file.yaml:2", "", "YAML", "an error: mapping values are not allowed here"),
+        ("outer:\n\ttext: a\n", "file.yaml:2", "", "YAML", r"an error: found character '\t' that cannot start any"),
+        ("outer:\n\n  text: \x00", "file.yaml:3", "", "YAML", "an error: special characters are not allowed (U+0000)"),
     ],
 )
 def test_an_error_names_file_line_key_what_was_expected_and_what_was_found(
@@ -235,6 +251,8 @@ def test_each_value_has_its_origin() -> None:
         "outer.text": "default",
         "outer.inner.ratio": "default",
         "outer.inner.names": "file.yaml:5",
+        "outer.inner.points": "default",
+        "outer.inner.file": "default",
     }
 
 
@@ -244,3 +262,12 @@ def test_a_file_that_cannot_be_read_is_a_config_error(tmp_path: Path) -> None:
     for file in (tmp_path, tmp_path / "absent.yaml", latin):
         with pytest.raises(ConfigError, match=re.escape(str(file))):
             load(file, File)
+
+
+def test_a_file_that_is_absent_is_named_once(tmp_path: Path) -> None:
+    file = tmp_path / "absent.yaml"
+    with pytest.raises(ConfigError) as caught:
+        load(file, File)
+    assert str(caught.value) == (
+        f"{file}: (top level): expected a readable UTF-8 text file, got No such file or directory"
+    )

@@ -12,18 +12,20 @@ from drd.config import Fog
 from drd.samples import FogReading
 from drd.units import RAD_PER_DEG
 
-# Exactly six decimals: a line that lost a digit on the way is noticed by it.
-LINE: Final = re.compile(rb" *(-?[0-9]{1,3}\.[0-9]{6}) +([01])\r")
-# The known line has 21 characters; the rest is room for other column widths.
-MAX_LINE_BYTES: Final = 40
+# What a line must end with. Exactly six decimals: a digit that was lost on the way is noticed by it. Two blanks, or the
+# line's beginning, before the value: it is whole, whatever stands further ahead.
+LINE_END: Final = re.compile(rb"(?:^ ?|  )(-?[0-9]{1,3}\.[0-9]{6}) {1,20}([01])\r\Z")
+# More than that can match, so that what is kept of a longer line cannot pass for its beginning.
+KEPT_BYTES: Final = 40
 FULL_TURN_DEG: Final = 360.0
 
 
 class Dsp3000Parser:
     """One reading a line, in the configured mode.
 
-    A line is found if the byte before it is a line feed, or none since the start and it begins with a space or a
-    sign: a value whose first digits were cut off cannot be told from a whole one otherwise.
+    A line with two blanks before its value is found after any bytes. One with fewer is found only if the byte before
+    it is a line feed, or none since the start and it begins with a space or a sign: a value whose first digits were
+    cut off, or that garbage ran into, cannot be told from a whole one otherwise.
     """
 
     sequence_modulus: int | None = None
@@ -39,20 +41,21 @@ class Dsp3000Parser:
     def feed(self, data: bytes) -> list[FogReading]:
         """Take the next bytes; return the readings that they complete."""
         *lines, rest = (self._line + data).split(b"\n")
-        # Of a line that is too long enough is kept to know so.
-        self._line = rest[: MAX_LINE_BYTES + 1]
-        return [reading for line in lines if (reading := self._decode(line)) is not None]
+        self._line = rest[-KEPT_BYTES:]
+        return [reading for line in lines if (reading := self._decode(line[-KEPT_BYTES:])) is not None]
 
     def reset(self) -> None:
         """Forget an unfinished line and, in integrated mode, the last angle."""
         self._line, self._cut, self._last_deg = b"", True, None
 
     def _decode(self, line: bytes) -> FogReading | None:
-        match = LINE.fullmatch(line) if len(line) <= MAX_LINE_BYTES else None
-        cut, self._cut = self._cut and line[:1].isdigit(), False
-        if match is None or cut:
+        match = LINE_END.search(line)
+        may_be_cut, self._cut = self._cut, False
+        if match is None or (may_be_cut and match.start(1) == 0 and line[:1].isdigit()):
             self.counters["malformed_lines"] += 1
             return None
+        # Garbage before a good line counts as a line of its own.
+        self.counters["malformed_lines"] += bool(line[: match.start()].strip(b" "))
         self.counters["frames"] += 1
         valid = match[2] == b"1"
         self.counters["bad_flag"] += not valid

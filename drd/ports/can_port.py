@@ -1,8 +1,11 @@
 """The encoders' CAN bus: data frames with their receive time, through bus errors, unplugging and replugging."""
 
+import fcntl
 import logging
+import os
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,14 +17,19 @@ from can.interfaces.slcan import slcanBus
 from drd.clock import ReceiveClock
 from drd.config import Encoders
 from drd.ports import can_errors
+from drd.ports.bursts import Bursts
 from drd.ports.port import Port, reason_of
 from drd.ports.serial_port import request_low_latency
 from drd.samples import CanFrame
+from drd.units import NS_PER_S
 
 log = logging.getLogger(__name__)
 
-FRAMES_PER_WAKE_UP: Final = 64
+# Some seconds of encoder frames: a burst that is read in parts cannot be told from one that was not. (drd.ports.bursts)
+FRAMES_PER_WAKE_UP: Final = 256
 FRAMES_PER_BATCH: Final = 256
+# An slcan adapter whose channel another program closed, or that restarted, sends nothing until it is opened again.
+SLCAN_SILENCE_NS: Final = 5 * NS_PER_S
 THREAD_POLL_S: Final = 0.1
 SENDS_WAITING: Final = 16
 SEND_TIMEOUT_S: Final = 0.1
@@ -68,6 +76,9 @@ class CanPort(Port):
         self._bus_state: str | None = None
         self._queue: deque[CanFrame] = deque()
         self._delivery_due = False
+        self._bursts = Bursts(encoders.rate_hz)
+        self._heard_ns = 0
+        self._guard: int | None = None  # holds the lock on an slcan adapter
         self._lock = threading.Lock()  # guards the queue and _delivery_due
         self._sends = threading.BoundedSemaphore(SENDS_WAITING)
 
@@ -98,10 +109,16 @@ class CanPort(Port):
             self._sends.release()
 
     def _open(self) -> None:
+        if self._encoders.interface == "slcan":
+            # pyserial's `exclusive` cannot be given to slcan, which at once writes commands that would close another
+            # program's channel. So the device is locked first, the way pyserial locks.
+            self._guard = os.open(self._device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            fcntl.flock(self._guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # Read before opening: an interface that is replaced in between is then noticed.
         self._interface_index = _interface_index(self._device)
         self._bus = self._open_bus(**self._bus_arguments)
         self._bus_state = None
+        self._heard_ns = time.monotonic_ns()
         if isinstance(self._bus, slcanBus):
             request_low_latency(self._bus.serialPortOrig)
         sock = getattr(self._bus, "socket", None)
@@ -118,8 +135,13 @@ class CanPort(Port):
             self._reader.join()
             self._reader = None
         bus, self._bus = self._bus, None
-        if bus is None:
-            return
+        if bus is not None:
+            self._shut_down(bus)
+        if self._guard is not None:
+            os.close(self._guard)
+            self._guard = None
+
+    def _shut_down(self, bus: can.BusABC) -> None:
         try:
             bus.shutdown()
         except Exception:
@@ -228,9 +250,12 @@ class CanPort(Port):
             self._report(self._bus_state)
         if batch:
             self._backoff.reset()
-            self._on_frames(batch)
+            self._heard_ns = batch[-1].t_ns
+            self._on_frames(self._bursts.spread(batch) if isinstance(self._bus, slcanBus) else batch)
 
     def _vanished(self) -> str | None:
+        if isinstance(self._bus, slcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
+            return "silent; perhaps its channel was closed"
         # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
         # interface have no index, then as now.
         same = _interface_index(self._device) == self._interface_index

@@ -3,6 +3,7 @@ import logging
 import os
 import select
 import time
+import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,10 @@ import pytest
 from can.interfaces.slcan import slcanBus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
+from drd.config import Encoders
+from drd.ports import can_port
+from drd.ports.can_port import CanPort
 
 
 def slcan_line(number: int) -> bytes:
@@ -241,3 +246,59 @@ def test_an_unknown_bit_rate_is_reported_and_not_raised(
         assert "Invalid bitrate" in can_record.states[0]
 
     asyncio.run(scenario())
+
+
+def test_an_adapter_in_use_is_refused_before_a_byte_is_written_to_it(tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    path = tmp_path / "can"
+    path.symlink_to(os.ttyname(slave))
+    states: list[str | None] = []
+
+    async def scenario() -> None:
+        encoders = Encoders(interface="slcan", channel=str(path), counts_per_revolution=100.0)
+        first = asyncio.create_task(CanPort(encoders, (), lambda _: None, lambda _: None).run())
+        await asyncio.sleep(0.3)
+        os.read(master, 4096)
+        os.set_blocking(master, False)
+        second = asyncio.create_task(CanPort(encoders, (), lambda _: None, states.append).run())
+        await asyncio.sleep(0.5)
+        with pytest.raises(BlockingIOError):
+            os.read(master, 4096)
+        for task in (second, first):
+            task.cancel()
+        await asyncio.gather(first, second, return_exceptions=True)
+
+    try:
+        asyncio.run(scenario())
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert states
+    assert "in use by another program" in str(states[0])
+
+
+def test_an_adapter_that_falls_silent_is_opened_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(can_port, "SLCAN_SILENCE_NS", 0)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    path = tmp_path / "can"
+    path.symlink_to(os.ttyname(slave))
+
+    async def scenario() -> CanPort:
+        encoders = Encoders(interface="slcan", channel=str(path), counts_per_revolution=100.0)
+        port = CanPort(encoders, (), lambda _: None, lambda _: None)
+        task = asyncio.create_task(port.run())
+        await asyncio.sleep(2.5)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return port
+
+    try:
+        port = asyncio.run(scenario())
+        written = os.read(master, 4096)
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert port.counters["opens"] >= 2
+    assert written.count(b"O\r") >= 2

@@ -104,5 +104,15 @@ def test_a_short_demo_still_stands_drives_and_stops(seconds: float) -> None:
     assert np.abs(drive.table[:, RATE]).max() < 0.81
 
 
+@pytest.mark.parametrize("seconds", [0.001, 0.01, *np.arange(0.1, 6.0, 0.1)])
+@pytest.mark.parametrize("share", [0.0, 1 / 3])
+def test_a_demo_of_any_short_length_takes_its_time_and_stands_at_its_end(seconds: float, share: float) -> None:
+    drive = demo_drive(seconds, stand_s=share * seconds)
+    assert np.isfinite(drive.table).all()
+    assert drive.duration_s == pytest.approx(seconds, abs=0.02)
+    assert drive.at(seconds + 0.02).v_m_s == 0.0
+    assert np.abs(np.diff(drive.table[:, SPEED])).max() / STEP_S < 0.6
+
+
 def test_a_demo_that_is_shorter_than_its_standstill_only_stands() -> None:
     assert demo_drive(8.0).length_m == 0.0

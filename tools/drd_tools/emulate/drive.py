@@ -9,6 +9,8 @@ Array = npt.NDArray[np.float64]
 
 STEP_S: Final = 0.001
 STEP_M: Final = 0.01
+# A shorter way has too few steps for its ramps.
+SHORTEST_M: Final = 5 * STEP_M
 # The speed profile is averaged over this long, so that acceleration has no steps.
 SMOOTHING_S: Final = 0.8
 # First zero of the Bessel function J0: a path whose heading swings this far (sine over its length) is a closed
@@ -87,14 +89,15 @@ def square_drive(
 def demo_drive(seconds: float, stand_s: float = 10.0, speed_m_s: float = 1.5) -> Drive:
     """Figures of eight that take `seconds`, with a standstill of `stand_s` first and a short one at the end.
 
-    As many metres as fit. Where time is too short for a whole eight at a bearable yaw rate, an open, wavy path.
+    As many metres as fit. Where time is too short for a whole eight at a bearable yaw rate, an open, wavy path;
+    where it is too short for that as well, the robot stands.
     """
     acceleration_m_s2, lap_m, rate_limit_rad_s = 0.5, 100.0, 0.8
     end_stand_s = min(2.0, 0.1 * seconds)
     moving_s = seconds - stand_s - end_stand_s - SMOOTHING_S
     speed = min(speed_m_s, acceleration_m_s2 * moving_s / 4)  # at most half of the time is for ramps
     length = speed * (moving_s - speed / acceleration_m_s2)
-    if moving_s <= 0 or length < STEP_M:
+    if moving_s <= 0 or length < SHORTEST_M:
         still = np.zeros(max(2, round(seconds / STEP_S) + 1))
         return Drive(still, still)
     along = np.linspace(0.0, length, max(2, round(length / STEP_M) + 1))
