@@ -72,7 +72,8 @@ def load_calibration(file: Path) -> Calibration:
     try:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        raise ConfigError(where, "", "a readable YAML file", " ".join(str(error).split())) from error
+        reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+        raise ConfigError(where, "calibration.file", "a readable YAML file", f"{where}: {reason}") from error
     if not isinstance(data, dict):
         raise ConfigError(where, "", "a section of keys", type(data).__name__)
     known = ("format", "error_deg_s", "rate_range_deg_s", "temperature_range_c", "residual_deg_s", "provenance")

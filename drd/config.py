@@ -1,9 +1,9 @@
 """Every configuration key of the daemon: type, unit, range, default and when to change it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drd.schema import REQUIRED, ConfigError, Loaded, key, load, section
+from drd.schema import REQUIRED, key, section
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -422,6 +422,10 @@ class Output:
     ros2_topic: str = key("odom", "ROS 2 topic, namespace included")
     ros2_hash: bool = key(True, "Type hash in the key (Iron and later); false for Humble")
 
+    def beside(self, folder: Path) -> "Output":
+        """The same with its file found from `folder`, where the configuration lies."""
+        return self if self.zenoh_config is None else replace(self, zenoh_config=str(folder / self.zenoh_config))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Realtime:
@@ -443,55 +447,3 @@ class Config:
     estimation: Estimation = section(Estimation)
     output: Output = section(Output)
     realtime: Realtime = section(Realtime)
-
-
-def load_config(file: Path) -> Loaded[Config]:
-    """Read and check a configuration file. Raises ConfigError with file, key path, expected and got."""
-    loaded = load(file, Config)
-    _check_together(loaded.value, str(file))
-    return loaded
-
-
-def _check_together(c: Config, where: str) -> None:
-    """What only several keys together can say."""
-    e = c.encoders
-    counted = (
-        e.layout == "cia406"
-        or (e.layout == "odrive" and e.odrive.message == "counts")
-        or (e.layout == "dbc" and e.dbc.quantity == "counts")
-    )
-    if counted and e.counts_per_revolution is None:
-        raise ConfigError(
-            where, "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"
-        )
-    if e.layout == "dbc":
-        if e.dbc.file is None:
-            raise ConfigError(where, "encoders.dbc.file", "a DBC file, since the layout is dbc", "nothing")
-        for side in ("left", "right"):
-            wheel = getattr(e, side)
-            for name in ("message", "signal"):
-                if getattr(wheel, name) is None:
-                    raise ConfigError(where, f"encoders.{side}.{name}", "a name in the DBC file", "nothing")
-    elif e.layout != "agilex" and e.left.node == e.right.node:
-        raise ConfigError(where, "encoders.right.node", "another node than the left wheel's", str(e.right.node))
-    if e.cia406.byte_offset + e.cia406.byte_length > 8:
-        raise ConfigError(
-            where,
-            "encoders.cia406.byte_length",
-            "a field that ends within 8 bytes",
-            f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}",
-        )
-    b = c.estimation.static_bias
-    if 0 < b.duration_s < b.minimum_s:
-        raise ConfigError(
-            where,
-            "estimation.static_bias.minimum_s",
-            f"at most duration_s ({b.duration_s:g})",
-            f"{b.minimum_s:g}",
-        )
-    if c.output.publish_on == "gyro" and c.fog.protocol == "none":
-        raise ConfigError(where, "output.publish_on", "wheels, since the robot has no gyro", "'gyro'")
-    if set("*$?#") & set(c.output.prefix) or "" in c.output.prefix.split("/"):
-        raise ConfigError(
-            where, "output.prefix", "a Zenoh key without *, $, ?, # and outer or double slashes", repr(c.output.prefix)
-        )

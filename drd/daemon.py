@@ -68,10 +68,7 @@ class Daemon:
 
     def __init__(self, loaded: Loaded[Config], base: Path):
         self._loaded, self._config = loaded, loaded.value
-        zenoh_config = self._config.output.zenoh_config
-        self._output = dataclasses.replace(
-            self._config.output, zenoh_config=str(base / zenoh_config) if zenoh_config else None
-        )
+        self._output = self._config.output.beside(base)
         self.pipeline = Pipeline(self._config, base, self._on_pose)
         self._notifier = Notifier()
         self._link: ZenohLink | None = None

@@ -51,6 +51,12 @@ class Loaded(typing.Generic[T]):
 
     value: T
     origins: dict[str, str]
+    file: str = "(text)"
+
+    def place(self, path: str) -> str:
+        """Where the key `path` stands: file and line, or the file alone where its default is in force."""
+        origin = self.origins.get(path, "default")
+        return self.file if origin == "default" else origin
 
 
 def load(file: Path, cls: type[T]) -> Loaded[T]:
@@ -72,7 +78,7 @@ def loads(text: str, cls: type[T], where: str = "(text)") -> Loaded[T]:
         raise ConfigError(f"{where}{line}", "", "YAML", problem) from error
     origins: dict[str, str] = {}
     value = _section(cls, node, "", where, origins)
-    return Loaded(value, origins)
+    return Loaded(value, origins, where)
 
 
 def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:

@@ -9,7 +9,8 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Config, load_config
+from drd.config import Config
+from drd.config_file import load_config
 from drd.output.session import isolated_config
 from drd.schema import Loaded
 from drd_tools.emulate.drive import demo_drive

@@ -223,3 +223,25 @@ def test_every_command_is_where_the_table_says() -> None:
         module: ModuleType = importlib.import_module(about.module)
         assert callable(module.main), name
         assert about.module.startswith("drd_tools.") == bool(about.extra)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ("output: {listen: ['127.0.0.1:7447']}", "output.listen"),
+        ("output: {connect: [nonsense]}", "output.connect"),
+        ("output: {zenoh_config: missing.json5}", "output.zenoh_config"),
+        ("output: {ros2: true, ros2_topic: my odom}", "output.ros2_topic"),
+        ("calibration: {file: missing.yaml}", "calibration.file"),
+        ("encoders: {layout: cia406, counts_per_revolution: 100, right: {node: 200}}", "encoders.right.node"),
+    ],
+)
+def test_check_finds_what_run_would_refuse_and_says_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str, key: str
+) -> None:
+    file = tmp_path / "robot.yaml"
+    layout = "" if "encoders" in change else "encoders: {layout: agilex}\n"
+    file.write_text("robot: {wheel_radius_m: 0.1, tread_m: 0.5}\n" + layout + change + "\n")
+    assert main(["check", str(file)]) == 2
+    line = file.read_text().splitlines().index(change) + 1
+    assert f"{file}:{line}: {key}: expected" in capsys.readouterr().err

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from drd.config import load_config
+from drd.config_file import load_config
 from drd.schema import ConfigError
 
 COUNTED = "encoders: {counts_per_revolution: 4096}"
@@ -33,7 +33,7 @@ def test_two_sizes_and_the_counts_are_all_that_must_be_given(tmp_path: Path) -> 
         COUNTED + "\nestimation: {static_bias: {duration_s: 0}}",
         COUNTED + "\nestimation: {static_bias: {duration_s: 5, minimum_s: 5}}",
         COUNTED + "\noutput: {prefix: fleet/robot-7/drd}",
-        COUNTED + "\noutput: {publish_on: both}\nfog: {protocol: none}",
+        COUNTED + "\noutput: {publish_on: wheels}\nfog: {protocol: none}",
         "encoders: {counts_per_revolution: 4096, cia406: {byte_offset: 4, byte_length: 4}}",
     ],
 )
@@ -55,9 +55,13 @@ def test_keys_that_fit_together_are_taken(tmp_path: Path, text: str) -> None:
         ("encoders: {counts_per_revolution: 9, cia406: {byte_offset: 5}}", "encoders.cia406.byte_length"),
         (COUNTED + "\nestimation: {static_bias: {duration_s: 4}}", "estimation.static_bias.minimum_s"),
         (COUNTED + "\noutput: {publish_on: gyro}\nfog: {protocol: none}", "output.publish_on"),
+        ("encoders: {layout: agilex, interface: socketcann}", "encoders.interface"),
+        (COUNTED + "\nfog: {latency_s: 0.2}", "estimation.reorder_s"),
+        (COUNTED + "\nfog: {rate_hz: 2}\nestimation: {reorder_s: 1}", "fog.silent_after_s"),
+        ("encoders: {layout: agilex, rate_hz: 2}", "encoders.silent_after_s"),
         *(
             (COUNTED + f"\noutput: {{prefix: '{p}'}}", "output.prefix")
-            for p in ("a/*", "/a", "a/", "a//b", "a$b", "a?", "#")
+            for p in ("a/*", "/a", "a/", "a//b", "a$b", "a?", "#", "@a", "a/@b")
         ),
     ],
 )
@@ -65,6 +69,10 @@ def test_keys_that_contradict_each_other_are_refused_by_name(tmp_path: Path, tex
     file = write(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
         load_config(file)
-    assert (caught.value.where, caught.value.path) == (str(file), path)
+    assert caught.value.path == path
+    # The line where the key stands, or the file alone where its default is in force.
+    name = path.rpartition(".")[2]
+    lines = [f"{file}:{n}" for n, line in enumerate(file.read_text().splitlines(), 1) if f"{name}:" in line]
+    assert caught.value.where in (*lines, str(file))
     assert caught.value.expected
     assert caught.value.got

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from drd.cli import main
-from drd.config import Config, load_config
+from drd.config import Config
+from drd.config_file import load_config
 from drd.schema import Key, loads
 
 FOLDER = Path(__file__).parents[1] / "config"

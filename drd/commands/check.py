@@ -3,8 +3,9 @@
 import dataclasses
 from typing import Any
 
-from drd.commands import config_argument
-from drd.config import load_config
+from drd.commands import config_argument, placed
+from drd.config_file import load_config
+from drd.output.session import check_output
 from drd.pipeline import Pipeline
 from drd.schema import Key
 
@@ -19,7 +20,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--explain", action="store_true", help="print what each key means, too")
     arguments = parser.parse_args(argv)
     loaded = load_config(arguments.config)
-    pipeline = Pipeline(loaded.value, arguments.config.parent, lambda *_: None)
+    with placed(loaded):
+        pipeline = Pipeline(loaded.value, arguments.config.parent, lambda *_: None)
+        check_output(loaded.value.output.beside(arguments.config.parent))
     rows = [(path, _shown(value), meta, loaded.origins[path]) for path, value, meta in _keys(loaded.value)]
     width, value_width = (max(len(row[i]) for row in rows) for i in (0, 1))  # type: ignore[arg-type]  # texts
     for path, value, meta, origin in rows:
@@ -33,6 +36,11 @@ def main(argv: list[str]) -> int:
         )
     print(f"the gyro's scale is {'' if pipeline.estimator.estimates_gyro_scale else 'not '}estimated")
     print(f"wheel travel is resolved to {pipeline.encoders.resolution_m * 1e3:.4g} mm")
+    output = loaded.value.output
+    if output.ros2 and not output.connect and output.zenoh_config is None:
+        print(
+            "note: ROS 2's router is usually at tcp/localhost:7447; name it in output.connect and change output.listen"
+        )
     print(f"{arguments.config}: good")
     return 0
 

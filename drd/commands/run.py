@@ -1,7 +1,7 @@
 """`drd run CONFIG`: the daemon."""
 
-from drd.commands import config_argument
-from drd.config import load_config
+from drd.commands import config_argument, placed
+from drd.config_file import load_config
 from drd.daemon import run
 
 
@@ -11,4 +11,6 @@ def main(argv: list[str]) -> int:
         "drd run", "Run the daemon until SIGINT or SIGTERM. Exit codes: 0 ended, 1 failed, 2 bad configuration."
     )
     arguments = parser.parse_args(argv)
-    return run(load_config(arguments.config), arguments.config.parent)
+    loaded = load_config(arguments.config)
+    with placed(loaded):
+        return run(loaded, arguments.config.parent)

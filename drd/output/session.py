@@ -8,6 +8,7 @@ from typing import Any
 import zenoh
 
 from drd.config import Output
+from drd.output.ros2 import topic_name
 from drd.schema import ConfigError
 
 # A message above this is dropped where it arrives, before it takes memory. Zenoh's own limit is 1 GiB.
@@ -42,25 +43,43 @@ def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]
     return config
 
 
+def check_output(output: Output) -> None:
+    """What can be known without opening a session. Raises ConfigError naming the key."""
+    if topic_name(output.ros2_topic) is None:
+        raise ConfigError("configuration", "output.ros2_topic", "a ROS 2 topic name", repr(output.ros2_topic))
+    if output.zenoh_config is not None:
+        _from_file(output.zenoh_config)
+        return
+    for name, endpoints in (("listen", output.listen), ("connect", output.connect)):
+        for endpoint in endpoints:
+            try:
+                isolated_config("peer", (endpoint,), ())
+            except zenoh.ZError as error:
+                got = f"{endpoint!r}: {tidy(error)}"
+                raise ConfigError("configuration", f"output.{name}", "Zenoh end points", got) from error
+
+
+def _from_file(file: str) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(Path(file))
+    except zenoh.ZError as error:
+        got = f"{file}: {tidy(error)}"
+        raise ConfigError("configuration", "output.zenoh_config", "a Zenoh configuration file", got) from error
+
+
 def open_session(output: Output) -> Any:
     """The daemon's session: from `output.zenoh_config` as it stands, else a peer with `listen` and `connect`.
 
     Returns within about 0.5 s, also when nothing answers at `connect`. Raises ConfigError naming the key.
     The result is a zenoh.Session; it is Any because zenoh's stubs leave most results unannotated.
     """
+    check_output(output)
     if output.zenoh_config is not None:
         try:
-            return zenoh.open(zenoh.Config.from_file(Path(output.zenoh_config)))
+            return zenoh.open(_from_file(output.zenoh_config))
         except zenoh.ZError as error:
-            raise ConfigError(
-                output.zenoh_config, "output.zenoh_config", "a Zenoh configuration that opens", tidy(error)
-            ) from error
-    for name, endpoints in (("listen", output.listen), ("connect", output.connect)):
-        for endpoint in endpoints:
-            try:
-                isolated_config("peer", (endpoint,), ())
-            except zenoh.ZError as error:
-                raise ConfigError("configuration", f"output.{name}", "Zenoh end points", tidy(error)) from error
+            got = f"{output.zenoh_config}: {tidy(error)}"
+            raise ConfigError("configuration", "output.zenoh_config", "one that opens", got) from error
     try:
         return zenoh.open(isolated_config("peer", output.listen, output.connect))
     except zenoh.ZError as error:

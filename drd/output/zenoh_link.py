@@ -34,15 +34,14 @@ class ZenohLink:
 
     def __init__(self, output: Output, handlers: Mapping[str, Handler], loop: asyncio.AbstractEventLoop):
         self.counters = dict.fromkeys(("poses", "health", "put_errors"), 0)
-        topic = ros2.topic_name(output.ros2_topic)
-        if topic is None:
-            raise ConfigError("configuration", "output.ros2_topic", "a ROS 2 topic name", repr(output.ros2_topic))
         self._encoder = OdometryEncoder(output.frame_id, output.child_frame_id)
         self._ros2: Any = None
         self._ros2_sequence = 0
         self._closing: threading.Thread | None = None
         self._closed_well = True
         self._session = open_session(output)
+        topic = ros2.topic_name(output.ros2_topic)
+        assert topic is not None  # open_session has checked it
         self._desk = QueryDesk(handlers, output.commands, loop, self.counters)
         try:
             self._declare(output, topic)

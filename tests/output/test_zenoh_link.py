@@ -345,7 +345,7 @@ def test_a_bad_zenoh_file_names_the_file(tmp_path: Path) -> None:
     file.write_text("{mode: 'quark'}")
     with event_loop() as loop, pytest.raises(ConfigError, match="quark") as error:
         ZenohLink(Output(zenoh_config=str(file)), HANDLERS, loop)
-    assert error.value.where == str(file)
+    assert str(tmp_path) in error.value.got
 
 
 def test_zenohs_own_file_is_taken_as_it_stands(tmp_path: Path) -> None:

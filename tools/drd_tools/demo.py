@@ -18,7 +18,8 @@ import zenoh
 
 import drd
 from drd.commands.watch import View
-from drd.config import Config, load_config
+from drd.config import Config
+from drd.config_file import load_config
 from drd.output.session import isolated_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drd.config import load_config
+from drd.config_file import load_config
 from drd.schema import ConfigError
 from drd_tools.emulate.drive import Drive, demo_drive, square_drive
 from drd_tools.emulate.hardware import Emulator, Truth
