@@ -10,6 +10,7 @@ from drd.filter import Filter, Outcome, Sigmas
 from drd.health import Reasons
 from drd.noise import make_noise
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
+from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
 from drd.timeline import Stream
 from drd.track import Track
@@ -64,6 +65,7 @@ class Estimator:
         self.bias = BiasMeasurement(e.static_bias, e.noise)
         self.standstill = Standstill(resolution_m)
         self.reasons = Reasons()
+        self._silence = Silence(config, self.reasons)
         self.counters = dict.fromkeys(
             ("poses", "accepted", "rejected", "released", "not_finite", "resets", "late_gyro", "late_wheels",
              "gyro_gaps", "wheel_gaps", "outside_calibration", "bias_measured"), 0)  # fmt: skip
@@ -71,9 +73,7 @@ class Estimator:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
         self._rejections, self._rejected_ns = 0, 0
-        self._last_gyro_ns = self._last_wheel_ns = self._first_ns = 0
         self._tick_ns = self._pose_ns = self._gyro_pose_ns = 0
-        self._was_lost = False
         self._wheel_interval_s, self._gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
         if not self._has_gyro:
             self.bias.state = BiasState.SKIPPED
@@ -87,27 +87,27 @@ class Estimator:
 
     def add_gyro(self, sample: GyroSample) -> Pose | None:
         """Take a gyro sample; a pose where the configuration or silent wheels ask for one here."""
-        self._first_ns = self._first_ns or sample.t_ns
+        self._silence.begin(sample.t_ns)
         self._gyro_interval_s = sample.interval_s
         rate = self._calibrated(sample)
         if self.bias.active:
             self.bias.gyro(rate)
-            self._last_gyro_ns = max(self._last_gyro_ns, sample.t_ns)
+            self._silence.gyro_ns = max(self._silence.gyro_ns, sample.t_ns)
         else:
             self._add_rate(rate)
         self._advance()
         self._watch(sample.t_ns)
-        silent = self._wheels_silent(sample.t_ns)
+        silent = self._silence.wheels(sample.t_ns)
         # A gyro may be much faster than poses are wanted.
         soon = sample.t_ns - self._gyro_pose_ns < 0.9 / self._config.encoders.rate_hz * NS_PER_S
         if not self._track.t_ns or soon or not (silent or self._config.output.publish_on == "gyro"):
             return None
         self._gyro_pose_ns = sample.t_ns
-        return self._pose(sample.t_ns if silent else self._last_wheel_ns)
+        return self._pose(sample.t_ns if silent else self._silence.wheels_ns)
 
     def add_wheels(self, sample: WheelSample) -> Pose | None:
         """Take a wheel sample; a pose at its time unless the configuration publishes on the gyro only."""
-        self._first_ns = self._first_ns or sample.t_ns
+        self._silence.begin(sample.t_ns)
         if not self._track.t_ns:
             self._track.t_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
         still = self.standstill.feed(sample)
@@ -120,12 +120,12 @@ class Estimator:
         if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns):
             self.counters["late_wheels"] += 1
             return None
-        self._last_wheel_ns, self._wheel_interval_s = sample.t_ns, sample.interval_s
+        self._silence.wheels_ns, self._wheel_interval_s = sample.t_ns, sample.interval_s
         if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
             self._track.speed_m_s = max(abs(self._track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
         self._advance()
         self._watch(sample.t_ns)
-        wanted = self._config.output.publish_on == "wheels" or self._gyro_silent(sample.t_ns)
+        wanted = self._config.output.publish_on == "wheels" or self._silence.gyro(sample.t_ns)
         return self._pose(sample.t_ns) if wanted else None
 
     def tick(self, now_ns: int) -> Pose | None:
@@ -134,12 +134,12 @@ class Estimator:
         To be called often, and recorded for a replay: only here a wait for the wheels is given up. A call that comes
         late, since the whole host stood still, gives up nothing: the samples of that time may wait in its buffers.
         """
-        self._first_ns = self._first_ns or now_ns
+        self._silence.begin(now_ns)
         stalled, self._tick_ns = now_ns - self._tick_ns > STALL_NS, now_ns
         self._watch(now_ns)
         if not stalled:
             self._advance(now_ns)
-        newest_ns = max(self._last_wheel_ns, self._last_gyro_ns if self._track.t_ns else 0)
+        newest_ns = max(self._silence.wheels_ns, self._silence.gyro_ns if self._track.t_ns else 0)
         silent = now_ns - newest_ns >= self._config.encoders.silent_after_s * NS_PER_S
         return self._pose(now_ns) if silent else None
 
@@ -158,7 +158,7 @@ class Estimator:
         if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, self._track.t_ns):
             self.counters["late_gyro"] += 1
             return
-        self._last_gyro_ns = rate.t_ns
+        self._silence.gyro_ns = rate.t_ns
         gap_s = (rate.t_ns - last_ns) * S_PER_NS if last_ns else 0.0
         self.counters["gyro_gaps"] += gap_s > 1.5 * rate.interval_s
         if gap_s > self._config.fog.silent_after_s:
@@ -192,7 +192,7 @@ class Estimator:
 
     def calibrate_bias(self) -> str | None:
         """Measure the static bias anew. Returns why not, if the robot is not known to stand or has no gyro."""
-        if not self._has_gyro or not self._last_gyro_ns:
+        if not self._has_gyro or not self._silence.gyro_ns:
             return "no gyro"
         if not self.standstill.still or self.reasons.has("encoders"):
             return "the encoders do not confirm a standstill"
@@ -209,7 +209,7 @@ class Estimator:
         """
         if not self._track.t_ns:
             return
-        end_ns = self._last_wheel_ns
+        end_ns = self._silence.wheels_ns
         if self._has_gyro and not self.bias.active:
             end_ns = max(min(end_ns, self._gyro.end_ns), end_ns - self._gyro_wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
@@ -243,37 +243,14 @@ class Estimator:
 
     # ---- validity ----------------------------------------------------------------------------------------------
 
-    def _wheels_silent(self, now_ns: int) -> bool:
-        since = self._last_wheel_ns or self._first_ns
-        return now_ns - since >= self._config.encoders.silent_after_s * NS_PER_S
-
-    def _gyro_silent(self, now_ns: int) -> bool:
-        return now_ns - (self._last_gyro_ns or self._first_ns) >= self._config.fog.silent_after_s * NS_PER_S
-
     def _watch(self, now_ns: int) -> None:
         """Turn silence and spread into reasons."""
-        reasons, e = self.reasons, self._config.estimation
-        if self._has_gyro:
-            reasons.update(
-                "fog", "no gyro samples: heading from the wheels alone" if self._gyro_silent(now_ns) else None, now_ns
-            )
-        if not self._last_wheel_ns:
-            reasons.set("encoders", "no wheel samples yet", now_ns, Validity.INITIALISING)
-        elif self._wheels_silent(now_ns):
-            silent_s = (now_ns - self._last_wheel_ns) * S_PER_NS
-            self._was_lost |= silent_s > e.invalid_after_s
-            severity = Validity.INVALID if silent_s > e.invalid_after_s else Validity.DEGRADED
-            reasons.set("encoders", "no wheel samples: position unknown since then", now_ns, severity)
-        else:
-            reasons.clear("encoders")
-            if self._was_lost:
-                reasons.set("position", "motion was not seen for long: only set_pose or reset end this", now_ns)
+        reasons, minimum_s = self.reasons, self._config.estimation.static_bias.minimum_s
+        self._silence.watch(now_ns)
         if self.bias.active and not reasons.has("bias"):
             self._tell_bias(now_ns)
         if self.bias.state is BiasState.SHORT and reasons.has("bias"):
-            learned = self._track.kf.gyro_bias_sigma_rad_s() < 2.0 * self.bias.sigma_after_rad_s(
-                e.static_bias.minimum_s
-            )
+            learned = self._track.kf.gyro_bias_sigma_rad_s() < 2.0 * self.bias.sigma_after_rad_s(minimum_s)
             if learned:
                 reasons.clear("bias")
 
@@ -328,7 +305,7 @@ class Estimator:
         return speed_sigma_m_s(track.kf, self._noise, track.speed_m_s, self._wheel_interval_s) + unseen
 
     def _rate_sigma_rad_s(self, track: Track, t_ns: int) -> float:
-        gyro = self._has_gyro and not self.bias.active and not self._gyro_silent(t_ns)
+        gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
         interval_s = self._gyro_interval_s if gyro else self._wheel_interval_s
         unseen = UNSEEN_TURN_RAD_S2 * track.blind_s
         return rate_sigma_rad_s(track.kf, self._noise, track.rate_rad_s, interval_s, gyro) + unseen
@@ -337,7 +314,7 @@ class Estimator:
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
         """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
-        if self._track.t_ns and self._wheels_silent(self._pose_ns):
+        if self._track.t_ns and self._silence.wheels(self._pose_ns):
             self._track.run(self._wheels, self._gyro, self._pose_ns, self._update)  # nothing to wait for any more
         here, ahead = self._track.kf.nominal, self._look_ahead(self._pose_ns).kf.nominal
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
@@ -348,7 +325,7 @@ class Estimator:
         x_m, y_m = x_m - c * dx_m + s * dy_m, y_m - s * dx_m - c * dy_m
         self._track.kf.set_pose(x_m, y_m, here.heading_rad + turned, covariance)
         self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
-        self._was_lost = False
+        self._silence.was_lost = False
         for source in ("filter", "position"):
             self.reasons.clear(source)
 
