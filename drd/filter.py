@@ -241,9 +241,10 @@ class Filter:
         self.z, self.S = z, S
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
-        if z * z > self._gate2 * S:  # (16)
-            return Outcome.REJECTED
         k = z / S
+        # No evidence for a robot without a tread is believed, however wide the gate; negative, it would break F and Q.
+        if z * z > self._gate2 * S or tread * k >= n.tread_m:  # (16)
+            return Outcome.REJECTED
         n.x_m -= x * k  # (23)
         n.y_m -= y * k
         n.heading_rad -= heading * k

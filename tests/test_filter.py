@@ -82,11 +82,14 @@ def test_without_the_midpoint_the_step_is_the_papers_equation_13_in_rep_103() ->
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(st.floats(0.01, 0.1), small, small), min_size=1, max_size=30))
+@given(
+    st.lists(st.tuples(st.floats(0.01, 0.1), st.floats(-2.0, 2.0), st.floats(-0.002, 0.002)), min_size=1, max_size=30)
+)
 def test_update_and_feedback_equal_an_independent_kalman_filter(steps: list[tuple[float, float, float]]) -> None:
     noise = make_noise("physical", Noise(), TREAD_M)
     kf = Filter(TREAD_M, SIGMAS, noise, gate_sigma=1e6)
-    for left, difference, rate in steps:
+    for left, rate, slip in steps:
+        difference = rate * 0.05 * TREAD_M + slip
         kf.predict(0.05, left, left + difference, rate)
         kf.predict(0.05, left, left + difference, rate)
         other = KalmanFilter(N, 1)
@@ -106,6 +109,17 @@ def test_the_corrected_headings_agree_better() -> None:
     before = abs(kf.nominal.heading_rad - kf.nominal.gyro_heading_rad)
     assert kf.update(0.2) is Outcome.ACCEPTED
     assert abs(kf.nominal.heading_rad - kf.nominal.gyro_heading_rad) < before
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(small, small, st.floats(-3.0, 3.0)), min_size=1, max_size=30))
+def test_no_contradiction_however_far_breaks_the_filter(steps: list[tuple[float, float, float]]) -> None:
+    kf = Filter(TREAD_M, SIGMAS, make_noise("physical", Noise(), TREAD_M), gate_sigma=1e6)
+    for left, right, rate in steps:
+        kf.predict(0.05, left, right, rate)
+        assert kf.update(rate) is not Outcome.NOT_FINITE
+        assert kf.nominal.tread_m > 0.0
+        assert np.linalg.eigvalsh(kf.P)[0] > -1e-9
 
 
 def test_a_rejected_measurement_changes_nothing() -> None:
