@@ -132,13 +132,14 @@ class Estimator:
         """Time passes: notice silence, and give a pose when no sensor brings one.
 
         To be called often, and recorded for a replay: only here a wait for the wheels is given up. A call that comes
-        late, since the whole host stood still, gives up nothing: the samples of that time may wait in its buffers.
+        late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
         """
         self._silence.begin(now_ns)
         stalled, self._tick_ns = now_ns - self._tick_ns > STALL_NS, now_ns
+        if stalled:
+            return None
         self._watch(now_ns)
-        if not stalled:
-            self._advance(now_ns)
+        self._advance(now_ns)
         newest_ns = max(self._silence.wheels_ns, self._silence.gyro_ns if self._track.t_ns else 0)
         silent = now_ns - newest_ns >= self._config.encoders.silent_after_s * NS_PER_S
         return self._pose(now_ns) if silent else None
