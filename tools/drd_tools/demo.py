@@ -23,7 +23,7 @@ from drd.config_file import load_config
 from drd.output.session import isolated_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth
-from drd_tools.plots import path_picture
+from drd_tools.report.path import path_picture
 
 Array = npt.NDArray[np.float64]
 

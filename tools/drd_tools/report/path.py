@@ -5,40 +5,20 @@ import textwrap
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import MaxNLocator
+
+from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, styled, tidy
 
 Array = npt.NDArray[np.float64]
 
-# Okabe and Ito (2008): told apart by all readers, and in grey by their lightness.
-BLUE: Final = "#0072B2"
-SKY: Final = "#56B4E9"
-VERMILION: Final = "#D55E00"
-INK: Final = "#222222"
-TRUE_GREY: Final = "#B4B4B4"
-GRID: Final = "#E6E6E6"
-BOUND: Final = "#DCEFFA"
-
 WIDTH_IN: Final = 10.0
 HEIGHT_IN: Final = 5.8
-DPI: Final = 150
 LEFT: Final = 0.015
 HEADER: Final = 0.87  # where title and legend end, as part of the height
 CAPTION_COLUMNS: Final = 125
-STYLE: Final[Any] = {
-    "font.size": 11.0,
-    "font.family": "DejaVu Sans",  # comes with matplotlib
-    "text.color": INK,
-    "axes.edgecolor": "#808080",
-    "xtick.color": "#808080",
-    "ytick.color": "#808080",
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-}
 LEGEND: Final[Any] = {
     "loc": "lower left",
     "borderaxespad": 0,
@@ -69,7 +49,7 @@ def path_picture(  # noqa: PLR0913  # one keyword for each thing that is drawn
     `bound_m` (the claimed 99 % bound), `valid` (False is shaded): shape (k,). Raises OSError where `file` cannot be
     written, ValueError where shapes do not fit.
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.05, rect=(0, 0, 1, HEADER))
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor="white", layout=layout)
         shown = [xy for xy in (truth_xy, estimate_xy, odometry_xy) if xy is not None]
@@ -102,7 +82,7 @@ def _draw_paths(axes: Any, truth_xy: Array, estimate_xy: Array, odometry_xy: Arr
     axes.margins(0.08)
     axes.set_xlabel("x / m")
     axes.set_ylabel("y / m")
-    _tidy(axes, "Path, seen from above")
+    tidy(axes, "Path, seen from above")
 
 
 def _mark_end(axes: Any, xy: Array, color: str, label: str | None = None) -> None:
@@ -121,22 +101,13 @@ def _draw_error(
     axes.plot(time_s, scale * error_m, color=BLUE, linewidth=1.8)
     if valid is not None and not valid.all():
         whole_height = axes.get_xaxis_transform()
-        style = {"color": "#808080", "alpha": 0.3, "linewidth": 0, "label": "not valid"}
+        style = {"color": GREY, "alpha": 0.3, "linewidth": 0, "label": "not valid"}
         axes.fill_between(time_s, 0, 1, where=~valid, transform=whole_height, **style)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.0)
     axes.set_xlabel("time / s")
     axes.set_ylabel(f"distance from the truth / {unit}")
-    _tidy(axes, "Position error of drd")
-
-
-def _tidy(axes: Any, title: str) -> None:
-    axes.set_title(title, loc="left", fontsize=11, fontweight="bold", pad=10)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+    tidy(axes, "Position error of drd")
 
 
 def _wrapped(text: str) -> str:

@@ -5,7 +5,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from drd_tools.plots import path_picture
+from drd_tools.report.path import path_picture
 
 ANGLE = np.linspace(0.0, 6.0, 50)
 CIRCLE = np.column_stack((np.cos(ANGLE), np.sin(ANGLE)))

@@ -1,0 +1,1 @@
+"""Pictures and HTML pages, drawn from results that were computed elsewhere."""
