@@ -341,6 +341,13 @@ class Noise:
 class Estimation:
     """Odometry and the indirect feedback Kalman filter."""
 
+    heading: str = key(
+        "filter",
+        "Where the heading comes from: filter = gyro and wheels, compared by the Kalman filter; gyro = the gyro alone, "
+        "the wheels only measure the way (the paper's runs without filter). Change it where the wheels skid so much "
+        "that their turning says nothing",
+        choices=("filter", "gyro"),
+    )
     profile: str = key(
         "physical",
         "Noise: physical (per metre, radian and second) or paper (its printed Q and R)",

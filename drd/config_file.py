@@ -68,6 +68,8 @@ def _rest(c: Config) -> list[Complaint]:
     found: list[Complaint] = []
     if c.output.publish_on == "gyro" and c.fog.protocol == "none":
         found.append(("output.publish_on", "wheels, since the robot has no gyro", "'gyro'"))
+    if c.estimation.heading == "gyro" and c.fog.protocol == "none":
+        found.append(("estimation.heading", "filter, since the robot has no gyro", "'gyro'"))
     chunks = c.output.prefix.split("/")
     if set("*$?#") & set(c.output.prefix) or "" in chunks or any(chunk.startswith("@") for chunk in chunks):
         expected = "a Zenoh key without *, $, ?, #, leading @ and outer or double slashes"

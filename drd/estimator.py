@@ -58,6 +58,7 @@ class Estimator:
                 Filter(tread_m, self._sigmas, noise, e.gate_sigma, e.midpoint),
                 config.fog.silent_after_s if self._has_gyro else 0.0,
                 config.robot.max_speed_m_s,
+                e.heading == "gyro",
             )
             for _ in range(2)
         )
@@ -214,7 +215,8 @@ class Estimator:
         if self._has_gyro and not self.bias.active:
             end_ns = max(min(end_ns, self._gyro.end_ns), end_ns - self._gyro_wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
-        self._track.run(self._wheels, self._gyro, end_ns, self._update)
+        compare = None if self._track.gyro_heading else self._update
+        self._track.run(self._wheels, self._gyro, end_ns, compare)
         self._wheels.drop_until(self._track.t_ns)
         self._gyro.drop_until(self._track.t_ns)
 

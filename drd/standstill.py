@@ -65,7 +65,7 @@ class BiasMeasurement:
     @property
     def active(self) -> bool:
         """True while the gyro's samples are needed here."""
-        return self.state in {BiasState.WAITING, BiasState.MEASURING}
+        return self.state is BiasState.WAITING or self.state is BiasState.MEASURING
 
     def restart(self) -> None:
         """Begin (again), also when the configuration skips the measurement before the mission."""

@@ -13,12 +13,14 @@ from drd.units import S_PER_NS
 class Track:
     """The filter, the time it has reached, and what it has not seen.
 
-    `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's.
+    `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's. `gyro_heading`: the
+    heading is the gyro's, wherever there is one.
     """
 
     kf: Filter
     no_gyro_after_s: float
     max_speed_m_s: float
+    gyro_heading: bool = False
     t_ns: int = 0  # 0: not begun
     speed_m_s: float = 0.0
     rate_rad_s: float = 0.0
@@ -64,6 +66,8 @@ class Track:
                 self.no_gyro_s += dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
                     self.rate_rad_s = (wheels.b - wheels.a) / kf.nominal.tread_m
+            elif self.gyro_heading:
+                kf.anchor_wheels()  # (24)
         else:
             self._unseen(dt_s, blind=gyro is None)
 

@@ -329,3 +329,24 @@ def test_speed_and_rate_carry_their_uncertainty_which_grows_in_silence() -> None
     silent = [p for i in range(1, 60) if (p := e.tick(T0 + round((10 + i * 0.05) * S))) is not None]
     assert silent[-1].speed_sigma_m_s > silent[0].speed_sigma_m_s > pose.speed_sigma_m_s
     assert silent[-1].rate_sigma_rad_s > silent[0].rate_sigma_rad_s
+
+
+def test_with_the_gyro_s_heading_the_wheels_only_measure_the_way() -> None:
+    text = NO_BIAS + "output: {publish_on: gyro}\n"
+    lying = [(t, s._replace(right_m=1.1 * s.right_m) if isinstance(s, WheelSample) else s) for t, s in drive(20)]
+    alone, both = make(text.replace("{static", "{heading: gyro, static")), make(text)
+    poses = feed(alone, lying)
+    x, y, heading = final(poses)
+    true_heading = 0.5 * (1.0 - math.cos(0.8 * 20))
+    assert heading == pytest.approx(true_heading, abs=1e-9)
+    way = 1.05 * sum(math.cos(0.5 * (1.0 - math.cos(0.8 * (i + 0.5) / 20))) / 20 for i in range(400))
+    assert x == pytest.approx(way, rel=0.01)
+    assert alone.counters["accepted"] == alone.counters["rejected"] == 0
+    assert abs(final(feed(both, lying))[2] - true_heading) > 1e-3
+    assert math.isfinite(y)
+
+
+def test_with_the_gyro_s_heading_silent_gyro_leaves_the_wheels() -> None:
+    e = make(NO_BIAS.replace("{static", "{heading: gyro, static"))
+    kept = [(t, s) for t, s in drive(20) if isinstance(s, WheelSample) or t < 10]
+    assert final(feed(e, kept))[2] == pytest.approx(0.5 * (1.0 - math.cos(0.8 * 20)), abs=0.02)
