@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 import zenoh
 
-import drd
 from drd.commands.watch import View
 from drd.config import Config
 from drd.config_file import load_config
@@ -24,6 +23,7 @@ from drd.output.session import isolated_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.report.path import path_picture
+from drd_tools.shipped import shipped_config
 
 Array = npt.NDArray[np.float64]
 
@@ -94,7 +94,11 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
         "and the estimated path. Needs no hardware.",
     )
     parser.add_argument(
-        "--config", type=Path, default=_demo_config(), metavar="CONFIG", help="configuration (default: %(default)s)"
+        "--config",
+        type=Path,
+        default=shipped_config("demo.yaml"),
+        metavar="CONFIG",
+        help="configuration (default: %(default)s)",
     )
     parser.add_argument("--seconds", type=float, default=30.0, metavar="N", help="length of the run (default: 30)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="repeats the sensors' noise (default: 1)")
@@ -102,13 +106,6 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
         "--output", type=Path, default=Path("demo.png"), metavar="FILE.png", help="the picture (default: demo.png)"
     )
     return parser.parse_args(argv)
-
-
-def _demo_config() -> Path:
-    """In a checkout beside the package, in an installation among its data."""
-    package = Path(drd.__file__).parent
-    beside = package.parent / "config" / "demo.yaml"
-    return beside if beside.exists() else package / "data" / "config" / "demo.yaml"
 
 
 @contextlib.contextmanager
