@@ -26,8 +26,23 @@ COMMANDS = {
     "check": Command("drd.commands.check", "check a configuration and print what is in force, and why"),
     "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
+    "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
+    "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
+
+
+class _Formatter(logging.Formatter):
+    """One line each; under systemd with the priority in front that journald takes off (sd-daemon(3))."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return _priority(record.levelno) + super().format(record)
+
+
+def _priority(level: int) -> str:
+    if "JOURNAL_STREAM" not in os.environ:
+        return ""
+    return "<3>" if level >= logging.ERROR else "<4>" if level >= logging.WARNING else "<6>"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -55,7 +70,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(argv)
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="level=%(levelname)s %(name)s %(message)s")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Formatter("level=%(levelname)s %(name)s %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     # python-can logs each failed attempt to open a bus; the port's state says it once.
     logging.getLogger("can").setLevel(logging.CRITICAL)
     command = COMMANDS[chosen.command]
@@ -74,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 2
     except ConfigError as error:
-        print(f"drd {chosen.command}: {error}", file=sys.stderr)
+        print(f"{_priority(logging.ERROR)}drd {chosen.command}: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:
         # The reader (head, less) has left. Python would complain once more when it flushes at exit.

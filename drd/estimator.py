@@ -125,7 +125,8 @@ class Estimator:
         if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
             self._track.speed_m_s = max(abs(self._track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
         self._advance()
-        self._watch(sample.t_ns)
+        # The pose is not older than the last one, nor may its silences be judged by an older time.
+        self._watch(max(sample.t_ns, self._pose_ns))
         wanted = self._config.output.publish_on == "wheels" or self._silence.gyro(sample.t_ns)
         return self._pose(sample.t_ns) if wanted else None
 

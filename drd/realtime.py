@@ -21,13 +21,14 @@ def apply(realtime: Realtime) -> list[str]:
     refused: list[str] = []
     if realtime.lock_memory and (reason := _lock_memory()):
         refused.append(
-            f"realtime.lock_memory: {reason}. Give the service LimitMEMLOCK=infinity (ulimit -l unlimited in a "
-            "shell), or set the key to false"
+            f"realtime.lock_memory: {reason}. Give the service LimitMEMLOCK=infinity and SystemCallFilter=@memlock, as "
+            "realtime.conf does (ulimit -l unlimited in a shell), or set the key to false"
         )
     if realtime.fifo_priority and (reason := _fifo(realtime.fifo_priority)):
         refused.append(
             f"realtime.fifo_priority: SCHED_FIFO {realtime.fifo_priority} refused: {reason}. Give the service "
-            f"LimitRTPRIO={realtime.fifo_priority} or more and RestrictRealtime=no, or set the key to 0"
+            f"LimitRTPRIO={realtime.fifo_priority} or more, RestrictRealtime=no and SystemCallFilter=@resources, as "
+            "realtime.conf does, or set the key to 0"
         )
     return refused
 
@@ -48,8 +49,10 @@ def _lock_memory() -> str:
 
 def _fifo(priority: int) -> str:
     """Why the priority could not be had; empty: it is in force, for this thread and none started by it later."""
+    # Where the service manager has given SCHED_FIFO to all threads, the ports' workers keep it: one sends SYNC.
+    for_later_threads = 0 if os.sched_getscheduler(0) == os.SCHED_FIFO else os.SCHED_RESET_ON_FORK
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO | for_later_threads, os.sched_param(priority))
     except OSError as error:
         return error.strerror or str(error)
     return ""

@@ -1,5 +1,6 @@
 import ast
 import importlib
+import os
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -245,3 +246,16 @@ def test_check_finds_what_run_would_refuse_and_says_where(
     assert main(["check", str(file)]) == 2
     line = file.read_text().splitlines().index(change) + 1
     assert f"{file}:{line}: {key}: expected" in capsys.readouterr().err
+
+
+def test_under_the_journal_messages_carry_their_priority(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("robot: {wheel_radius_m: -1, tread_m: 0.5}\n")
+    texts = []
+    extras: tuple[dict[str, str], ...] = ({}, {"JOURNAL_STREAM": "8:1"})
+    for extra in extras:
+        command = [sys.executable, "-m", "drd", "check", str(file)]
+        result = subprocess.run(command, env=os.environ | extra, capture_output=True, text=True, check=False)
+        assert result.returncode == 2
+        texts.append(result.stderr)
+    assert texts[1] == "<3>" + texts[0]

@@ -1,3 +1,4 @@
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -112,6 +113,32 @@ def test_being_preempted_while_the_clocks_are_read_does_not_shift_the_stamp() ->
 
     machine.clock._time_ns = wall_ns
     assert abs(machine.clock.to_monotonic_ns(stamp_s) - received_ns) <= ROUNDING_NS
+    assert machine.clock.counters["stepped_stamps"] == 0
+
+
+def test_a_busy_machine_that_stretches_every_reading_of_the_clocks_sees_no_step() -> None:
+    machine, pauses = Machine(), itertools.cycle((3, 9, 2, 40, 5))
+
+    def wall_ns() -> int:
+        machine.advance(next(pauses) * NS_PER_MS)
+        wall = machine.wall_ns
+        machine.advance(next(pauses) * NS_PER_MS)
+        return wall
+
+    machine.clock._time_ns = wall_ns
+    for _ in range(50):
+        machine.advance(20 * NS_PER_MS)
+        stamp_s, received_ns = machine.stamp_s(), machine.now_ns
+        assert abs(machine.clock.to_monotonic_ns(stamp_s) - received_ns) <= ROUNDING_NS
+    assert not any(machine.clock.counters.values())
+
+
+def test_a_wall_clock_that_is_slewed_is_followed() -> None:
+    machine = Machine()
+    for _ in range(2000):  # 500 ppm, the kernel's limit
+        machine.advance(20 * NS_PER_MS)
+        machine.wall_ns += 10_000
+        assert abs(machine.clock.to_monotonic_ns(machine.stamp_s()) - machine.now_ns) <= ROUNDING_NS + 1000
     assert machine.clock.counters["stepped_stamps"] == 0
 
 

@@ -141,9 +141,12 @@ class View:
         sigma = [_sigma(covariance, i) for i in range(3)]
         while now_s - self._heard_s[0] > _RATE_WINDOW_S and len(self._heard_s) > 1:
             self._heard_s.popleft()
-        span_s = min(_RATE_WINDOW_S, max(1.0, now_s - self._first_s))
-        age_s = now_s - self._heard_s[-1]
-        rate_hz = len(self._heard_s) / span_s if age_s < _RATE_WINDOW_S else 0.0
+        # Poses are taken in batches: those after the oldest batch came in the time since then.
+        oldest_s, age_s = self._heard_s[0], now_s - self._heard_s[-1]
+        later = sum(heard_s > oldest_s for heard_s in self._heard_s)
+        rate_hz = later / (now_s - oldest_s) if later else len(self._heard_s) / max(1.0, now_s - self._first_s)
+        if age_s >= _RATE_WINDOW_S:
+            rate_hz = 0.0
         return [
             f"{_text(p.get('validity')):<12}",
             f"x {_number(p.get('x_m'))} m  y {_number(p.get('y_m'))} m"

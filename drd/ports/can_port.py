@@ -4,6 +4,7 @@ import fcntl
 import logging
 import os
 import socket
+import struct
 import threading
 import time
 from collections import deque
@@ -36,6 +37,10 @@ SEND_TIMEOUT_S: Final = 0.1
 # The kernel caps this at net.core.rmem_max; a CAN frame takes some 700 bytes of it.
 RECEIVE_BUFFER_BYTES: Final = 1 << 20
 SLCAN_LINE_BYTES: Final = 4096
+# linux/sock_diag.h, not in Python: the socket's memory as nine 32-bit numbers; the last counts the frames that the
+# kernel dropped because the receive buffer was full.
+SO_MEMINFO: Final = 55
+MEMINFO: Final = struct.Struct("9I")
 
 
 class CanPort(Port):
@@ -59,8 +64,8 @@ class CanPort(Port):
         open_bus: Callable[..., can.BusABC] = can.Bus,
     ):
         super().__init__(encoders.channel, on_state)
-        names = ("frames", "queue_dropped", "remote_frames", "bad_frames", "error_frames", *can_errors.COUNTERS,
-                 "sent", "send_dropped", "send_errors", "close_errors")  # fmt: skip
+        names = ("frames", "kernel_dropped", "queue_dropped", "remote_frames", "bad_frames", "error_frames",
+                 *can_errors.COUNTERS, "sent", "send_dropped", "send_errors", "close_errors")  # fmt: skip
         self._clock = ReceiveClock()
         self.counters |= dict.fromkeys(names, 0) | self._clock.counters
         self._encoders = encoders
@@ -78,6 +83,7 @@ class CanPort(Port):
         self._delivery_due = False
         self._bursts = Bursts(encoders.rate_hz)
         self._heard_ns = 0
+        self._kernel_dropped = 0  # of the open socket
         self._guard: int | None = None  # holds the lock on an slcan adapter
         self._lock = threading.Lock()  # guards the queue and _delivery_due
         self._sends = threading.BoundedSemaphore(SENDS_WAITING)
@@ -118,6 +124,7 @@ class CanPort(Port):
         self._interface_index = _interface_index(self._device)
         self._bus = self._open_bus(**self._bus_arguments)
         self._bus_state = None
+        self._kernel_dropped = 0
         self._heard_ns = time.monotonic_ns()
         if isinstance(self._bus, slcanBus):
             request_low_latency(self._bus.serialPortOrig)
@@ -253,7 +260,16 @@ class CanPort(Port):
             self._heard_ns = batch[-1].t_ns
             self._on_frames(self._bursts.spread(batch) if isinstance(self._bus, slcanBus) else batch)
 
+    def _count_kernel_drops(self) -> None:
+        sock = getattr(self._bus, "socket", None)
+        if isinstance(sock, socket.socket):
+            with suppress(OSError, struct.error):  # before Linux 4.12
+                dropped = dropped_by_kernel(sock)
+                self.counters["kernel_dropped"] += (dropped - self._kernel_dropped) % 2**32
+                self._kernel_dropped = dropped
+
     def _vanished(self) -> str | None:
+        self._count_kernel_drops()
         if isinstance(self._bus, slcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
             return "silent; perhaps its channel was closed"
         # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
@@ -299,3 +315,9 @@ def _interface_index(name: str) -> int | None:
 
 def _mask(extended: bool) -> int:
     return 0x1FFFFFFF if extended else 0x7FF
+
+
+def dropped_by_kernel(sock: socket.socket) -> int:
+    """Frames that this socket lost because its receive buffer was full, modulo 2^32. Raises OSError, struct.error."""
+    *_, dropped = MEMINFO.unpack(sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size))
+    return int(dropped)
