@@ -36,7 +36,7 @@ XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
-RATE_ERROR_CORRELATION_S: Final = 60.0
+RATE_ERROR_CORRELATION_S: Final = 20.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.

@@ -30,7 +30,7 @@ class GyroSample(NamedTuple):
 
 
 class CalibratedRate(NamedTuple):
-    """A gyro sample after equation (6), with the standard deviation that the calibration adds to its rate."""
+    """A gyro sample after equation (6), with the standard deviation that the calibration adds beyond a bias."""
 
     t_ns: int
     interval_s: float
