@@ -1,0 +1,1 @@
+"""The gyro's error function e(w, T), from a rate table."""

@@ -1,0 +1,57 @@
+"""How good a calibration is: errors of data sets that it has not seen, before and after."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C, rms
+from drd_tools.calibrate.gyro.data_sets import Array, DataSets
+
+RESAMPLES: Final = 1000
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of n unseen data sets, shape (n,) each: `before_deg_s` as read (1), `after_deg_s` corrected (6).
+
+    `how`: where the unseen data sets come from, for a sentence.
+    """
+
+    data: DataSets
+    after_deg_s: Array
+    how: str
+
+    @property
+    def before_deg_s(self) -> Array:
+        """As read. (1)"""
+        return self.data.error_deg_s
+
+    @property
+    def factor(self) -> float:
+        """How many times smaller the rms error is after the correction."""
+        return rms(self.before_deg_s) / max(rms(self.after_deg_s), 1e-300)
+
+    def factor_range(self) -> tuple[float, float]:
+        """95 % interval of `factor`, from drawing the data sets anew (bootstrap, fixed seed)."""
+        draws = np.random.default_rng(1).integers(0, len(self.data), (RESAMPLES, len(self.data)))
+        before, after = (np.sqrt(np.mean(x[draws] ** 2, axis=1)) for x in (self.before_deg_s, self.after_deg_s))
+        low, high = np.percentile(before / np.maximum(after, 1e-300), (2.5, 97.5))
+        return float(low), float(high)
+
+    def without_static_bias(self) -> tuple[float, float] | None:
+        """Rms before and after once the error of the standing table at the same temperature is taken off both.
+
+        The daemon does so at its start, so this is what the calibration is worth to it. None where some data set has
+        none at standstill within 3 degC.
+        """
+        still = np.flatnonzero(np.abs(self.data.table_rate_deg_s) < 0.01)  # the Earth's rate may be in it
+        if not len(still):
+            return None
+        distance = np.abs(self.data.temperature_c[:, None] - self.data.temperature_c[still])
+        if (distance.min(axis=1) > TEMPERATURE_STEP_C).any():
+            return None
+        nearest = still[np.argmin(distance, axis=1)]
+        moving = np.abs(self.data.table_rate_deg_s) >= 0.01
+        before, after = (x[moving] - x[nearest][moving] for x in (self.before_deg_s, self.after_deg_s))
+        return rms(before), rms(after)

@@ -1,0 +1,200 @@
+"""Rate-table recordings: read, and refused where they cannot be what they claim to be."""
+
+import csv
+import hashlib
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from scipy.stats import theilslopes
+
+from drd.schema import ConfigError
+from drd_tools.calibrate.gyro.data_sets import SETTLE_S, Array, DataSets, data_sets_of_samples, joined
+
+COLUMNS: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")
+TURNS_DEG_S: Final = 1.0  # a table whose rate varies less never turned
+EARTH_RATE_DEG_H: Final = 15.041
+LARGEST_SCALE_ERROR: Final = 0.2  # ten times Table I's: beyond it the columns or units are wrong
+WORKING_RANGE_C: Final = (-60.0, 125.0)  # of any electronics
+
+
+@dataclass(frozen=True)
+class RateTable:
+    """One file's columns, each of shape (k,), and its SHA-256 in hexadecimal digits."""
+
+    file: Path
+    time_s: Array
+    table_rate_deg_s: Array
+    rate_deg_s: Array
+    temperature_c: Array
+    sha256: str
+
+
+def files_in(paths: Iterable[Path]) -> list[Path]:
+    """The files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
+    files: list[Path] = []
+    for path in paths:
+        found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        if not found:
+            raise ConfigError(str(path), "folder", "rate-table files *.csv", "none")
+        files += found
+    seen: dict[Path, Path] = {}
+    for file in files:
+        if (other := seen.setdefault(file.resolve(), file)) is not file:
+            raise ConfigError(str(file), "file", "each file once", f"it twice (also as {other})")
+    return files
+
+
+def read_rate_table(file: Path) -> RateTable:
+    """Columns may stand in any order, others are ignored. Raises ConfigError with file, line and column."""
+    try:
+        content = file.read_bytes()
+        text = content.decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        got = str(error.strerror) if isinstance(error, OSError) else str(error)
+        raise ConfigError(str(file), "file", "a readable CSV file", got) from error
+    header, _, body = text.partition("\n")
+    names = [name.strip() for name in header.split(",")]
+    if not text.strip():
+        raise ConfigError(str(file), "file", f"the columns {', '.join(COLUMNS)}", "an empty file")
+    for name in COLUMNS:
+        if names.count(name) != 1:
+            got = f"{names.count(name)} of it in the first line, {header.strip()[:80]!r}"
+            raise ConfigError(f"{file}:1", name, "one column of this name (commas separate columns)", got)
+    places = [names.index(name) for name in COLUMNS]
+    try:
+        columns = np.loadtxt(io.StringIO(body), delimiter=",", usecols=places, ndmin=2).T if body.strip() else None
+    except ValueError:
+        columns = None
+    if columns is None or not np.isfinite(columns).all() or (np.diff(columns[0]) <= 0.0).any():
+        raise _fault(file, body, places)
+    return RateTable(file, columns[0], columns[1], columns[2], columns[3], hashlib.sha256(content).hexdigest())
+
+
+def _fault(file: Path, body: str, places: Sequence[int]) -> ConfigError:
+    """The first thing wrong in a table that could not be read."""
+    last_s = -math.inf
+    for number, row in enumerate(csv.reader(io.StringIO(body)), start=2):
+        if not row:
+            continue
+        for name, place in zip(COLUMNS, places, strict=True):
+            cell = row[place].strip() if place < len(row) else ""
+            try:
+                value = float(cell)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                hint = " (of a gyro without a sensor, a thermometer's)" if name == "temperature_c" else ""
+                got = repr(cell) if cell else "nothing"
+                return ConfigError(f"{file}:{number}", name, f"a finite number{hint}", got)
+            if name == "time_s":
+                if value <= last_s:
+                    return ConfigError(f"{file}:{number}", name, f"a time after {last_s:g} s", f"{value:g} s")
+                last_s = value
+    return ConfigError(str(file), "file", "rows of numbers below the header", "none")
+
+
+def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:
+    """All data sets of the files, checked. With a latitude the laboratory's turn is part of the true rate. (33)
+
+    Raises ConfigError where the columns contradict each other or no data set is left.
+    """
+    for table in tables:
+        _check_columns(str(table.file), [table])
+    where = str(tables[0].file) if len(tables) == 1 else f"{len(tables)} files"
+    _check_columns(where, tables)
+    if _span(np.concatenate([table.table_rate_deg_s for table in tables])) < TURNS_DEG_S:
+        rate = float(np.median(np.concatenate([table.table_rate_deg_s for table in tables])))
+        expected = "a table that turns, at several rates"
+        hint = "a log at standstill is for `drd calibrate noise`"
+        raise ConfigError(where, "table_rate_deg_s", expected, f"{rate:g} deg/s throughout; {hint}")
+    parts = [_data_sets_of(table, settle_s) for table in tables]
+    for table, part in zip(tables, parts, strict=True):
+        _check_slope(str(table.file), part)
+    data = joined(parts)
+    if not len(data):
+        expected = f"rates that the table holds for more than the settling time of {settle_s:g} s and 10 samples"
+        raise ConfigError(where, "table_rate_deg_s", expected, "none (see --settle)")
+    _check_slope(where, data)
+    _check_temperature(tables)
+    if latitude_deg is None:
+        return data
+    earth_deg_s = EARTH_RATE_DEG_H / 3600.0 * math.sin(math.radians(latitude_deg))
+    return replace(data, table_rate_deg_s=data.table_rate_deg_s + earth_deg_s)
+
+
+def _data_sets_of(table: RateTable, settle_s: float) -> DataSets:
+    t = table.time_s
+    return data_sets_of_samples(
+        t,
+        table.table_rate_deg_s,
+        table.rate_deg_s,
+        table.temperature_c,
+        settle_s=settle_s,
+        describe=lambda first, last: f"{table.file.name}, {t[first]:.1f} to {t[last - 1]:.1f} s",
+    )
+
+
+def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
+    """Swapped columns show in what follows what, and in which column stays the same from row to row."""
+    w, g, T = (
+        np.concatenate([getattr(table, name) for table in tables])
+        for name in ("table_rate_deg_s", "rate_deg_s", "temperature_c")
+    )
+    if not _is_same_quantity(w, g):
+        if _is_same_quantity(w, T):
+            got = "one that does not, while temperature_c does: the two columns look swapped"
+            raise ConfigError(where, "rate_deg_s", "a reading that follows table_rate_deg_s", got)
+        if _is_same_quantity(g, T):
+            got = "the gyro following temperature_c: table_rate_deg_s and temperature_c look swapped"
+            raise ConfigError(where, "table_rate_deg_s", "the rate that the gyro follows", got)
+    held_table, held_gyro = (float(np.mean(np.diff(x) == 0.0)) if len(x) > 1 else 0.0 for x in (w, g))
+    if held_table < 0.5 and held_gyro > 0.9:
+        got = "a rate that changes from row to row, while rate_deg_s is held: the two columns look swapped"
+        raise ConfigError(where, "table_rate_deg_s", "rates that are held for a while", got)
+
+
+def _check_slope(where: str, data: DataSets) -> None:
+    """A gyro reads what the table does, to 20 %."""
+    if len(data) < 2 or np.ptp(data.table_rate_deg_s) < TURNS_DEG_S:
+        return
+    few = data.select(np.unique(np.linspace(0, len(data) - 1, 400).astype(np.int64)))  # the slope takes all pairs
+    slope = float(theilslopes(few.rate_deg_s, few.table_rate_deg_s)[0])
+    if abs(slope - 1.0) <= LARGEST_SCALE_ERROR:
+        return
+    expected = "a reading of about 1 deg/s for each deg/s of the table"
+    reasons = {
+        -1.0: "opposite signs; check the table's sign and fog.positive",
+        math.radians(1.0): "rate_deg_s looks like rad/s",
+        math.degrees(1.0): "table_rate_deg_s looks like rad/s",
+    }
+    near = [text for value, text in reasons.items() if abs(slope / value - 1.0) <= LARGEST_SCALE_ERROR]
+    reason = near[0] if near else "the two columns do not belong together, or their units differ"
+    raise ConfigError(where, "rate_deg_s", expected, f"{slope:.3g}: {reason}")
+
+
+def _check_temperature(tables: Sequence[RateTable]) -> None:
+    for table in tables:
+        cold, warm = (float(v) for v in np.percentile(table.temperature_c, (5.0, 95.0)))
+        if cold < WORKING_RANGE_C[0] or warm > WORKING_RANGE_C[1]:
+            hint = ": it looks like kelvin" if 200.0 < cold <= warm < 400.0 else ""
+            expected = "temperatures in degC from {:g} to {:g}".format(*WORKING_RANGE_C)
+            raise ConfigError(str(table.file), "temperature_c", expected, f"{cold:g} to {warm:g}{hint}")
+
+
+def _span(values: Array) -> float:
+    """Without the few percent of spikes."""
+    low, high = np.percentile(values, (1.0, 99.0))
+    return float(high - low)
+
+
+def _is_same_quantity(a: Array, b: Array) -> bool:
+    """True where one follows the other with a slope of about 1 or -1; a temperature that only drifts along does not."""
+    a, b = (np.clip(x, *np.percentile(x, (2.0, 98.0))) for x in (a, b))  # without the few percent of spikes
+    if min(a.std(), b.std()) < 1e-9:
+        return False
+    return abs(float(np.corrcoef(a, b)[0, 1])) > 0.9 and 0.7 < a.std() / b.std() < 1.4
