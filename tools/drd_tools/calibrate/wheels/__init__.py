@@ -1,0 +1,1 @@
+"""Wheel radii and effective tread, from recordings with a reference or from UMBmark."""

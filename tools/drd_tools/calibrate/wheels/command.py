@@ -1,0 +1,75 @@
+"""`drd calibrate wheels`: radii and tread from recordings with a reference, or from UMBmark's squares."""
+
+import argparse
+from pathlib import Path
+
+from drd.schema import ConfigError
+from drd_tools.calibrate.wheels import recordings, squares
+
+DESCRIPTION = """\
+Measure the wheels: their radii and the effective tread.
+
+1. From recordings that have a reference (motion capture, lidar, surveyed points; it may be sparse): least squares.
+   RECORDING is a folder with robot.yaml, encoders.csv and reference.csv, all of one robot and with the reference
+   mounted alike. Drive straights, and turns to both sides, as the robot will be driven.
+2. From UMBmark: with the nominal wheels, drive a square by odometry alone, five times clockwise and five times
+   counter-clockwise, each turn on the spot, all four turns. Each time start at the origin, heading along +x
+   (x forward, y left), and measure where the robot stands at the end. RETURNS.csv has a row for each run:
+       direction,x_m,y_m
+       ccw,0.031,-0.120
+       cw,0.018,0.093
+   x_m and y_m are where the robot really stands, less where its odometry says that it stands.
+
+It prints the values with their standard deviations, says which of them the data cannot determine, and always how
+well the calibration does on drives that it was not fitted to. DIR gets wheels.yaml (to be merged into the daemon's
+configuration) and report.html with its pictures.
+"""
+EXAMPLES = """\
+examples:
+  drd calibrate wheels runs/circle_* --held-out runs/square_* --output out/wheels
+  drd calibrate wheels --umbmark returns.csv --side 4 --tread 0.5 --output out/wheels
+
+Exit code: 0 done, 1 nothing could be determined, 2 bad usage or input.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Calibrate and return the exit code. Raises ConfigError on bad input."""
+    parser = argparse.ArgumentParser(
+        prog="drd calibrate wheels",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="recordings to fit")
+    parser.add_argument(
+        "--held-out",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="RECORDING",
+        help="recordings to test the fit on; without them each recording is tested by a fit of the others",
+    )
+    parser.add_argument("--umbmark", type=Path, metavar="RETURNS.csv", help="return positions of UMBmark's squares")
+    parser.add_argument("--side", type=float, metavar="M", help="UMBmark: side of the square, m")
+    parser.add_argument("--tread", type=float, metavar="M", help="UMBmark: nominal tread that the robot drove with, m")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="folder for wheels.yaml and report.html")
+    chosen = parser.parse_args(argv)
+    try:
+        if chosen.umbmark is not None:
+            if chosen.recordings or chosen.held_out:
+                parser.error("--umbmark takes no recordings")
+            for name in ("side", "tread"):
+                value = getattr(chosen, name)
+                if value is None or not 0.02 <= value <= 100.0:
+                    parser.error(f"--umbmark needs --{name}, in m from 0.02 to 100")
+            return squares.calibrate(chosen.umbmark, chosen.side, chosen.tread, chosen.output)
+        if not chosen.recordings:
+            parser.error("give recordings, or --umbmark RETURNS.csv")
+        if chosen.side is not None or chosen.tread is not None:
+            parser.error("--side and --tread go with --umbmark; a recording has its own robot.yaml")
+        if chosen.output is None:
+            parser.error("--output DIR is needed")
+        return recordings.calibrate(chosen.recordings, chosen.held_out, chosen.output)
+    except OSError as error:
+        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error

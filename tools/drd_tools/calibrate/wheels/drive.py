@@ -1,0 +1,224 @@
+"""A recording made ready for the wheel calibration: wheel angles, reference, windows, and what a model leaves over."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import ConfigError
+from drd.units import RAD_PER_DEG
+from drd_tools.recordings.folder import Recording
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+WINDOW_TREADS: Final = 10.0  # travel of the faster wheel in one window, in treads
+MIN_WINDOWS: Final = 6
+MIN_TRAVEL_TREADS: Final = 0.1
+SWEEP_DEG: Final = 5.0
+ALIGNMENT_STEPS: Final = 4
+# Where robot.yaml does not say how good the reference is.
+POSITION_SIGMA_M: Final = 0.01
+HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """The geometry that turns wheel angles into motion."""
+
+    left_radius_m: float
+    right_radius_m: float
+    tread_m: float
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the reference sits on the robot: nuisances of the calibration.
+
+    It shows the wheels' motion of `time_s` later, of a point (`forward_m`, `left_m`) from the middle of the axle, with
+    `heading_rad` added.
+    """
+
+    time_s: float = 0.0
+    forward_m: float = 0.0
+    left_m: float = 0.0
+    heading_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One recording: wheel angles, and the reference's rows within the wheels' time, with what the sheets say."""
+
+    name: str
+    nominal: Wheels
+    counts_per_revolution: float | None
+    time_s: Array
+    left_rad: Array
+    right_rad: Array
+    reference_s: Array
+    reference_xy_m: Array
+    reference_heading_rad: Array
+    position_sigma_m: float
+    heading_sigma_rad: float
+    slip_m_per_sqrt_m: float | None
+
+    @cached_property
+    def travel_m(self) -> Array:
+        """Travel of the faster wheel until each row of the reference, by the nominal wheels."""
+        r = self.nominal
+        left, right = r.left_radius_m * np.diff(self.left_rad), r.right_radius_m * np.diff(self.right_rad)
+        travel = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(left), np.abs(right)))])
+        at_rows: Array = np.interp(self.reference_s, self.time_s, travel)
+        return at_rows
+
+    @cached_property
+    def windows(self) -> tuple[Rows, Rows]:
+        """Rows of the reference, window after window, and where in them each window begins. Windows share end rows."""
+        total = np.ptp(self.travel_m)
+        count = max(MIN_WINDOWS, round(total / (WINDOW_TREADS * self.nominal.tread_m)))
+        edges = np.searchsorted(self.travel_m, self.travel_m[0] + total * np.arange(count + 1) / count)
+        edges[-1] = len(self.travel_m) - 1
+        edges = np.unique(edges)
+        pieces = [np.arange(a, b + 1) for a, b in pairwise(edges)]
+        return np.concatenate(pieces), np.cumsum([0, *(len(piece) for piece in pieces[:-1])])
+
+    @property
+    def path_m(self) -> float:
+        """Length of the path by the nominal wheels, while the reference is there."""
+        angles = (np.interp(self.reference_s, self.time_s, rad) for rad in (self.left_rad, self.right_rad))
+        return float(np.abs(0.5 * self.nominal.left_radius_m * np.diff(sum(angles))).sum())
+
+    @property
+    def spot_share(self) -> float:
+        """Which part of the turning is done on the spot, the wheels running against each other; 0 to 1."""
+        left, right = np.diff(self.left_rad), np.diff(self.right_rad)
+        turn = np.abs(right - left)
+        return float(turn[left * right < 0].sum() / max(float(turn.sum()), 1e-12))
+
+    @property
+    def turns_rad(self) -> tuple[float, float]:
+        """How far it turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
+        sweep = SWEEP_DEG * RAD_PER_DEG
+        kept = [float(self.reference_heading_rad[0])]
+        for value in self.reference_heading_rad:
+            if abs(value - kept[-1]) >= sweep:
+                kept.append(float(value))
+        steps = np.diff(kept)
+        return float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
+
+
+def make_drive(recording: Recording) -> Drive:
+    """Cut `recording` into windows. Raises ConfigError where it has no usable reference or does not move."""
+    sheet, log = recording.nominal, recording.reference
+    if log is None:
+        raise ConfigError(
+            str(recording.folder), "reference.csv", "this file: the wheels are compared with it", "a recording without"
+        )
+    left_rad, right_rad = recording.wheel_angles_rad()
+    time_s = recording.encoders.time_s
+    inside = (log.time_s >= time_s[0]) & (log.time_s <= time_s[-1])
+    if inside.sum() < 2:
+        expected = f"two rows or more within the encoders' time, {time_s[0]:g} to {time_s[-1]:g} s"
+        raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, str(inside.sum()))
+    nominal = Wheels(sheet.wheel.radius_m, sheet.wheel.radius_m, sheet.tread_m)
+    # Between sparse rows only the wheels know how many whole turns there were.
+    reference_s, heading = log.time_s[inside], log.heading_rad[inside]
+    turn = np.interp(reference_s, time_s, (right_rad - left_rad) * nominal.left_radius_m / nominal.tread_m)
+    excess = np.round((np.diff(turn) - np.diff(heading)) / (2.0 * math.pi))
+    drive = Drive(
+        recording.name,
+        nominal,
+        sheet.wheel.counts_per_revolution,
+        time_s,
+        left_rad,
+        right_rad,
+        reference_s,
+        np.stack([log.x_m[inside], log.y_m[inside]], axis=1),
+        heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)]),
+        sheet.reference.position_sigma_m or POSITION_SIGMA_M,
+        (sheet.reference.heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
+        sheet.encoders.slip_noise_m_per_sqrt_m,
+    )
+    travel_m = float(np.ptp(drive.travel_m))
+    if travel_m < MIN_TRAVEL_TREADS * nominal.tread_m:
+        file = str(recording.folder / "encoders.csv")
+        raise ConfigError(file, "", "wheels that move while the reference is there", f"{travel_m:.3g} m of travel")
+    return drive
+
+
+def cut_drive(drive: Drive, start: float, end: float) -> Drive | None:
+    """The part of a drive between two fractions of its travel; None where it has fewer than two rows."""
+    share = (drive.travel_m - drive.travel_m[0]) / np.ptp(drive.travel_m)
+    kept = (share >= start) & (share <= end)
+    if kept.sum() < 2:
+        return None
+    return replace(
+        drive,
+        reference_s=drive.reference_s[kept],
+        reference_xy_m=drive.reference_xy_m[kept],
+        reference_heading_rad=drive.reference_heading_rad[kept],
+    )
+
+
+def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
+    """Path of the axle's middle, shape (n, 2), and heading, shape (n,), at the times `at_s`; it starts at the origin.
+
+    Each step is taken as an arc, which is exact where the wheels keep their ratio in it.
+    """
+    left_m = wheels.left_radius_m * np.diff(drive.left_rad)
+    right_m = wheels.right_radius_m * np.diff(drive.right_rad)
+    turn = (right_m - left_m) / wheels.tread_m
+    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    middle = heading[:-1] + 0.5 * turn
+    chord_m = 0.5 * (right_m + left_m) * np.sinc(0.5 * turn / math.pi)
+    x_m = np.concatenate([[0.0], np.cumsum(chord_m * np.cos(middle))])
+    y_m = np.concatenate([[0.0], np.cumsum(chord_m * np.sin(middle))])
+    xy_m = np.stack([np.interp(at_s, drive.time_s, x_m), np.interp(at_s, drive.time_s, y_m)], axis=1)
+    return xy_m, np.interp(at_s, drive.time_s, heading)
+
+
+def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
+    """What the reference would show at its rows: path, shape (n, 2), and heading, shape (n,)."""
+    xy_m, heading = odometry(drive, wheels, drive.reference_s + mounting.time_s)
+    c, s = np.cos(heading), np.sin(heading)
+    lever = np.stack(
+        [c * mounting.forward_m - s * mounting.left_m, s * mounting.forward_m + c * mounting.left_m], axis=1
+    )
+    return xy_m + lever, heading + mounting.heading_rad
+
+
+def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) -> Array:
+    """Reference minus model at the rows of `drive.windows`, shape (n, 3): x, y in m, heading in rad. (39)
+
+    Each window has a start pose of its own, which is solved for here. `weights`, shape (n, 2): inverse variances of
+    each coordinate and of the heading.
+    """
+    xy_m, heading = seen_by_reference(drive, wheels, mounting)
+    rows, starts = drive.windows
+    window = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows)))
+    model, seen = xy_m[rows], drive.reference_xy_m[rows]
+    ahead = drive.reference_heading_rad[rows] - heading[rows]
+
+    def total(values: Array) -> Array:
+        summed: Array = np.add.reduceat(values, starts, axis=0)
+        return summed
+
+    w_xy, w_heading = weights[:, 0], weights[:, 1]
+    model = model - (total(w_xy[:, None] * model) / total(w_xy)[:, None])[window]
+    seen = seen - (total(w_xy[:, None] * seen) / total(w_xy)[:, None])[window]
+    along = total(w_xy * (model * seen).sum(axis=1))
+    across = total(w_xy * (model[:, 0] * seen[:, 1] - model[:, 1] * seen[:, 0]))
+    weight = total(w_heading)
+    mean = total(w_heading * ahead) / weight
+    turn = mean.copy()
+    for _ in range(ALIGNMENT_STEPS):  # Newton's method for the window's start heading
+        slope = along * np.sin(turn) - across * np.cos(turn) + weight * (turn - mean)
+        curve = np.maximum(along * np.cos(turn) + across * np.sin(turn), 0.0) + weight
+        turn = turn - slope / curve
+    c, s = np.cos(turn)[window], np.sin(turn)[window]
+    turned = np.stack([c * model[:, 0] - s * model[:, 1], s * model[:, 0] + c * model[:, 1]], axis=1)
+    return np.column_stack([seen - turned, ahead - turn[window]])

@@ -1,0 +1,261 @@
+"""Least squares for wheel radii and effective tread, from drives that have a reference. (38) to (40)"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.config import Initial, Noise
+from drd.schema import ConfigError
+from drd.units import RAD_PER_DEG
+from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
+from drd_tools.calibrate.wheels.score import Scores, score
+
+Array = npt.NDArray[np.float64]
+
+# Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
+# the reference: forward, left (in treads), heading.
+NAMES: Final = ("scale", "difference", "tread", "forward", "left", "heading")
+PRIOR: Final = np.array([0.1, 0.1, 1.0, 0.1, 0.1, 10.0 * RAD_PER_DEG])
+STEP: Final = np.array([1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-4])
+# Unknowns of each recording: time offset in s, and how far its heading departs from the shared mounting. A lever arm of
+# its own would hide in the scale on circles: 1.5 mm of 0.3 m are 0.5 %.
+OWN_PRIOR: Final = np.array([0.3, 0.3 * RAD_PER_DEG])
+OWN_STEP: Final = np.array([5e-3, 1e-4])
+# A value whose standard deviation is larger than this is not determined: a tape measure does better.
+LIMIT: Final = np.array([0.02, 0.02, 0.10])
+# How well nominal values are known, where they have to serve: each wheel on its own, and the tread.
+BELIEF: Final = np.array(
+    [Initial().wheel_scale / math.sqrt(2.0), Initial().wheel_scale * math.sqrt(2.0), Initial().tread, 0.0, 0.0, 0.0]
+)
+HUBER: Final = 2.0
+MAX_STEPS: Final = 25
+CONVERGED: Final = 0.01  # of a standard deviation
+MANY_WINDOWS: Final = 30
+MANY_RECORDINGS: Final = 4
+SLIP_M_PER_SQRT_M: Final = Noise().wheel_m_per_sqrt_m
+
+
+@dataclass(frozen=True)
+class WheelFit:
+    """Wheels, their standard deviations, and what could be determined.
+
+    `sigma`: of left radius, right radius, tread, relative to the value. `determined`: mean scale, difference, tread;
+    one that is not stays at its nominal. `free_sigma`: of the three where nothing is held, as the prior allows.
+    `correlation`: of difference and tread. `disagreement`: standard deviations taken from recording to recording over
+    those from window to window, the largest of the three, 0 where there are too few recordings. `mounting`: of the
+    reference, with the usual time offset; `own`: that of each recording. `white_m`, `white_rad`: what is left over.
+    """
+
+    wheels: Wheels
+    sigma: tuple[float, float, float]
+    determined: tuple[bool, bool, bool]
+    free_sigma: tuple[float, float, float]
+    correlation: float
+    disagreement: float
+    mounting: Mounting
+    own: tuple[Mounting, ...]
+    white_m: tuple[float, ...]
+    white_rad: tuple[float, ...]
+    windows: int
+
+
+def check_one_robot(drives: Sequence[Drive]) -> None:
+    """Raise ConfigError where the recordings do not have the same nominal wheels and encoders."""
+    first = drives[0]
+    for drive in drives[1:]:
+        if (drive.nominal, drive.counts_per_revolution) != (first.nominal, first.counts_per_revolution):
+            raise ConfigError(
+                drive.name,
+                "robot.yaml",
+                f"the same robot as in {first.name} ({_described(first)})",
+                f"another one ({_described(drive)})",
+            )
+
+
+def _described(drive: Drive) -> str:
+    counts = "wheel speeds" if drive.counts_per_revolution is None else f"{drive.counts_per_revolution:g} counts a turn"
+    return f"radius {drive.nominal.left_radius_m:g} m, tread {drive.nominal.tread_m:g} m, {counts}"
+
+
+def wheels_of(nominal: Wheels, unknowns: Array) -> Wheels:
+    """The wheels at `unknowns` = (scale, difference, tread), relative to `nominal`. (38)"""
+    scale, difference, tread = unknowns[:3]
+    return Wheels(
+        nominal.left_radius_m * (1.0 + scale - 0.5 * difference),
+        nominal.right_radius_m * (1.0 + scale + 0.5 * difference),
+        nominal.tread_m * (1.0 + tread),
+    )
+
+
+def _mounting(drive: Drive, shared: Array, own: Array) -> Mounting:
+    b = drive.nominal.tread_m
+    return Mounting(float(own[0]), float(b * shared[3]), float(b * shared[4]), float(shared[5] + own[1]))
+
+
+@dataclass
+class _Part:
+    """One recording within the fit: its own unknowns, its weights and its share of the normal equations."""
+
+    drive: Drive
+    own: Array
+    weights: Array
+    white_m: float
+    white_rad: float
+
+    def evaluate(self, shared: Array) -> tuple[Array, Array]:
+        """Residuals, shape (n, 3), and their derivatives, shape (n, 3, 8), at the present unknowns."""
+
+        def left_over(change: Array) -> Array:
+            p, q = shared + change[: len(STEP)], self.own + change[len(STEP) :]
+            d = self.drive
+            return residuals(d, wheels_of(d.nominal, p), _mounting(d, p, q), self.weights)
+
+        steps = np.concatenate([STEP, OWN_STEP])
+        columns = [(left_over(+e) - left_over(-e)) / (2.0 * e.sum()) for e in np.diag(steps)]
+        return left_over(np.zeros(len(steps))), np.stack(columns, axis=-1)
+
+    def reweigh(self, r: Array) -> None:
+        """Noise from the middle of the residuals, and Huber's weights against jumps."""
+        drive = self.drive
+        self.white_m = max(drive.position_sigma_m, 1.4826 * float(np.median(np.abs(r[:, :2]))))
+        self.white_rad = max(drive.heading_sigma_rad, 1.4826 * float(np.median(np.abs(r[:, 2]))))
+        ratio = np.column_stack([np.hypot(r[:, 0], r[:, 1]) / self.white_m, np.abs(r[:, 2]) / self.white_rad])
+        huber = np.minimum(1.0, HUBER / np.maximum(ratio, 1e-12))
+        self.weights = huber / np.array([self.white_m**2, self.white_rad**2])
+
+
+def _new_part(drive: Drive) -> _Part:
+    weights = np.tile([drive.position_sigma_m**-2, drive.heading_sigma_rad**-2], (len(drive.windows[0]), 1))
+    return _Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
+
+
+def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tuple[Array, list[Scores]]:
+    """Gauss-Newton with Huber's weights; unknowns that are not `free` stay at 0."""
+    shared = np.where(free, start, 0.0)
+    scores: list[Scores] = []
+    for _ in range(MAX_STEPS):
+        scores = []
+        for part in parts:
+            r, J = part.evaluate(shared)
+            slip = part.drive.slip_m_per_sqrt_m
+            scores.append(score(part.drive, r, J, part.weights, part.own, OWN_PRIOR, SLIP_M_PER_SQRT_M, slip))
+            part.reweigh(r)
+        A = sum((s.information for s in scores), np.diag(PRIOR**-2.0))[np.ix_(free, free)]
+        g = sum((s.gradient for s in scores), shared / PRIOR**2)[free]
+        move = np.zeros(len(shared))
+        move[free] = -np.linalg.solve(A, g)
+        shared = shared + move
+        for part, s in zip(parts, scores, strict=True):
+            part.own = part.own + s.own_move(move)
+        if np.abs(move[free] / np.sqrt(np.diag(np.linalg.inv(A)))).max() < CONVERGED:
+            break
+    return shared, scores
+
+
+def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None) -> WheelFit:
+    """Wheels from one or more drives of one robot, by robust least squares over windows.
+
+    `start` is a fit of nearly the same drives, from which the search sets out. Raises ConfigError where the drives are
+    not of one robot.
+    """
+    check_one_robot(drives)
+    nominal, parts = drives[0].nominal, [_new_part(drive) for drive in drives]
+    free, shared = np.ones(len(NAMES), bool), np.zeros(len(NAMES))
+    if start is not None:
+        shared[:3] = _relative(nominal, start.wheels)
+        free[:3] = start.determined
+    shared, scores = _solve(parts, free, shared)
+    free_sigma = _sigmas(scores, free)[0][:3] if start is None else np.array(start.free_sigma)
+    # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
+    while True:
+        excess = np.where(free[:3], _sigmas(scores, free)[0][:3] / LIMIT, 0.0)
+        if excess.max() <= 1.0:
+            break
+        free[int(excess.argmax())] = False
+        shared, scores = _solve(parts, free, shared)
+    return _result(nominal, parts, shared, free, scores, free_sigma)
+
+
+def _relative(nominal: Wheels, wheels: Wheels) -> Array:
+    left, right = wheels.left_radius_m / nominal.left_radius_m, wheels.right_radius_m / nominal.right_radius_m
+    return np.array([0.5 * (left + right) - 1.0, right - left, wheels.tread_m / nominal.tread_m - 1.0])
+
+
+def _covariances(scores: list[Scores], free: npt.NDArray[np.bool_]) -> list[Array]:
+    """Candidates for the covariance of the shared unknowns; what is not free has zeros. (40)
+
+    From the scatter of the windows' scores; of the recordings' where there are several; and from noise as data sheets
+    have it, where windows are few.
+    """
+    chosen = np.ix_(free, free)
+    A = sum((s.information for s in scores), np.diag(PRIOR**-2.0))
+    by_window = np.concatenate([s.by_window for s in scores])
+    by_recording = np.stack([s.by_window.sum(axis=0) for s in scores])
+    meats = [_meat(by_window)]
+    if len(scores) >= MANY_RECORDINGS:
+        meats.append(_meat(by_recording))
+    if len(by_window) < MANY_WINDOWS:
+        meats.append(sum((s.expected for s in scores), np.zeros_like(A)))
+    inverse, covariances = np.linalg.inv(A[chosen]), []
+    # What was held at its nominal is as uncertain as nominal values are, and takes the others with it.
+    held = inverse @ A[np.ix_(free, ~free)] * BELIEF[~free]
+    for meat in meats:
+        V = np.zeros_like(A)
+        # The prior is what is left of the uncertainty where the data say nothing.
+        V[chosen] = inverse @ (meat + np.diag(PRIOR**-2.0))[chosen] @ inverse + held @ held.T
+        covariances.append(V)
+    return covariances
+
+
+def _meat(clusters: Array) -> Array:
+    """Sum of the outer products of the clusters' scores, with the usual factor for few clusters."""
+    count = len(clusters)
+    meat: Array = clusters.T @ clusters * count / max(count - 1, 1)
+    return meat
+
+
+def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> tuple[Array, list[Array]]:
+    covariances = _covariances(scores, free)
+    return np.sqrt(np.max([np.diag(V) for V in covariances], axis=0)), covariances
+
+
+def _result(
+    nominal: Wheels,
+    parts: list[_Part],
+    shared: Array,
+    free: npt.NDArray[np.bool_],
+    scores: list[Scores],
+    free_sigma: Array,
+) -> WheelFit:
+    covariances = _sigmas(scores, free)[1]
+    wheels = wheels_of(nominal, shared)
+    # Left radius, right radius and tread as functions of the unknowns.
+    M = np.zeros((3, len(shared)))
+    M[0, :2], M[1, :2], M[2, 2] = (1.0, -0.5), (1.0, 0.5), 1.0
+    value = 1.0 + M @ shared
+    sigma = np.sqrt(np.max([np.diag(M @ V @ M.T) for V in covariances], axis=0)) / value
+    disagreement = 0.0
+    if len(parts) >= MANY_RECORDINGS:
+        with np.errstate(invalid="ignore"):
+            ratio = np.sqrt(np.diag(covariances[1])[:3] / np.diag(covariances[0])[:3])
+        disagreement = float(np.nanmax(np.where(free[:3], ratio, 0.0)))
+    V = covariances[0]
+    pair = math.sqrt(V[1, 1] * V[2, 2])
+    usual = np.array([np.median([part.own[0] for part in parts]), 0.0])
+    return WheelFit(
+        wheels,
+        (float(sigma[0]), float(sigma[1]), float(sigma[2])),
+        (bool(free[0]), bool(free[1]), bool(free[2])),
+        (float(free_sigma[0]), float(free_sigma[1]), float(free_sigma[2])),
+        float(V[1, 2] / pair) if pair else 0.0,
+        disagreement,
+        _mounting(parts[0].drive, shared, usual),
+        tuple(_mounting(part.drive, shared, part.own) for part in parts),
+        tuple(part.white_m for part in parts),
+        tuple(part.white_rad for part in parts),
+        sum(len(part.drive.windows[1]) for part in parts),
+    )

@@ -1,0 +1,83 @@
+"""How well a calibration does on drives that it has not seen."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, cut_drive, seen_by_reference
+from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
+
+Array = npt.NDArray[np.float64]
+
+START_TREADS: Final = 0.1  # while the wheels have travelled no further, the reference tells where the drive begins
+BLOCKS: Final = 5
+
+
+@dataclass(frozen=True)
+class Error:
+    """Of one drive's odometry, started from the reference's pose: at the end, and rms along the way."""
+
+    end_m: float
+    rms_m: float
+    end_heading_rad: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """One drive with the nominal wheels, and with wheels that were fitted without it."""
+
+    drive: Drive
+    fit: WheelFit
+    nominal: Error
+    calibrated: Error
+
+    @property
+    def name(self) -> str:
+        """Of the recording, or of its part."""
+        return self.drive.name
+
+    @property
+    def path_m(self) -> float:
+        """Length of the path by the nominal wheels."""
+        return self.drive.path_m
+
+
+def aligned_path(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
+    """Odometry as the reference would see it, shape (n, 2) and heading (n,), put on the reference at the start."""
+    xy_m, heading = seen_by_reference(drive, wheels, mounting)
+    first = drive.travel_m <= drive.travel_m[0] + START_TREADS * drive.nominal.tread_m
+    turn = float(np.mean((drive.reference_heading_rad - heading)[first]))
+    c, s = math.cos(turn), math.sin(turn)
+    turned = np.stack([c * xy_m[:, 0] - s * xy_m[:, 1], s * xy_m[:, 0] + c * xy_m[:, 1]], axis=1)
+    return turned + (drive.reference_xy_m - turned)[first].mean(axis=0), heading + turn
+
+
+def error_of(drive: Drive, wheels: Wheels, mounting: Mounting) -> Error:
+    """The odometry's error with `wheels`."""
+    xy_m, heading = aligned_path(drive, wheels, mounting)
+    distance_m = np.hypot(*(xy_m - drive.reference_xy_m).T)
+    rms_m = math.sqrt(float(np.mean(distance_m**2)))
+    return Error(float(distance_m[-1]), rms_m, float(heading[-1] - drive.reference_heading_rad[-1]))
+
+
+def compare(drive: Drive, fit: WheelFit) -> HeldOut:
+    """The figures of a drive that is not in `fit`. The mounting of the reference is the fit's for both."""
+    nominal, calibrated = (error_of(drive, wheels, fit.mounting) for wheels in (drive.nominal, fit.wheels))
+    return HeldOut(drive, fit, nominal, calibrated)
+
+
+def leave_one_out(drives: Sequence[Drive], fit: WheelFit) -> list[HeldOut]:
+    """Each drive by a fit of all the others; of a single drive each fifth of its travel by a fit of the rest."""
+    if len(drives) > 1:
+        groups = [([d for d in drives if d is not drive], drive) for drive in drives]
+    else:
+        parts = [cut_drive(drives[0], k / BLOCKS, (k + 1) / BLOCKS) for k in range(BLOCKS)]
+        named = [replace(p, name=f"{p.name}, part {k} of {BLOCKS}") for k, p in enumerate(parts, 1) if p is not None]
+        groups = [([n for n in named if n is not part], part) for part in named] if len(named) > 1 else []
+    progress = tqdm(groups, desc="held out", disable=None, leave=False)
+    return [compare(drive, fit_wheels(others, fit)) for others, drive in progress]

@@ -1,0 +1,95 @@
+"""Pictures of the wheel calibration, and its page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drd_tools.calibrate.wheels.drive import Drive
+from drd_tools.calibrate.wheels.fit import WheelFit
+from drd_tools.calibrate.wheels.heldout import HeldOut, aligned_path
+from drd_tools.calibrate.wheels.umbmark import Returns, Umbmark
+from drd_tools.report.style import BLUE, GREY, INK, TRUE_GREY, VERMILION, make_figure, styled, tidy
+
+ROW_IN: Final = 0.28
+NAME_LETTERS: Final = 38
+
+
+def paths_picture(file: Path, panels: Sequence[tuple[str, Drive, WheelFit]]) -> None:
+    """Paths by the nominal and the calibrated wheels, and the reference's, a panel for each drive. Raises OSError."""
+    with styled():
+        figure = make_figure(10.0, 5.4)
+        all_axes: Any = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, drive, fit) in zip(all_axes, panels, strict=True):
+            axes.plot(*drive.reference_xy_m.T, color=TRUE_GREY, linewidth=5, label="reference")
+            nominal = aligned_path(drive, drive.nominal, fit.mounting)[0]
+            axes.plot(*nominal.T, color=VERMILION, linewidth=1.4, dashes=(4, 2), label="nominal wheels")
+            axes.plot(
+                *aligned_path(drive, fit.wheels, fit.mounting)[0].T,
+                color=BLUE,
+                linewidth=1.6,
+                label="calibrated wheels",
+            )
+            axes.plot(*drive.reference_xy_m[0], "o", color="none", markeredgecolor=INK, markersize=11, label="start")
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.set_xlabel("x / m")
+            axes.set_ylabel("y / m")
+            tidy(axes, f"{title}\n{short(drive.name)}", 6)
+        figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        figure.savefig(file, format="png")
+
+
+def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
+    """Error of each held-out drive, before and after, in position and heading. Raises OSError."""
+    with styled():
+        figure = make_figure(10.0, 1.7 + ROW_IN * len(figures))
+        both: Any = figure.subplots(1, 2, sharey=True)
+        rows = np.arange(len(figures))[::-1]
+        pairs = [[(f.nominal.rms_m, f.calibrated.rms_m) for f in figures]]
+        pairs += [
+            [tuple(np.degrees(np.abs((f.nominal.end_heading_rad, f.calibrated.end_heading_rad)))) for f in figures]
+        ]
+        titles = (("Position, rms along the way", "m"), ("Heading at the end", "deg"))
+        for axes, values, (title, unit) in zip(both, np.array(pairs), titles, strict=True):
+            axes.hlines(rows, values.min(axis=1), values.max(axis=1), color=TRUE_GREY, linewidth=2)
+            axes.plot(values[:, 0], rows, "o", color=VERMILION, label="nominal wheels")
+            axes.plot(values[:, 1], rows, "o", color=BLUE, label="calibrated without this recording")
+            if values.max() > 30.0 * max(float(np.median(values[:, 1])), 1e-9):
+                axes.set_xscale("log")
+            else:
+                axes.set_xlim(left=0.0)
+            axes.set_xlabel(f"error / {unit}")
+            tidy(axes, title, 6)
+            axes.set_yticks(rows, [short(f.name) for f in figures], fontsize=8)
+        figure.legend(*both[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        figure.savefig(file, format="png")
+
+
+def returns_picture(file: Path, returns: Returns, result: Umbmark) -> None:
+    """UMBmark's picture: return positions cw and ccw, their centroids, and what is left of them. Raises OSError."""
+    with styled():
+        figure = make_figure(7.5, 6.0)
+        axes: Any = figure.subplots()
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        sides = (("cw", returns.cw_m, VERMILION, "v"), ("ccw", returns.ccw_m, BLUE, "^"))
+        for k, (name, runs_m, color, marker) in enumerate(sides):
+            predicted_m = runs_m.mean(axis=0) - result.misfit_m[k]
+            corrected_m = runs_m - predicted_m
+            axes.plot(*runs_m.T, marker, color=color, markersize=6, linestyle="none", label=f"{name}, as driven")
+            axes.plot(*runs_m.mean(axis=0), marker, color="none", markeredgecolor=color, markersize=15)
+            style: Any = {"color": "white", "markeredgecolor": color, "markersize": 5, "linestyle": "none"}
+            axes.plot(*corrected_m.T, marker, **style, label=f"{name}, less what the calibration explains")
+            axes.plot(*zip((0.0, 0.0), runs_m.mean(axis=0), strict=True), color=color, linewidth=1.0, dashes=(3, 3))
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x / m")
+        axes.set_ylabel("y / m")
+        tidy(axes, "Return-position errors (large marks: centroids)")
+        figure.legend(loc="outside lower center", ncols=2)
+        figure.savefig(file, format="png")
+
+
+def short(name: str) -> str:
+    """A name that fits a picture; its end is what tells recordings apart."""
+    return name if len(name) <= NAME_LETTERS else "..." + name[3 - NAME_LETTERS :]

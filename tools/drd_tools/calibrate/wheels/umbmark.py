@@ -1,0 +1,216 @@
+"""UMBmark: tread and wheel diameters from the return positions of squares driven both ways.
+
+J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in Mobile Robots", IEEE Trans.
+Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes, see (41).
+"""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from drd.schema import ConfigError
+
+Array = npt.NDArray[np.float64]
+
+HEADER: Final = ("direction", "x_m", "y_m")
+CONFIDENCE: Final = 0.95
+RUNS: Final = 5  # in each direction, as Borenstein and Feng have it
+
+
+@dataclass(frozen=True)
+class Returns:
+    """Return-position errors, where the robot stood less where its odometry said, m, shape (n, 2) each."""
+
+    cw_m: Array
+    ccw_m: Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its standard deviation; nan where a single run leaves it unknown."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Umbmark:
+    """What the squares say.
+
+    `alpha_rad`: how far each true turn exceeds 90 deg (type A, tread). `beta_rad`: how far each straight leg bends to
+    the left (type B, unequal wheels). `significant`: of the two, whether they differ from 0 with 95 % confidence.
+    `misfit_m`: centroids less the model, cw and ccw, shape (2, 2).
+    """
+
+    alpha_rad: Estimate
+    beta_rad: Estimate
+    E_b: Estimate
+    E_d: Estimate
+    c_l: Estimate
+    c_r: Estimate
+    tread_m: Estimate
+    significant: tuple[bool, bool]
+    e_max_before_m: Estimate
+    e_max_after_m: Estimate
+    misfit_m: Array
+
+
+def read_returns(file: Path) -> Returns:
+    """Read direction (cw or ccw), x_m, y_m. Raises ConfigError with file, line and column."""
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        got = str(error.strerror) if isinstance(error, OSError) else str(error)
+        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
+    found: dict[str, list[tuple[float, float]]] = {"cw": [], "ccw": []}
+    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
+    if not numbered:
+        raise ConfigError(str(file), "", f"the header {','.join(HEADER)}", "an empty file")
+    for k, (number, line) in enumerate(numbered):
+        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        where = f"{file}:{number}"
+        if k == 0:
+            if tuple(cells) != HEADER:
+                raise ConfigError(where, "header", ",".join(HEADER), repr(line.strip()[:80]))
+            continue
+        if len(cells) != len(HEADER):
+            raise ConfigError(where, "", f"{len(HEADER)} columns", str(len(cells)))
+        if cells[0] not in found:
+            raise ConfigError(where, "direction", "cw or ccw", repr(cells[0][:40]))
+        found[cells[0]].append((_number(cells[1], where, "x_m"), _number(cells[2], where, "y_m")))
+    if not found["cw"] and not found["ccw"]:
+        raise ConfigError(str(file), "", "at least one return position", "none")
+    return Returns(np.array(found["cw"]).reshape(-1, 2), np.array(found["ccw"]).reshape(-1, 2))
+
+
+def _number(text: str, where: str, column: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ConfigError(where, column, "a finite number in m", repr(text[:40]))
+    return value
+
+
+def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
+    """Where a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (41)
+
+    Each leg is an arc that bends by beta to the left; each turn overshoots 90 deg by alpha in its own direction.
+    """
+    x_m = y_m = heading = 0.0
+    chord_m = side_m * math.sin(0.5 * beta_rad) / (0.5 * beta_rad) if beta_rad else side_m
+    for _ in range(4):
+        x_m += chord_m * math.cos(heading + 0.5 * beta_rad)
+        y_m += chord_m * math.sin(heading + 0.5 * beta_rad)
+        heading += beta_rad + direction * (0.5 * math.pi + alpha_rad)
+    return np.array([x_m, y_m])
+
+
+def predict_m(alpha_rad: float, beta_rad: float, side_m: float) -> Array:
+    """Return positions cw and ccw, shape (2, 2)."""
+    return np.stack([square_return_m(alpha_rad, beta_rad, side_m, way) for way in (-1, 1)])
+
+
+def one_way_rad(returns_m: Array, side_m: float, direction: int) -> float:
+    """What one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (41)"""
+    x_m, y_m = returns_m.mean(axis=0)
+    return float((x_m - direction * y_m) / (4.0 * side_m))
+
+
+def _solve(cw_m: Array, ccw_m: Array, side_m: float) -> Array:
+    """Alpha and beta from the two centroids, by least squares over their four coordinates."""
+    cw, ccw = one_way_rad(cw_m, side_m, -1), one_way_rad(ccw_m, side_m, 1)
+    seen = np.stack([cw_m.mean(axis=0), ccw_m.mean(axis=0)])
+    start = (0.5 * (ccw + cw), 0.5 * (ccw - cw))
+    found: Array = least_squares(lambda p: (predict_m(p[0], p[1], side_m) - seen).ravel(), start, xtol=1e-12).x
+    return found
+
+
+def diameters_ratio(beta_rad: float, side_m: float, tread_m: float) -> float:
+    """E_d, right over left diameter, from the bend of a leg: the centre circle's radius is side / beta."""
+    return (side_m + 0.5 * beta_rad * tread_m) / (side_m - 0.5 * beta_rad * tread_m)
+
+
+def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
+    """E_d, E_b and the corrections, from at least one return in each direction (ValueError otherwise).
+
+    `tread_m` is the nominal one, with which the squares were driven.
+    """
+    if not len(returns.cw_m) or not len(returns.ccw_m):
+        raise ValueError("returns of both directions are needed")
+    alpha, beta = (float(value) for value in _solve(returns.cw_m, returns.ccw_m, side_m))
+    # To first order alpha and beta are half the sum and half the difference of what each direction tells.
+    variances = [_variance_of_mean(m, way, side_m) for m, way in ((returns.cw_m, -1), (returns.ccw_m, 1))]
+    sigma = 0.5 * math.sqrt(sum(variances))
+    freedom = max(len(returns.cw_m) + len(returns.ccw_m) - 2, 1)
+    limit = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * sigma
+    E_b = 0.5 * math.pi / (0.5 * math.pi + alpha)
+    E_d = diameters_ratio(beta, side_m, E_b * tread_m)
+    sigma_b, sigma_d = sigma * E_b**2 / (0.5 * math.pi), sigma * tread_m / side_m
+    seen = np.stack([returns.cw_m.mean(axis=0), returns.ccw_m.mean(axis=0)])
+    misfit = seen - predict_m(alpha, beta, side_m)
+    return Umbmark(
+        Estimate(alpha, sigma),
+        Estimate(beta, sigma),
+        Estimate(E_b, sigma_b),
+        Estimate(E_d, sigma_d),
+        Estimate(2.0 / (E_d + 1.0), 0.5 * sigma_d),
+        Estimate(2.0 / (1.0 / E_d + 1.0), 0.5 * sigma_d),
+        Estimate(E_b * tread_m, sigma_b * tread_m),
+        (abs(alpha) > limit, abs(beta) > limit),
+        _largest(seen, returns),
+        _largest(misfit, returns),
+        misfit,
+    )
+
+
+def _variance_of_mean(returns_m: Array, direction: int, side_m: float) -> float:
+    """Of `one_way_rad`; nan for a single run."""
+    if len(returns_m) < 2:
+        return math.nan
+    each = (returns_m[:, 0] - direction * returns_m[:, 1]) / (4.0 * side_m)
+    return float(np.var(each, ddof=1)) / len(each)
+
+
+def _largest(centroids_m: Array, returns: Returns) -> Estimate:
+    """E_max,syst: the larger distance of the two centroids from the origin, and its standard deviation."""
+    distance_m = np.hypot(*centroids_m.T)
+    worst = int(distance_m.argmax())
+    runs = (returns.cw_m, returns.ccw_m)[worst]
+    if len(runs) < 2:
+        return Estimate(float(distance_m[worst]), math.nan)
+    along = centroids_m[worst] / max(float(distance_m[worst]), 1e-12)
+    sigma = math.sqrt(float(np.var(runs @ along, ddof=1)) / len(runs))
+    return Estimate(float(distance_m[worst]), sigma)
+
+
+def leave_one_pair_out(returns: Returns, side_m: float) -> tuple[Array, Array]:
+    """Distances from the origin of the pair that was left out, before and after, shape (pairs, 2) each: cw, ccw.
+
+    Pair k, the k-th cw and the k-th ccw run, is corrected by what all other runs say.
+    """
+    pairs = min(len(returns.cw_m), len(returns.ccw_m))
+    before, after = np.zeros((pairs, 2)), np.zeros((pairs, 2))
+    for k in range(pairs if pairs > 1 else 0):
+        alpha, beta = _solve(np.delete(returns.cw_m, k, 0), np.delete(returns.ccw_m, k, 0), side_m)
+        seen = np.stack([returns.cw_m[k], returns.ccw_m[k]])
+        before[k] = np.hypot(*seen.T)
+        after[k] = np.hypot(*(seen - predict_m(alpha, beta, side_m)).T)
+    return (before, after) if pairs > 1 else (before[:0], after[:0])
+
+
+def runs_problem(returns: Returns) -> str:
+    """A sentence where there are fewer runs than UMBmark asks for; empty otherwise."""
+    counts: Sequence[int] = (len(returns.cw_m), len(returns.ccw_m))
+    if min(counts) >= RUNS:
+        return ""
+    return f"UMBmark asks for {RUNS} runs in each direction; here are {counts[0]} cw and {counts[1]} ccw."

@@ -1,0 +1,121 @@
+"""What the wheel calibration says in words: which values it cannot tell, and what to distrust."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from drd.units import DEG_PER_RAD
+from drd_tools.calibrate.wheels.drive import SWEEP_DEG, Drive
+from drd_tools.calibrate.wheels.fit import LIMIT, WheelFit
+from drd_tools.calibrate.wheels.heldout import HeldOut
+
+ONE_SIDED = 0.2  # turning to the lesser side, as part of the turning to the other
+LITTLE_TURN_RAD = 0.5 * math.pi
+NOTABLE_SIGMA = 3.0
+NOTABLE_DISAGREEMENT = 1.5
+NOISY = 1.5
+WORSE = 1.02
+VALUES = ("mean radius", "difference of the radii", "tread")
+
+
+def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
+    """A sentence for each value that stays at its nominal."""
+    path_m = sum(drive.path_m for drive in drives)
+    left, right = np.sum([drive.turns_rad for drive in drives], axis=0)
+    turned = f"{DEG_PER_RAD * (left + right):.0f} deg in all, in sweeps of {SWEEP_DEG:g} deg or more"
+    sentences = []
+    for k, name in enumerate(VALUES):
+        if fit.determined[k]:
+            continue
+        if k == 2 and left + right < LITTLE_TURN_RAD:
+            why = f"the recordings hardly turn ({turned})"
+        elif k < 2 and path_m < 0.5 * (left + right) * drives[0].nominal.tread_m:
+            why = f"the recordings turn ({turned}) but hardly go anywhere ({path_m:.2f} m of path)"
+        else:
+            why = f"too little motion for this noise ({path_m:.2f} m of path, {turned})"
+        sentences.append(
+            f"{name}: not determined, {why}; its standard deviation would be {100 * fit.free_sigma[k]:.0f} % or more, "
+            f"the limit is {100 * LIMIT[k]:.0f} %. It stays at its nominal."
+        )
+    if not fit.determined[0] and fit.determined[2]:
+        sentences.append(
+            "tread: it is meant for the nominal radii; only tread / radius was measured. Its sigma allows for them."
+        )
+    if fit.determined[1] and not fit.determined[2]:
+        sentences.append("difference of the radii: it is meant for the nominal tread. Its sigma allows for that.")
+    return sentences
+
+
+def warnings(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
+    """Sentences on what makes this fit doubtful, from the data themselves."""
+    said = []
+    left, right = DEG_PER_RAD * np.sum([drive.turns_rad for drive in drives], axis=0)
+    if max(left, right) > 90.0 and min(left, right) < ONE_SIDED * max(left, right):
+        said.append(
+            f"The recordings turn to one side ({left:.0f} deg left, {right:.0f} deg right). Tread, unequal wheels and "
+            "a sideways offset of the reference look alike there: drive the same turns the other way too."
+        )
+    if fit.disagreement > NOTABLE_DISAGREEMENT:
+        said.append(
+            f"The recordings disagree {fit.disagreement:.1f} times more than their own windows do: something changes "
+            "between them (ground, load, way of driving). The uncertainty is taken from recording to recording."
+        )
+    noise_deg, sheet_deg = (
+        DEG_PER_RAD * float(np.median(v)) for v in (fit.white_rad, [d.heading_sigma_rad for d in drives])
+    )
+    noise_m, sheet_m = float(np.median(fit.white_m)), float(np.median([d.position_sigma_m for d in drives]))
+    if noise_deg > NOISY * sheet_deg or noise_m > NOISY * sheet_m:
+        said.append(
+            f"What is left over, {1000 * noise_m:.1f} mm and {noise_deg:.2f} deg, is more than the reference's noise "
+            f"in robot.yaml, {1000 * sheet_m:.1f} mm and {sheet_deg:.2f} deg: a noisier reference, or slip."
+        )
+    return said
+
+
+def held_out_warnings(
+    fit: WheelFit, drives: Sequence[Drive], other: WheelFit | None, tests: Sequence[Drive], figures: Sequence[HeldOut]
+) -> list[str]:
+    """Sentences where the calibration does not carry over; `other` is a fit of the held-out recordings alone."""
+    if not figures:
+        return []
+    said = []
+    before, after = (
+        math.sqrt(float(np.mean([error.rms_m**2 for error in errors])))
+        for errors in ([f.nominal for f in figures], [f.calibrated for f in figures])
+    )
+    if after > WORSE * before:
+        said.append(
+            f"The calibration does not help where it was not fitted: {1000 * before:.3g} mm rms along the way with the "
+            f"nominal wheels, {1000 * after:.3g} mm with the calibrated ones. Do not use it."
+        )
+    if other is None:
+        return said
+    names = ("left radius", "right radius", "tread")
+    values = [(w.left_radius_m, w.right_radius_m, w.tread_m) for w in (fit.wheels, other.wheels)]
+    known = (all(f.determined[:2]) for f in (fit, other))
+    radii = all(known)
+    for k, name in enumerate(names):
+        if not (radii if k < 2 else fit.determined[2] and other.determined[2]):
+            continue
+        mine, its = values[0][k], values[1][k]
+        sigma = math.hypot(fit.sigma[k] * mine, other.sigma[k] * its)
+        if abs(mine - its) > NOTABLE_SIGMA * sigma:
+            said.append(
+                f"The held-out recordings, fitted by themselves, ask for another {name}: {its:.5g} m, "
+                f"{100 * (its / mine - 1):+.2f} %, {abs(mine - its) / sigma:.0f} sigma away."
+            )
+    if said:
+        said.append(
+            "Slip makes the effective values depend on how the robot is driven: calibrate with drives like those that "
+            f"matter. {_way_of_driving(drives, tests)}"
+        )
+    return said
+
+
+def _way_of_driving(drives: Sequence[Drive], tests: Sequence[Drive]) -> str:
+    fitted, held_out = (100 * float(np.mean([d.spot_share for d in some])) for some in (drives, tests))
+    return (
+        f"Of the turning {fitted:.0f} % is on the spot (wheels running against each other) in the fitted recordings, "
+        f"{held_out:.0f} % in the held-out ones."
+    )

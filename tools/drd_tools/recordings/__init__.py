@@ -1,0 +1,1 @@
+"""Recordings of real and simulated robots."""

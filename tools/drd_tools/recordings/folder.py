@@ -1,0 +1,259 @@
+"""The neutral recording folder: robot.yaml, encoders.csv, fog.csv and reference.csv, as text that anyone can make."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import REQUIRED, ConfigError, Loaded, key, load, section
+from drd.units import RAD_PER_DEG
+
+Array = npt.NDArray[np.float64]
+
+COUNTS: Final = ("time_s", "left_counts", "right_counts")
+SPEEDS: Final = ("time_s", "left_rad_s", "right_rad_s")
+RATE: Final = ("time_s", "rate_deg_s")
+RATE_AND_TEMPERATURE: Final = (*RATE, "temperature_c")
+POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheel:
+    """Both wheels, as believed."""
+
+    radius_m: float = key(REQUIRED, "Rolling radius", "m", low=0.001, high=5)
+    counts_per_revolution: float | None = key(
+        None, "Counts of one turn of the wheel; null where the drive reports speed only", "1", low=1e-3, high=1e9
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogSheet:
+    """The gyro as its data sheet describes it."""
+
+    kind: str | None = key(None, "What kind of gyro, for people")
+    rate_hz: float | None = key(None, "Output rate", "Hz", low=1e-3, high=1e5)
+    range_deg_s: float | None = key(None, "Full scale", "deg/s", low=1e-3, high=1e5)
+    angle_random_walk_deg_per_sqrt_h: float | None = key(None, "Angle random walk", "deg/sqrt(h)", low=0, high=1e3)
+    bias_repeatability_deg_s: float | None = key(None, "Bias, switch-on to switch-on", "deg/s", low=0, high=1e3)
+    bias_random_walk_deg_per_h_per_sqrt_h: float | None = key(
+        None, "Rate random walk", "deg/h/sqrt(h)", low=0, high=1e6
+    )
+    resolution_deg_s: float | None = key(None, "Resolution", "deg/s", low=0, high=1e3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderSheet:
+    """The encoders and the ground, as believed."""
+
+    kind: str | None = key(None, "What kind of encoder, for people")
+    rate_hz: float | None = key(None, "Output rate", "Hz", low=1e-3, high=1e5)
+    slip_noise_m_per_sqrt_m: float | None = key(None, "Noise of each wheel's travel", "m/sqrt(m)", low=0, high=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSheet:
+    """How good the reference is."""
+
+    position_sigma_m: float | None = key(None, "Standard deviation of each coordinate", "m", low=0, high=1e3)
+    heading_sigma_deg: float | None = key(None, "Standard deviation of the heading", "deg", low=0, high=180)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nominal:
+    """robot.yaml: what the robot's engineers believe."""
+
+    name: str = key("robot", "Name of the recording or robot")
+    wheel: Wheel = section(Wheel)
+    tread_m: float = key(REQUIRED, "Distance between left and right wheels", "m", low=0.01, high=50)
+    fog: FogSheet = section(FogSheet)
+    encoders: EncoderSheet = section(EncoderSheet)
+    reference: ReferenceSheet = section(ReferenceSheet)
+    standstill_at_start_s: float = key(0.0, "How long the robot stands at first", "s", low=0, high=1e6)
+
+
+@dataclass(frozen=True)
+class FogLog:
+    """Rates, shape (n,) each: the mean over the interval that ends at the time. Counter-clockwise positive."""
+
+    time_s: Array
+    rate_rad_s: Array
+    temperature_c: Array | None
+
+
+@dataclass(frozen=True)
+class EncoderLog:
+    """Wheel motion, shape (n,) each, n >= 2: cumulative counts, or else speeds over the interval that ends there."""
+
+    time_s: Array
+    left_counts: Array | None
+    right_counts: Array | None
+    left_rad_s: Array | None
+    right_rad_s: Array | None
+
+
+@dataclass(frozen=True)
+class ReferenceLog:
+    """Poses, shape (n,) each. The heading is continuous: whole turns are kept, where the rows show them."""
+
+    time_s: Array
+    x_m: Array
+    y_m: Array
+    heading_rad: Array
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A whole folder. `sha256` has the hash of each file that was read."""
+
+    folder: Path
+    nominal: Nominal
+    encoders: EncoderLog
+    fog: FogLog | None
+    reference: ReferenceLog | None
+    sha256: dict[str, str]
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self.folder.resolve().name
+
+    def wheel_angles_rad(self) -> tuple[Array, Array]:
+        """How far the left and the right wheel have turned since the first row, rad, shape (n,) each."""
+        log, per_revolution = self.encoders, self.nominal.wheel.counts_per_revolution
+        if log.left_counts is not None and log.right_counts is not None and per_revolution is not None:
+            factor = 2.0 * math.pi / per_revolution
+            return factor * (log.left_counts - log.left_counts[0]), factor * (log.right_counts - log.right_counts[0])
+        assert log.left_rad_s is not None
+        assert log.right_rad_s is not None
+        step_s = np.diff(log.time_s, prepend=log.time_s[0])
+        return np.cumsum(log.left_rad_s * step_s), np.cumsum(log.right_rad_s * step_s)
+
+
+def read_recording(folder: Path) -> Recording:
+    """Read a recording folder. Raises ConfigError with file, line and column or key; nothing else escapes."""
+    if not folder.is_dir():
+        raise ConfigError(str(folder), "", "a recording folder", "a file" if folder.exists() else "nothing there")
+    names = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv")
+    for name in names[:2]:
+        if not (folder / name).exists():
+            raise ConfigError(str(folder), name, "this file in the folder", "none")
+    loaded = load(folder / "robot.yaml", Nominal)
+    sha256 = {name: _hash(folder / name) for name in names if (folder / name).exists()}
+    return Recording(
+        folder,
+        loaded.value,
+        _read_encoders(folder / "encoders.csv", loaded),
+        _read_fog(folder / "fog.csv") if "fog.csv" in sha256 else None,
+        _read_reference(folder / "reference.csv") if "reference.csv" in sha256 else None,
+        sha256,
+    )
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers of a CSV file: shape (n, columns), and the line of the file where each row stands, shape (n,)."""
+
+    file: Path
+    header: tuple[str, ...]
+    values: Array
+    line: list[int]
+
+    def refuse(self, row: int, column: str, expected: str) -> ConfigError:
+        """The error that names one cell."""
+        got = f"{self.values[row, self.header.index(column)]:.12g}"
+        return ConfigError(f"{self.file}:{self.line[row]}", column, expected, got)
+
+
+def read_table(file: Path, headers: tuple[tuple[str, ...], ...], rows: int = 1) -> Table:
+    """Read a CSV file of numbers that has one of `headers`, the first column a rising time, and at least `rows` rows.
+
+    Empty lines, and lines with # before the header, are skipped. Raises ConfigError with file, line and column.
+    """
+    lines = _lines(file)
+    first = next((k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
+    expected = " or ".join(",".join(h) for h in headers)
+    if first is None:
+        raise ConfigError(str(file), "", f"the header {expected}", "an empty file")
+    header = tuple(cell.strip() for cell in lines[first].split(","))
+    if header not in headers:
+        raise ConfigError(f"{file}:{first + 1}", "header", expected, repr(lines[first].strip()[:80]))
+    numbered = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
+    if len(numbered) < rows:
+        raise ConfigError(str(file), "", f"at least {rows} rows of numbers", str(len(numbered)))
+    try:
+        values = np.loadtxt([line for _, line in numbered], delimiter=",", ndmin=2, comments=None)
+    except ValueError:
+        values = np.full((1, 1), np.nan)
+    if values.shape[1] != len(header) or not np.isfinite(values).all():
+        _blame(file, numbered, header)
+    table = Table(file, header, values, [number for number, _ in numbered])
+    stuck = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
+    if stuck.size:
+        raise table.refuse(int(stuck[0]) + 1, header[0], f"a time after {values[stuck[0], 0]:.12g}")
+    return table
+
+
+def _blame(file: Path, numbered: list[tuple[int, str]], header: tuple[str, ...]) -> None:
+    """Find the first cell that is not a finite number, and raise the error that names it."""
+    for number, line in numbered:
+        cells = line.split(",")
+        if len(cells) != len(header):
+            raise ConfigError(f"{file}:{number}", "", f"{len(header)} columns", str(len(cells)))
+        for name, cell in zip(header, cells, strict=True):
+            try:
+                is_number = "_" not in cell and math.isfinite(float(cell))
+            except ValueError:
+                is_number = False
+            if not is_number:
+                raise ConfigError(f"{file}:{number}", name, "a finite number", repr(cell.strip()[:40]))
+    raise ConfigError(str(file), "", "a table of numbers", "something else")
+
+
+def _lines(file: Path) -> list[str]:
+    try:
+        return file.read_text(encoding="utf-8-sig").splitlines()  # spreadsheets put a byte order mark first
+    except (OSError, UnicodeDecodeError) as error:
+        got = str(error.strerror) if isinstance(error, OSError) else str(error)
+        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
+
+
+def _hash(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(str(file), "", "a readable file", str(error.strerror)) from error
+
+
+def _read_encoders(file: Path, robot: Loaded[Nominal]) -> EncoderLog:
+    table = read_table(file, (COUNTS, SPEEDS), rows=2)
+    time_s, left, right = table.values.T
+    if table.header == SPEEDS:
+        return EncoderLog(time_s, None, None, left, right)
+    if robot.value.wheel.counts_per_revolution is None:
+        path = "wheel.counts_per_revolution"
+        raise ConfigError(robot.place(path), path, "a number, since encoders.csv has counts", "null")
+    for name, counts in zip(COUNTS[1:], (left, right), strict=True):
+        broken = np.flatnonzero(counts != np.round(counts))
+        if broken.size:
+            raise table.refuse(int(broken[0]), name, "a whole number of counts")
+    return EncoderLog(time_s, left, right, None, None)
+
+
+def _read_fog(file: Path) -> FogLog:
+    table = read_table(file, (RATE, RATE_AND_TEMPERATURE))
+    temperature_c = table.values[:, 2] if table.header == RATE_AND_TEMPERATURE else None
+    return FogLog(table.values[:, 0], table.values[:, 1] * RAD_PER_DEG, temperature_c)
+
+
+def _read_reference(file: Path) -> ReferenceLog:
+    time_s, x_m, y_m, heading_deg = read_table(file, (POSES,)).values.T
+    heading_rad = heading_deg * RAD_PER_DEG
+    # More than a turn in all: whole turns are in the file, and sparse rows may truly be more than half a turn apart.
+    if np.ptp(heading_deg) <= 360.0:
+        heading_rad = np.unwrap(heading_rad)
+    return ReferenceLog(time_s, x_m, y_m, heading_rad)
