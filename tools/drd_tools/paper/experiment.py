@@ -1,0 +1,116 @@
+"""The whole experiment, on all processor cores."""
+
+import dataclasses
+import functools
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from drd.config import Config
+from drd.config_file import load_config
+from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.paper.gyro import SimulatedGyro
+from drd_tools.paper.physics import Physics
+from drd_tools.paper.results import Results
+from drd_tools.paper.runs import CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
+from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps
+from drd_tools.shipped import shipped_config
+
+Array = npt.NDArray[np.float64]
+
+# Each with fewer gyros and one run each way: enough to see which way the filter's share moves.
+OTHER_ROBOTS: Final = (
+    {"skid": 0.0, "tread_sigma": 0.001},
+    {"skid": 0.005, "tread_sigma": 0.001},
+    {"skid": 0.02, "tread_sigma": 0.02},
+    {"skid": 0.05, "tread_sigma": 0.003},
+)
+PERCENTILES: Final = (5.0, 50.0, 95.0)
+
+
+def run_experiment(gyros: int, seed: int) -> Results:
+    """All cells of Table II with `gyros` gyros, and the studies beside it. Shows a progress bar."""
+    physics = Physics()
+    config = told(load_config(shipped_config("pioneer-at.yaml")).value, physics)
+    laboratory = Laboratory.make(config, physics)
+    few = max(2, gyros // 5)
+    robots = [other_robot(laboratory, changes) for changes in OTHER_ROBOTS]
+    calls: list[Callable[[], Outcome]] = [
+        functools.partial(run_gyro, laboratory, 1000 * seed + i, RUNS_EACH_WAY) for i in range(gyros)
+    ]
+    calls += [functools.partial(run_gyro, robot, 1000 * seed + i, 1) for robot in robots for i in range(few)]
+    outcomes = _parallel(calls, "runs")
+    main, rest = outcomes[:gyros], outcomes[gyros:]
+    others = [np.mean([o.return_m for o in rest[k : k + few]], axis=(0, 1)) for k in range(0, len(rest), few)]
+    time_s, sigma = sigmas_over_laps(laboratory)
+    way = laboratory.ways[0]
+    seconds = way.seconds()
+    return Results(
+        return_m=np.array([o.return_m for o in main]),
+        largest_m=np.array([o.largest_m for o in main]),
+        heading_deg=np.array([o.heading_deg for o in main]),
+        bound_m=np.array([o.bound_m for o in main]),
+        trace_m=np.percentile(np.array([o.trace_m for o in main]), PERCENTILES, axis=(0, 1)),
+        example_true_m=np.column_stack([np.interp(seconds, way.time_s, v) for v in (way.x_m, way.y_m)]),
+        via_m=_via_points(way),
+        example_m=main[0].path_m[0],
+        table_deg_s=np.array([(o.table_before_deg_s, o.table_after_deg_s) for o in main]),
+        figure3=_figure3(physics, seed),
+        variance_time_s=time_s,
+        variance_sigma=sigma,
+        delay=np.array(delay_alone(laboratory)),
+        others=np.array(others),
+        other_names=[", ".join(f"{k} {v:g}" for k, v in changes.items()) for changes in OTHER_ROBOTS],
+        parameters=list(_parameters(physics)),
+        told=list(_told(config)),
+        seed=seed,
+    )
+
+
+def _via_points(way: Way) -> Array:
+    """Where the corners begin and end."""
+    quarter_m = way.travel_m[-1] / 4.0
+    ends = quarter_m * np.arange(1, 5)
+    along = np.sort(np.concatenate([ends - CORNER_M, ends]))
+    return np.column_stack([np.interp(along, way.travel_m, v) for v in (way.x_m, way.y_m)])
+
+
+def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:
+    # A forked child of a process with threads may lock up.
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
+        futures = [pool.submit(call) for call in calls]
+        return [future.result() for future in tqdm(futures, desc=what, unit="gyro", disable=None)]
+
+
+def _figure3(physics: Physics, seed: int) -> Array:
+    """New data sets of one more gyro, before and after the calibration that never saw them."""
+    gyro = SimulatedGyro(physics.gyro, np.random.default_rng([seed, 2003]))
+    fitted = fit_error_function(data_sets_of_samples(*gyro.on_rate_table(physics.table)))
+    new = data_sets_of_samples(*gyro.on_rate_table(physics.table))
+    return np.column_stack([new.table_rate_deg_s, new.temperature_c, new.error_deg_s, fitted.residual_deg_s(new)])
+
+
+def _parameters(physics: Physics) -> Iterable[list[str]]:
+    for part in dataclasses.fields(physics):
+        section: Any = getattr(physics, part.name)
+        for field in dataclasses.fields(section):
+            about = field.metadata
+            value = f"{getattr(section, field.name):.4g}"
+            yield [f"{part.name}.{field.name}", value, about["unit"], about["text"], about["source"]]
+
+
+def _told(config: Config) -> Iterable[list[str]]:
+    """What of the configuration decides the outcome."""
+    yield ["robot.tread_m", f"{config.robot.tread_m:g}"]
+    for name in ("profile", "midpoint", "gate_sigma"):
+        yield [f"estimation.{name}", str(getattr(config.estimation, name))]
+    for part in ("static_bias", "initial", "noise"):
+        section = getattr(config.estimation, part)
+        for field in dataclasses.fields(section):
+            yield [f"estimation.{part}.{field.name}", f"{getattr(section, field.name):.4g}"]

@@ -1,0 +1,113 @@
+"""Gyros as Table I describes them: each draws its own error function, which is no polynomial."""
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.units import DEG_PER_RAD, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+from drd_tools.paper.physics import Gyro, RateTable
+
+Array = npt.NDArray[np.float64]
+Random = np.random.Generator
+
+TEMPERATURE_RANGE_C: Final = (-40.0, 75.0)
+FACTORY_C: Final = 25.0  # where scale factor and bias are set
+# Relative sizes of what makes the curves. Rate: the sine of the Sagnac phase, and a difference between left and right
+# turns from an offset of that phase. Temperature: slope and curvature.
+RATE_SHAPES: Final = (1.0, 0.3)
+TEMPERATURE_SHAPES: Final = (1.0, 0.5)
+RIPPLE: Final = 0.05  # what electronics and optics add that no low order describes, as a share of the specification
+PHASE_AT_FULL_SCALE_RAD: Final = 0.44  # 150 m of fibre on 66 mm at 820 nm
+GRID: Final = 801
+
+
+class SimulatedGyro:
+    """One gyro of the population. Readings are means over an interval, counter-clockwise positive, deg/s."""
+
+    def __init__(self, physics: Gyro, random: Random):
+        self._physics, self._random = physics, random
+        rate = np.linspace(-1.0, 1.0, GRID)  # of full scale
+        phase = PHASE_AT_FULL_SCALE_RAD * rate
+        # (sin(phase + offset) - sin(offset)) / phase: an even and, by the offset, an odd part.
+        half = 0.5 * phase
+        shapes = np.sinc(phase / math.pi), half * np.sinc(half / math.pi) ** 2
+        curve = _mixed(shapes, RATE_SHAPES, random)
+        # The data sheet's straight line is the best one over the full range.
+        curve -= np.average(curve, weights=rate**2)
+        curve = curve / math.sqrt(np.mean(curve**2)) + _ripple(6.0 * rate, random)
+        self._scale_at = rate * physics.full_scale_deg_s, curve * physics.nonlinearity
+        self._scale_at_c = _over_temperature(physics.scale_over_temperature, random)
+        self._bias_at_c = _over_temperature(physics.bias_over_temperature_deg_s, random)
+
+    def error_deg_s(self, rate_deg_s: Array | float, temperature_c: Array | float) -> Array:
+        """The error without noise at a true rate and temperature; the shape of the two broadcast. (1)"""
+        scale = np.interp(rate_deg_s, *self._scale_at) + np.interp(temperature_c, *self._scale_at_c)
+        error: Array = scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c)
+        return error
+
+    def read(self, rate_deg_s: Array, temperature_c: Array, interval_s: float) -> tuple[Array, Array]:
+        """Readings of successive intervals: rate and temperature, both of shape (n,)."""
+        p, n = self._physics, len(rate_deg_s)
+        walk = p.walk_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H * DEG_PER_RAD / math.sqrt(interval_s)
+        noise = walk * self._random.standard_normal(n)
+        wander = p.bias_stability_deg_s * correlated(n, interval_s / p.bias_correlation_s, self._random)
+        rate = rate_deg_s + self.error_deg_s(rate_deg_s, temperature_c) + noise + wander
+        limited = np.clip(rate, -p.full_scale_deg_s, p.full_scale_deg_s)
+        return _rounded(limited, p.count_deg_s), _rounded(temperature_c, p.thermometer_c)
+
+    def on_rate_table(self, table: RateTable, interval_s: float = 0.1) -> tuple[Array, Array, Array, Array]:
+        """A calibration's samples: time_s, table_rate_deg_s, rate_deg_s, temperature_c, each of shape (n,)."""
+        limit = 0.95 * self._physics.full_scale_deg_s  # with its scale error it would clip beyond
+        steps = round(limit / table.rate_step_deg_s)
+        rates = np.linspace(-limit, limit, 2 * steps + 1)
+        temperatures = np.linspace(table.coldest_c, table.warmest_c, round(table.temperatures))
+        samples = round(table.dwell_s / interval_s)
+        # Each dwell has a different rate than the one before, so that they can be told apart.
+        true = np.tile(np.repeat(rates, samples), len(temperatures))
+        temperature = np.repeat(temperatures, samples * len(rates))
+        rate, read_c = self.read(true, temperature, interval_s)
+        return np.asarray(interval_s * np.arange(len(true))), true, rate, read_c
+
+
+def correlated(n: int, step: float, random: Random) -> Array:
+    """A stationary Gauss-Markov sequence of unit variance; `step` is the sample's length in correlation lengths."""
+    return correlated_along(np.full(n, step), random)
+
+
+def correlated_along(steps: Array, random: Random) -> Array:
+    """The same for steps of different lengths, shape (n,)."""
+    keep = np.exp(-steps)
+    drive = np.sqrt(1.0 - keep**2) * random.standard_normal(len(steps))
+    values, value = np.empty(len(steps)), float(random.standard_normal())
+    for i, (a, b) in enumerate(zip(keep.tolist(), drive.tolist(), strict=True)):
+        value = a * value + b
+        values[i] = value
+    return values
+
+
+def _mixed(shapes: tuple[Array, ...], sizes: tuple[float, ...], random: Random) -> Array:
+    """A random mixture of shapes, each first centred and brought to unit size."""
+    total = np.zeros_like(shapes[0])
+    for shape, size in zip(shapes, sizes, strict=True):
+        centred = shape - shape.mean()
+        total += size * random.standard_normal() * centred / centred.std()
+    return total
+
+
+def _ripple(phase_rad: Array, random: Random) -> Array:
+    return np.asarray(RIPPLE * random.standard_normal() * np.sin(phase_rad + random.uniform(0.0, 2.0 * math.pi)))
+
+
+def _over_temperature(peak_to_peak: float, random: Random) -> tuple[Array, Array]:
+    """A curve over the full range of temperature which is zero where the factory set it; for np.interp."""
+    temperature = np.linspace(*TEMPERATURE_RANGE_C, GRID)
+    t = (temperature - FACTORY_C) / 60.0
+    curve = _mixed((t, t**2), TEMPERATURE_SHAPES, random)
+    curve = peak_to_peak * (curve / np.ptp(curve) + _ripple(6.0 * t, random))
+    return temperature, curve - np.interp(FACTORY_C, temperature, curve)
+
+
+def _rounded(values: Array, count: float) -> Array:
+    return count * np.round(values / count)

@@ -1,0 +1,92 @@
+"""What `drd paper` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import ConfigError
+
+Array = npt.NDArray[np.float64]
+
+FORMAT: Final = "drd-paper/1"
+FILE: Final = "results.json"
+SIGNIFICANT_DIGITS: Final = 6
+RESAMPLES: Final = 2000
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """Arrays over gyros (g), runs (r, cw first), cells (c, of runs.CELLS) and seconds (s). Metres, degrees."""
+
+    return_m: Array  # (g, r, c)
+    largest_m: Array  # (g, r, c)
+    heading_deg: Array  # (g, r, c)
+    bound_m: Array  # (g, r, c)
+    trace_m: Array  # (3, c, s): 5th, 50th and 95th percentile of the position error over gyros and runs
+    example_true_m: Array  # (s, 2): cw run of the first gyro
+    via_m: Array  # (8, 2): beginnings and ends of the corners
+    example_m: Array  # (c, s, 2)
+    table_deg_s: Array  # (g, 2): rms error of new rate-table data before and after calibration
+    figure3: Array  # (n, 4): one gyro's new data sets: rate in deg/s, temperature, error before and after in deg/s
+    variance_time_s: Array  # (k,)
+    variance_sigma: Array  # (k, 9)
+    delay: Array  # (d, 3): delay in s, return error, largest error on the way
+    others: Array  # (v, c): mean return error of the other robots
+    other_names: list[str]
+    parameters: list[list[str]]  # name, value, unit, meaning, source
+    told: list[list[str]]  # configuration key, value
+    seed: int
+
+    @property
+    def runs_each_way(self) -> int:
+        """Runs in one direction."""
+        return len(self.return_m[0]) // 2
+
+    def save(self, folder: Path) -> None:
+        """Write FILE. Raises OSError."""
+        content: dict[str, Any] = {"format": FORMAT}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            content[field.name] = _rounded(value) if isinstance(value, np.ndarray) else value
+        (folder / FILE).write_text(json.dumps(content), encoding="utf-8")
+
+    @staticmethod
+    def load(folder: Path) -> "Results":
+        """Read FILE. Raises ConfigError."""
+        file = folder / FILE
+        try:
+            content = json.loads(file.read_text(encoding="utf-8"))
+            if content.pop("format") != FORMAT:
+                raise ValueError
+            arrays = {field.name for field in dataclasses.fields(Results) if field.type is Array}
+            fields: dict[str, Any] = {k: np.array(v, float) if k in arrays else v for k, v in content.items()}
+            return Results(**fields)
+        except OSError as error:
+            raise ConfigError(str(file), "", "results of an earlier `drd paper`", str(error.strerror)) from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", "something else") from error
+
+
+def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, float]:
+    """How many times smaller the mean error is in a cell than in the first; with the 95 % interval over gyros."""
+    mean = return_m.mean(axis=1)
+    picked = np.random.default_rng(seed).integers(len(mean), size=(RESAMPLES, len(mean)))
+    resampled = mean[picked].mean(axis=1)
+    low, high = np.percentile(resampled[:, 0] / resampled[:, cell], (2.5, 97.5))
+    return float(mean[:, 0].mean() / mean[:, cell].mean()), float(low), float(high)
+
+
+def single_factors(return_m: Array, cell: int) -> Array:
+    """The same for each gyro by itself, shape (g,)."""
+    mean = return_m.mean(axis=1)
+    single: Array = mean[:, 0] / mean[:, cell]
+    return single
+
+
+def _rounded(values: Array) -> Any:
+    return json.loads(np.array2string(values, separator=",", threshold=values.size + 1, max_line_width=10**9,
+                                      formatter={"float_kind": lambda v: f"{v:.{SIGNIFICANT_DIGITS}g}"}))  # fmt: skip
