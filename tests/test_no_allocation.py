@@ -10,7 +10,9 @@ SETTLING_BLOCKS, SETTLING_BYTES = 100, 10_000
 
 def test_no_block_that_a_filter_step_allocates_lives_on() -> None:
     growth = filter_growth(10_000)
-    assert (growth.blocks, growth.size_bytes) == (0, 0)
+    # Fewer: something that lived before was freed meanwhile.
+    assert growth.blocks <= 0
+    assert growth.size_bytes <= 0
 
 
 def test_the_pipelines_memory_does_not_grow_with_its_cycles() -> None:

@@ -31,9 +31,8 @@ def main(argv: list[str]) -> int:
             print(f"{'':{width}}  {meta.text}")
     if (calibration := pipeline.calibration) is not None:
         (low, high), (cold, warm) = calibration.rate_range_deg_s, calibration.temperature_range_c
-        print(
-            f"calibration holds from {low:g} to {high:g} deg/s and {cold:g} to {warm:g} degC: {calibration.provenance}"
-        )
+        source = ", ".join(f"{k} {v}" for k, v in calibration.provenance.items() if not k.startswith("sha256"))
+        print(f"calibration holds from {low:.4g} to {high:.4g} deg/s and {cold:.4g} to {warm:.4g} degC: {source}")
     print(f"the gyro's scale is {'' if pipeline.estimator.estimates_gyro_scale else 'not '}estimated")
     print(f"wheel travel is resolved to {pipeline.encoders.resolution_m * 1e3:.4g} mm")
     output = loaded.value.output

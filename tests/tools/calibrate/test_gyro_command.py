@@ -195,7 +195,7 @@ def test_live_records_first_and_fits_with_what_was_there(
 
     live = ModuleType("gyro_live")
     monkeypatch.setattr(live, "record_steps", record_steps, raising=False)
-    monkeypatch.setitem(sys.modules, "drd_tools.calibrate.gyro_live", live)
+    monkeypatch.setitem(sys.modules, "drd_tools.calibrate.gyro.live", live)
     earlier = write_table(tmp_path / "earlier", np.random.default_rng(2), (20, 40), rates=FEW_RATES)
     options = ["--live", "robot.yaml", "--rates", "-100,-50,0,50,100", "--seconds", "8"]
     assert main([*options, str(earlier), "--output", str(tmp_path / "out")]) == 0

@@ -7,7 +7,7 @@ from typing import Final
 
 KINDS: Final = {
     "gyro": ("drd_tools.calibrate.gyro.command", "the gyro's error function, from a rate table"),
-    "noise": ("drd_tools.calibrate.noise_command", "the gyro's noise and bias, from a log at standstill"),
+    "noise": ("drd_tools.calibrate.noise.command", "the gyro's noise and bias, from a log at standstill"),
     "wheels": ("drd_tools.calibrate.wheels.command", "wheel radii and tread, from UMBmark or recordings"),
 }
 

@@ -18,7 +18,7 @@ from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_er
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
-from drd_tools.paper.runs import CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
+from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps
 from drd_tools.shipped import shipped_config
 
@@ -26,10 +26,10 @@ Array = npt.NDArray[np.float64]
 
 # Each with fewer gyros and one run each way: enough to see which way the filter's share moves.
 OTHER_ROBOTS: Final = (
-    {"skid": 0.0, "tread_sigma": 0.001},
+    {"skid": 0.005, "tread_sigma": 0.001, "pavement_m_per_sqrt_m": 0.0003, "bump_m": 0.0003},
     {"skid": 0.005, "tread_sigma": 0.001},
-    {"skid": 0.02, "tread_sigma": 0.02},
-    {"skid": 0.05, "tread_sigma": 0.003},
+    {"tread_sigma": 0.02},
+    {"skid": 0.05},
 )
 PERCENTILES: Final = (5.0, 50.0, 95.0)
 
@@ -44,7 +44,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
     calls: list[Callable[[], Outcome]] = [
         functools.partial(run_gyro, laboratory, 1000 * seed + i, RUNS_EACH_WAY) for i in range(gyros)
     ]
-    calls += [functools.partial(run_gyro, robot, 1000 * seed + i, 1) for robot in robots for i in range(few)]
+    calls += [functools.partial(run_gyro, robot, 1000 * seed + i, 1, CELLS[:2]) for robot in robots for i in range(few)]
     outcomes = _parallel(calls, "runs")
     main, rest = outcomes[:gyros], outcomes[gyros:]
     others = [np.mean([o.return_m for o in rest[k : k + few]], axis=(0, 1)) for k in range(0, len(rest), few)]

@@ -35,7 +35,7 @@ class Results:
     variance_time_s: Array  # (k,)
     variance_sigma: Array  # (k, 9)
     delay: Array  # (d, 3): delay in s, return error, largest error on the way
-    others: Array  # (v, c): mean return error of the other robots
+    others: Array  # (v, 2): mean return error of the other robots, without filter and with it
     other_names: list[str]
     parameters: list[list[str]]  # name, value, unit, meaning, source
     told: list[list[str]]  # configuration key, value

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -96,7 +96,9 @@ class Laboratory:
         return Laboratory(config, physics, (cw, ccw))
 
 
-def run_gyro(laboratory: Laboratory, seed: int, runs_each_way: int = RUNS_EACH_WAY) -> Outcome:
+def run_gyro(
+    laboratory: Laboratory, seed: int, runs_each_way: int = RUNS_EACH_WAY, cells: Sequence[Cell] = CELLS
+) -> Outcome:
     """Draw a gyro and a robot, calibrate the gyro on the rate table, drive all runs."""
     random = np.random.default_rng([seed, 2001])
     physics = laboratory.physics
@@ -104,7 +106,7 @@ def run_gyro(laboratory: Laboratory, seed: int, runs_each_way: int = RUNS_EACH_W
     calibration, before, after = calibrate(gyro, physics)
     wheels = SkidSteer(laboratory.config, physics.robot, random)
     weather = Climate(physics.weather, random)
-    configs = [configured(laboratory.config, cell) for cell in CELLS]
+    configs = [configured(laboratory.config, cell) for cell in cells]
     rows: list[list[Run]] = []
     for run in range(2 * runs_each_way):
         way = laboratory.ways[run >= runs_each_way]
@@ -113,7 +115,7 @@ def run_gyro(laboratory: Laboratory, seed: int, runs_each_way: int = RUNS_EACH_W
         rows.append(
             [
                 drive(way, samples, config, calibration if cell.calibrated else None)
-                for cell, config in zip(CELLS, configs, strict=True)
+                for cell, config in zip(cells, configs, strict=True)
             ]
         )
     columns: Any = {name: np.array([[getattr(run, name) for run in row] for row in rows]) for name in Run._fields}

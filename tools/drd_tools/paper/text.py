@@ -93,11 +93,13 @@ def _difference(results: Results, cell: int) -> str:
 
 def _filter_depends(results: Results) -> str:
     """Why the filter's share is what it is: how well the wheels know a turn."""
-    error = [f"{name}: {e[0] / e[1]:.1f}" for name, e in zip(results.other_names, results.others, strict=True)]
+    error = [
+        f"{name}, its factor alone is {e[0] / e[1]:.1f}"
+        for name, e in zip(results.other_names, results.others, strict=True)
+    ]
     return (
-        "The filter can only take from the wheels what they know better than the gyro. Its factor alone for other "
-        f"robots is {'; '.join(error)} (skid: fluctuation of the effective tread, tread_sigma: what is not known of "
-        "its mean). The paper does not say how well its wheels knew a turn."
+        "The filter can only take from the wheels what they know better than the gyro. Where the robot has "
+        f"{'; '.join(error)}. The paper does not say how well its wheels knew a turn."
     )
 
 

@@ -130,7 +130,7 @@ def _evaluation(new: DataSets | None, chosen: Candidate, fitted: ErrorFunction) 
 def _tables(arguments: argparse.Namespace) -> list[RateTable]:
     files = files_in(arguments.data)
     if arguments.live is not None:
-        live = importlib.import_module("drd_tools.calibrate.gyro_live")  # only then are the daemon's ports needed
+        live = importlib.import_module("drd_tools.calibrate.gyro.live")  # only then are the daemon's ports needed
         folder = arguments.output / "recordings" / datetime.now(UTC).strftime("%Y-%m-%dT%H%M%SZ")
         recorded: list[Path] = live.record_steps(arguments.live, folder, arguments.rates, arguments.seconds)
         print(f"\nRecorded {len(recorded)} steps in {folder}; give it as DATA to use them again.\n")

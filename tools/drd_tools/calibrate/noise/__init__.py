@@ -1,0 +1,1 @@
+"""The gyro's noise, bias and warm-up, from a log at standstill."""

@@ -1,0 +1,180 @@
+"""What a log at standstill says about a gyro: warm-up, noise terms with intervals, bias, and what the filter takes."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+
+from drd.config import Noise
+from drd.schema import ConfigError
+from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
+from drd_tools.calibrate.noise.allan import FLOOR, TERMS, Array, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
+from drd_tools.calibrate.noise.intervals import SIMULATIONS, Interval, Simulator, intervals, shows_ramp
+from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog
+from drd_tools.calibrate.noise.warmup import Slope, WarmUp, fit_warm_up, left_out_s, temperature_slope
+
+MODEL: Final = (Q, N, B, K)
+# The filter has no state for flicker: its random walk of the bias stands for all that is slow. (36)
+FILTER: Final = (Q, N, K)
+STEPS: Final = 7
+# Beyond both, a point counts as missed by the model: its 90 % interval, and this part of it.
+MISFIT: Final = 0.10
+
+
+class Origin(Enum):
+    """Where the filter's rate random walk comes from."""
+
+    MEASURED = "measured"
+    BOUND = "upper bound"
+    DEFAULT = "default"
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """What the configuration's noise profile takes, SI; `random_walk` is the interval of the fit without flicker."""
+
+    angle_random_walk: float
+    rate_random_walk: float
+    origin: Origin
+    random_walk: Interval
+
+
+@dataclass(frozen=True)
+class GyroNoise:
+    """Everything that was found; SI. `log` is the part that was analysed, of `whole`."""
+
+    whole: StaticLog
+    log: StaticLog
+    skipped_by_user: bool
+    warm_up: WarmUp | None
+    slope: Slope | None
+    instability_rad_s: float  # the model's lowest Allan deviation / 0.664: B, if it is visible, or a bound on it
+    curve: Curve
+    fit: Fit
+    has_ramp: bool
+    intervals: dict[int, Interval]
+    filter: FilterNoise
+    bias_rad_s: float
+    bias_sigma_rad_s: float
+    start_sigma_rad_s: float
+
+    @property
+    def left_out_s(self) -> float:
+        """What was left out at the log's start, s."""
+        return self.log.begins_s - self.whole.begins_s
+
+    @property
+    def wait_s(self) -> float:
+        """Time after power-on from which the bias drifts by less than the instability in 10 minutes."""
+        return 0.0 if self.warm_up is None else self.warm_up.wait_s(self.instability_rad_s)
+
+    def misfit(self) -> tuple[float, float] | None:
+        """Averaging time (s) and measured over modelled deviation where the model misses the curve most, or None."""
+        model = np.sqrt(self.fit.variance)
+        outside = (model < self.curve.low) | (model > self.curve.high)
+        ratio = self.curve.deviation / model
+        miss = np.where(outside, np.abs(np.log(np.maximum(ratio, 1e-9))), 0.0)
+        worst = int(np.argmax(miss))
+        return (float(self.curve.tau_s[worst]), float(ratio[worst])) if miss[worst] > MISFIT else None
+
+
+def analyse(
+    whole: StaticLog,
+    skip_s: float | None = None,
+    simulations: int = SIMULATIONS,
+    on_step: Callable[[], None] = lambda: None,
+) -> GyroNoise:
+    """All of it. `skip_s`: leave out these seconds instead of the fitted warm-up. `on_step` is called STEPS times.
+
+    Raises ConfigError where less than 100 s are left.
+    """
+    warm_up = fit_warm_up(whole)
+    left_s = skip_s if skip_s is not None else _warm_up_left_out_s(whole, warm_up)
+    log = whole.after(left_s)
+    if log.duration_s < SHORTEST_S:
+        got = f"{log.duration_s:.4g} s after the first {left_s:.4g} s are left out"
+        raise ConfigError(whole.file, "", f"at least {SHORTEST_S:g} s", got)
+    curve = allan_curve(log.rate_rad_s, log.interval_s)
+    simulator = Simulator(curve, simulations)
+    on_step()
+    shape, measured = shapes(curve.tau_s), curve.deviation**2
+    plain = fit(shape, measured, curve.edf, MODEL)
+    ramped = shows_ramp(curve, plain, simulator)
+    found = ramped or plain
+    made = intervals(curve, found, simulator, found.terms, on_step)
+    if ramped is None:
+        on_step()
+    slow = fit(shape, measured, curve.edf, FILTER)
+    random_walk = intervals(curve, slow, simulator, (K,), on_step)[K]
+    bias, sigma = float(log.rate_rad_s.mean()), math.sqrt(_mean_variance(found.squares, log.duration_s))
+    first = bias if warm_up is None else float(warm_up.at(np.zeros(1))[0])
+    return GyroNoise(
+        whole=whole,
+        log=log,
+        skipped_by_user=skip_s is not None,
+        warm_up=warm_up,
+        slope=temperature_slope(whole),
+        instability_rad_s=_instability_rad_s(found),
+        curve=curve,
+        fit=found,
+        has_ramp=ramped is not None,
+        intervals=made,
+        filter=filter_noise(made[N], random_walk),
+        bias_rad_s=bias,
+        bias_sigma_rad_s=sigma,
+        start_sigma_rad_s=math.hypot(max(abs(bias), abs(first)), sigma),
+    )
+
+
+def _warm_up_left_out_s(log: StaticLog, warm_up: WarmUp | None) -> float:
+    if warm_up is None:
+        return 0.0
+    curve = allan_curve(log.rate_rad_s - warm_up.at(log.time_s), log.interval_s)
+    settled = fit(shapes(curve.tau_s), curve.deviation**2, curve.edf, MODEL)
+    return left_out_s(warm_up, _instability_rad_s(settled), log.duration_s)
+
+
+def _instability_rad_s(found: Fit) -> float:
+    """Bias instability as data sheets give it: the lowest point of the curve over 0.664."""
+    return math.sqrt(float(found.variance.min()) / FLOOR)
+
+
+def _mean_variance(squares: Array, duration_s: float) -> float:
+    """Variance of the log's mean against the bias at its end: the model at the log's length, (27) with (35).
+
+    N^2/T is (27), K^2 T/3 the variance of a random walk's mean against its end; flicker adds its floor.
+    """
+    return float(shapes(np.array([duration_s]))[0] @ squares)
+
+
+def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
+    """Choose what goes into the configuration. (36)
+
+    A random walk that the log does not show is not zero: it gets its upper bound, unless the configuration's default
+    is lower. Then the log is too short to say anything better than a data sheet.
+    """
+    default = Noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
+    n = angle.value if angle.is_visible else angle.high
+    if random_walk.is_visible:
+        return FilterNoise(n, random_walk.value, Origin.MEASURED, random_walk)
+    if random_walk.high < default:
+        return FilterNoise(n, random_walk.high, Origin.BOUND, random_walk)
+    return FilterNoise(n, default, Origin.DEFAULT, random_walk)
+
+
+def unit_of(term: int) -> tuple[str, str, float, str]:
+    """Name, data-sheet unit, what one of it is in SI, and the symbol, for reports."""
+    return (*_UNITS[term], TERMS[term])
+
+
+_DEG: Final = math.pi / 180.0
+_UNITS: Final = (
+    ("angle quantisation", "deg", _DEG),
+    ("angle random walk", "deg/sqrt(h)", _DEG / 60.0),
+    ("bias instability", "deg/h", _DEG / 3600.0),
+    ("rate random walk", "deg/h/sqrt(h)", _DEG / 3600.0 / 60.0),
+    ("rate ramp", "deg/h/h", _DEG / 3600.0 / 3600.0),
+)

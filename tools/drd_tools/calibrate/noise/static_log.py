@@ -1,0 +1,235 @@
+"""A log of a gyro at standstill: read from CSV, checked, made evenly spaced, and refused where the gyro moved."""
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import ConfigError
+from drd.units import DEG_PER_RAD, RAD_PER_DEG
+
+Array = npt.NDArray[np.float64]
+
+FILE_NAME: Final = "fog.csv"
+COLUMNS: Final = "time_s, rate_deg_s[, temperature_c]"
+SHORTEST_S: Final = 100.0
+# Neighbours whose distance is averaged, so that samples that came in bundles do not hide the period.
+SPACING: Final = 100
+# Samples before and after a long step that tell whether it was a loss or only a delay.
+NEIGHBOURS: Final = 20
+# Holes up to this long are bridged, if few; at a longer one the log is cut.
+BRIDGED_S: Final = 1.0
+BRIDGED_PART: Final = 0.01
+# No gyro for dead reckoning has such an offset: it turns, or its rate has another unit.
+LARGEST_OFFSET_DEG_S: Final = 1.0
+MOTION_BLOCK_S: Final = 1.0
+MOTION_SIGMAS: Final = 8.0
+# Smaller steps of the rate, held for a second, are no motion that anyone would call one.
+SMALLEST_MOTION_DEG_S: Final = 0.02
+# Wandering beyond what the scatter from sample to sample explains; flicker and random walk stay far below in 1 s.
+EXCESS: Final = 5.0
+DRIFT_BLOCKS: Final = 61
+
+
+@dataclass(frozen=True)
+class StaticLog:
+    """Evenly spaced means of the rate: shape (n,), rad/s, counter-clockwise positive; time of the first is 0.
+
+    `temperature_c` is shape (n,) or None. `begins_s` is the first sample's time in the file, `notes` what was done to
+    the log, in sentences.
+    """
+
+    file: str
+    sha256: str
+    interval_s: float
+    rate_rad_s: Array
+    temperature_c: Array | None
+    begins_s: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def time_s(self) -> Array:
+        """Time of each sample since the first, s."""
+        return np.asarray(np.arange(len(self.rate_rad_s)) * self.interval_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the log, s."""
+        return len(self.rate_rad_s) * self.interval_s
+
+    def after(self, seconds: float) -> "StaticLog":
+        """The log without its first seconds."""
+        first = math.ceil(seconds / self.interval_s - 1e-9)
+        temperature_c = None if self.temperature_c is None else self.temperature_c[first:]
+        begins_s = self.begins_s + first * self.interval_s
+        return replace(self, rate_rad_s=self.rate_rad_s[first:], temperature_c=temperature_c, begins_s=begins_s)
+
+
+def read_static_log(path: Path) -> StaticLog:
+    """Read a CSV file, or fog.csv in a recording's folder. Raises ConfigError, also where the gyro moved."""
+    file = path / FILE_NAME if path.is_dir() else path
+    try:
+        data = file.read_bytes()
+        header, table = _table(file, data.decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        got = str(error.strerror) if isinstance(error, OSError) else str(error)
+        raise ConfigError(str(file), "", f"a readable CSV file ({COLUMNS})", got) from error
+    time_s, rate_deg_s = table[:, 0], table[:, 1]
+    temperature_c = table[:, 2] if "temperature_c" in header else None
+    log = even(str(file), hashlib.sha256(data).hexdigest(), time_s, rate_deg_s, temperature_c)
+    check_standstill(log)
+    return log
+
+
+def _table(file: Path, text: str) -> tuple[list[str], Array]:
+    """Header and the columns time, rate and, where there is one, temperature; shape (n, 2 or 3)."""
+    header_line, _, body = text.partition("\n")
+    header = [name.strip() for name in header_line.split(",")]
+    for name in ("time_s", "rate_deg_s"):
+        if header.count(name) != 1:
+            hint = " (convert it: 1 rad/s is 57.29578 deg/s)" if "rate_rad_s" in header and name != "time_s" else ""
+            raise ConfigError(f"{file}:1", "", f"the columns {COLUMNS}", f"{header_line.strip()[:80]!r}{hint}")
+    wanted = [header.index(name) for name in ("time_s", "rate_deg_s", "temperature_c") if name in header]
+    # A gyro that sends its temperature now and then leaves empty cells.
+    converters: Any = {wanted[2]: lambda cell: float(cell.strip() or "nan")} if len(wanted) == 3 else None
+    lines = [line for line in body.splitlines() if line.strip()]
+    if len(lines) < 2:
+        raise ConfigError(str(file), "", f"at least {SHORTEST_S:g} s of samples", f"{len(lines)} rows")
+    try:
+        table = np.loadtxt(lines, delimiter=",", usecols=wanted, ndmin=2, converters=converters, encoding="utf-8")
+    except ValueError as error:
+        raise ConfigError(str(file), "", "numbers in each row below the header", _first_line(error)) from error
+    _check_values(file, table)
+    return header, table
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0].rstrip(".;") + " (rows counted below the header)"
+
+
+def _check_values(file: Path, table: Array) -> None:
+    for column, name in enumerate(("time_s", "rate_deg_s")):
+        bad = np.flatnonzero(~np.isfinite(table[:, column]))
+        if len(bad):
+            raise ConfigError(f"{file}:{bad[0] + 2}", name, "a finite number", str(table[bad[0], column]))
+    backward = np.flatnonzero(np.diff(table[:, 0]) < 0.0)
+    if len(backward):
+        before, after = table[backward[0], 0], table[backward[0] + 1, 0]
+        raise ConfigError(f"{file}:{backward[0] + 3}", "time_s", "rising times", f"{after:g} after {before:g}")
+
+
+def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c: Array | None) -> StaticLog:
+    """The longest stretch without a hole, as evenly spaced samples. Raises ConfigError where it is too short.
+
+    Jitter of the time stamps is ignored: the gyro's own beat is even, and Allan's differences need only that.
+    Few short holes are bridged with straight lines; at a longer one, or where there are many, the log is cut.
+    """
+    period_s = _period_s(time_s)
+    if period_s <= 0.0:
+        raise ConfigError(file, "time_s", "rising times", f"{time_s[0]:g} in most rows")
+    step_s, lost = np.diff(time_s), _lost(time_s, period_s)
+    holes = lost > 0.0
+    short = holes & (step_s <= BRIDGED_S)
+    cuts = holes & ~short if lost[short].sum() <= BRIDGED_PART * len(time_s) else holes
+    first, last = _longest(cuts)
+    notes = []
+    if cuts.any():
+        notes.append(
+            f"{int(cuts.sum())} holes in the log: only the longest stretch without, from {time_s[first]:.6g} s to "
+            f"{time_s[last]:.6g} s, is used."
+        )
+    place = np.concatenate([[0.0], np.cumsum(1.0 + lost[first:last])])
+    grid = np.arange(place[-1] + 1.0)
+    if len(grid) > len(place):
+        bridged = len(grid) - len(place)
+        notes.append(f"{bridged} lost samples ({bridged / len(grid):.2%}) were bridged with straight lines.")
+    rate_rad_s = np.interp(grid, place, rate_deg_s[first : last + 1]) * RAD_PER_DEG
+    interval_s = float((time_s[last] - time_s[first]) / max(len(grid) - 1, 1))
+    if len(grid) * interval_s < SHORTEST_S:
+        got = f"{len(grid) * interval_s:.4g} s" + (f" ({notes[0]})" if cuts.any() else "")
+        raise ConfigError(file, "", f"a standstill of at least {SHORTEST_S:g} s, better an hour", got)
+    temperature = None
+    if temperature_c is not None and (known := np.isfinite(temperature_c[first : last + 1])).any():
+        temperature = np.interp(grid, place[known], temperature_c[first : last + 1][known])
+    return StaticLog(file, sha256, interval_s, rate_rad_s, temperature, float(time_s[first]), tuple(notes))
+
+
+def _period_s(time_s: Array) -> float:
+    k = min(SPACING, len(time_s) - 1)
+    return float(np.median(time_s[k:] - time_s[:-k])) / k
+
+
+def _lost(time_s: Array, period_s: float) -> Array:
+    """Samples missing between each sample and the next, shape (n - 1,).
+
+    A long step counts only if the samples after it stay late: a bundle, or a busy host, catches up. Where samples
+    come in bundles, the step must be longer than theirs.
+    """
+    step_s = np.diff(time_s)
+    off_s = np.abs(step_s - period_s)
+    is_even = np.median(off_s) < 0.25 * period_s
+    long_s = 1.5 * period_s if is_even else 5.0 * period_s + 2.0 * np.quantile(off_s, 0.99)
+    late_s = time_s - period_s * np.arange(len(time_s))
+    lost = np.zeros(len(time_s) - 1)
+    for i in np.flatnonzero(step_s > long_s):
+        before, after = late_s[max(i - NEIGHBOURS, 0) : i + 1], late_s[i + 1 : i + 1 + NEIGHBOURS]
+        # The freshest samples tell: delays are never negative.
+        lost[i] = max(0.0, round((after.min() - before.min()) / period_s))
+    return lost
+
+
+def _longest(cuts: npt.NDArray[np.bool_]) -> tuple[int, int]:
+    """First and last sample of the longest stretch between cuts."""
+    ends = np.concatenate([[-1], np.flatnonzero(cuts), [len(cuts)]])
+    longest = int(np.argmax(np.diff(ends)))
+    return int(ends[longest]) + 1, int(ends[longest + 1])
+
+
+def check_standstill(log: StaticLog) -> None:
+    """Raise ConfigError where the rate does not vary at all, is no standstill's, or has steps far above its noise."""
+    rate_deg_s = log.rate_rad_s * DEG_PER_RAD
+    if np.ptp(rate_deg_s) == 0.0:
+        got = f"{rate_deg_s[0]:g} in all rows: the gyro is dead, or its numbers too coarse to show the noise"
+        raise ConfigError(log.file, "rate_deg_s", "a rate that varies", got)
+    offset_deg_s = float(np.median(rate_deg_s))
+    if abs(offset_deg_s) > LARGEST_OFFSET_DEG_S:
+        expected = f"a standstill: a mean within {LARGEST_OFFSET_DEG_S:g} deg/s"
+        raise ConfigError(log.file, "rate_deg_s", expected, f"{offset_deg_s:.3g} deg/s: it turns, or the unit is wrong")
+    moved = motion(log)
+    if moved is not None:
+        at_s, size_deg_s, limit_deg_s = moved
+        got = f"a rate of {size_deg_s:.3g} deg/s at {at_s:.6g} s (limit {limit_deg_s:.2g}); cut the log, or repeat it"
+        raise ConfigError(log.file, "rate_deg_s", "a standstill throughout", got)
+
+
+def motion(log: StaticLog) -> tuple[float, float, float] | None:
+    """Time in the file (s), size and limit (deg/s) of the first mean over a second that no noise explains, or None.
+
+    Limit: MOTION_SIGMAS times the blocks' own robust scatter about a running median of a minute, unless that is much
+    larger than the scatter from sample to sample explains: then the gyro moved most of the time.
+    """
+    rate_deg_s, size = log.rate_rad_s * DEG_PER_RAD, max(1, round(MOTION_BLOCK_S / log.interval_s))
+    blocks = len(rate_deg_s) // size
+    means = rate_deg_s[: blocks * size].reshape(blocks, size).mean(axis=1)
+    half = min(DRIFT_BLOCKS, blocks) // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(means, half, mode="reflect"), 2 * half + 1)
+    off = np.abs(means - np.median(windows, axis=1))
+    scatter = _robust_sigma(np.diff(rate_deg_s)) / math.sqrt(2.0)
+    steps = np.abs(np.diff(np.unique(rate_deg_s)))
+    resolution = float(steps[steps > 1e-9].min(initial=np.inf))
+    expected = max(scatter, resolution if math.isfinite(resolution) else 0.0) / math.sqrt(size)
+    sigma = min(max(1.4826 * float(np.median(off)), expected), EXCESS * expected)
+    limit = max(MOTION_SIGMAS * sigma, SMALLEST_MOTION_DEG_S)
+    late = np.flatnonzero(off > limit)
+    if not len(late):
+        return None
+    return log.begins_s + float(late[0]) * size * log.interval_s, float(off[late[0]]), limit
+
+
+def _robust_sigma(values: Array) -> float:
+    """Standard deviation of the bulk, by the median absolute deviation."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
