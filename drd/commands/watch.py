@@ -13,7 +13,7 @@ from typing import Any
 import zenoh
 
 from drd.output.session import isolated_config, tidy
-from drd.units import DEG_PER_RAD
+from drd.units import DEG_PER_RAD, NS_PER_S
 
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
@@ -92,7 +92,8 @@ class View:
     def __init__(self, prefix: str, endpoint: str):
         self._where = f"'{prefix}' at {endpoint}"
         self._pose: dict[str, Any] = {}
-        self._heard_s: deque[float] = deque(maxlen=4096)
+        self._heard_s: float | None = None  # the newest pose
+        self._times_ns: deque[int] = deque(maxlen=4096)  # the poses' own, of the last seconds
         self._first_s = time.monotonic()
         self._counts: dict[str, int] = {}
         self._changed: dict[str, int] = {}
@@ -102,9 +103,18 @@ class View:
     def take_pose(self, payload: bytes, now_s: float) -> None:
         """A message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""
         if (pose := self._object(payload)) is not None:
-            self._pose = pose
-            self._heard_s.append(now_s)
-            self.heard = True
+            self._pose, self._heard_s, self.heard = pose, now_s, True
+            self._take_time(pose.get("monotonic_ns"))
+
+    def _take_time(self, t_ns: Any) -> None:
+        """Poses come in batches, so their rate is that of their own times."""
+        times = self._times_ns
+        if not isinstance(t_ns, int) or (times and t_ns < times[-1]):  # another daemon's clock
+            times.clear()
+            return
+        times.append(t_ns)
+        while t_ns - times[0] > _RATE_WINDOW_S * NS_PER_S:
+            times.popleft()
 
     def take_health(self, payload: bytes) -> None:
         """A message of `prefix/health`; what is looked at are the whole numbers under `counters`."""
@@ -116,14 +126,14 @@ class View:
 
     def line(self, now_s: float) -> str:
         """Everything in one line."""
-        if not self._heard_s:
+        if self._heard_s is None:
             return self._silence(now_s)
         changed = " ".join(f"{k}{n:+d}" for k, n in list(self._changed.items())[:8])
         return "  ".join(part for part in (*self._pose_lines(now_s), *self._reasons(), changed) if part)
 
     def lines(self, now_s: float) -> list[str]:
         """The same on several lines, with the changed counters one by one."""
-        if not self._heard_s:
+        if self._heard_s is None:
             return [self._silence(now_s)]
         counters = [f"  {k:<40} {self._counts[k]:>12} ({n:+d})" for k, n in self._changed.items()]
         heading = ["counters that changed:"] if counters else []
@@ -139,14 +149,9 @@ class View:
     def _pose_lines(self, now_s: float) -> list[str]:
         p, covariance = self._pose, self._pose.get("covariance_m_rad")
         sigma = [_sigma(covariance, i) for i in range(3)]
-        while now_s - self._heard_s[0] > _RATE_WINDOW_S and len(self._heard_s) > 1:
-            self._heard_s.popleft()
-        # Poses are taken in batches: those after the oldest batch came in the time since then.
-        oldest_s, age_s = self._heard_s[0], now_s - self._heard_s[-1]
-        later = sum(heard_s > oldest_s for heard_s in self._heard_s)
-        rate_hz = later / (now_s - oldest_s) if later else len(self._heard_s) / max(1.0, now_s - self._first_s)
-        if age_s >= _RATE_WINDOW_S:
-            rate_hz = 0.0
+        age_s = now_s - (self._heard_s or 0.0)
+        span_ns = self._times_ns[-1] - self._times_ns[0] if self._times_ns else 0
+        rate_hz = (len(self._times_ns) - 1) * NS_PER_S / span_ns if span_ns and age_s < _RATE_WINDOW_S else 0.0
         return [
             f"{_text(p.get('validity')):<12}",
             f"x {_number(p.get('x_m'))} m  y {_number(p.get('y_m'))} m"

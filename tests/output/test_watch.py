@@ -1,5 +1,6 @@
 import asyncio
 import contextlib
+import dataclasses
 import json
 import os
 import pty
@@ -156,15 +157,18 @@ def test_a_reader_that_leaves_ends_it_without_a_complaint() -> None:
             assert process.wait(30) == 0
 
 
-def test_rate_and_age_follow_what_was_heard() -> None:
+def test_rate_and_age_follow_what_was_heard_in_batches() -> None:
     view = View("drd", "here")
     start_s = view._first_s
-    for i in range(60):
-        view.take_pose(pose_json(POSE, 0), start_s + i / 20)
-    [(rate, age)] = re.findall(r"poses ([\d.]+)/s  age ([\d.]+) s", view.line(start_s + 59 / 20 + 0.01))
-    assert float(rate) == pytest.approx(20, abs=1)
+    for i in range(100):
+        pose = dataclasses.replace(POSE, t_ns=10**10 + i * 50_000_000)
+        view.take_pose(pose_json(pose, 0), start_s + i // 20 + 1.0 + 1e-4 * (i % 20))
+    [(rate, age)] = re.findall(r"poses ([\d.]+)/s  age ([\d.]+) s", view.line(start_s + 5.01))
+    assert rate == "20.0"
     assert age == "0.0"
-    assert "poses 0.0/s  age 5.0 s" in view.line(start_s + 59 / 20 + 5.0)
+    assert "poses 0.0/s  age 5.0 s" in view.line(start_s + 10.0)
+    view.take_pose(pose_json(POSE, 0), start_s + 10.0)
+    assert "poses 0.0/s  age 0.0 s" in view.line(start_s + 10.0)
 
 
 def test_counters_show_their_change_since_the_message_before() -> None:
