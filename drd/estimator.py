@@ -264,6 +264,7 @@ class Estimator:
         preview = self._look_ahead(t_ns)
         if not preview.kf.is_finite():
             self._recover(t_ns)
+            preview = self._track
         n = preview.kf.nominal
         xx, xy, xh, yy, yh, hh = preview.kf.pose_covariance()
         covariance = (xx + self._noise.count_m2, xy, xh, yy + self._noise.count_m2, yh, hh)  # (26)
@@ -298,7 +299,9 @@ class Estimator:
         self.reasons.update("heading", text, t_ns, severity)
 
     def _look_ahead(self, t_ns: int) -> Track:
-        """A copy of the track, carried on through the samples that wait for their partner."""
+        """The track, or a copy of it that is carried on through the samples that wait for their partner."""
+        if self._track.t_ns >= t_ns:
+            return self._track
         self._preview.copy_from(self._track)
         if self._track.t_ns:
             self._preview.run(self._wheels, self._gyro, t_ns)
