@@ -435,6 +435,30 @@ class Output:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Recording:
+    """MCAP files with all that came in and went out, for replay and viewers."""
+
+    enabled: bool = key(False, "Record every run of the daemon: some 40 MB an hour at 20 poses a second")
+    folder: str = key(
+        "recordings",
+        "Where the files go; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the "
+        "working directory",
+        "path",
+    )
+    flush_s: float = key(
+        1.0, "How often data is handed to the system: what a killed daemon loses", "s", low=0.1, high=60
+    )
+    fsync_s: float = key(
+        5.0, "How often the disk is waited for: what a power cut loses; longer spares flash", "s", low=0.1, high=3600
+    )
+    max_file_mb: float = key(64.0, "A larger file is continued in a new one", "MB", low=1, high=100_000)
+    max_file_age_s: float = key(3600.0, "An older file is continued in a new one", "s", low=10, high=1e6)
+    max_total_mb: float = key(
+        2000.0, "The oldest files of this robot are deleted beyond this", "MB", low=2, high=10_000_000
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Realtime:
     """Scheduling; each is refused with a message, not an error, where the system does not permit it."""
 
@@ -453,4 +477,5 @@ class Config:
     calibration: CalibrationFile = section(CalibrationFile)
     estimation: Estimation = section(Estimation)
     output: Output = section(Output)
+    recording: Recording = section(Recording)
     realtime: Realtime = section(Realtime)

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Coroutine
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drd import __version__, realtime
 from drd.config import Config
@@ -26,10 +26,14 @@ from drd.schema import Loaded
 from drd.service import Notifier
 from drd.units import NS_PER_MS, S_PER_NS
 
+if TYPE_CHECKING:
+    from drd.recording.recorder import Recorder
+
 log = logging.getLogger("drd")
 
 TICK_S = 0.05
 CLOSE_DEADLINE_S = 3.0
+RECORDER_DEADLINE_S = 2.0
 EXIT_DEADLINE_S = 8.0
 # Metres or radians that set_pose takes; beyond, doubles no longer resolve a step of the robot.
 LARGEST_COMMANDED = 1e7
@@ -69,7 +73,8 @@ class Daemon:
     def __init__(self, loaded: Loaded[Config], base: Path):
         self._loaded, self._config = loaded, loaded.value
         self._output = self._config.output.beside(base)
-        self.pipeline = Pipeline(self._config, base, self._on_pose)
+        self._recorder = make_recorder(loaded, base)
+        self.pipeline = Pipeline(self._config, base, self._on_pose, self._recorder)
         self._notifier = Notifier()
         self._link: ZenohLink | None = None
         self._pose: Pose | None = None
@@ -92,6 +97,8 @@ class Daemon:
             "calibrate_bias": self._calibrate_bias,
         }
         self._link = ZenohLink(self._output, handlers, loop)
+        if self._recorder is not None:
+            self._recorder.start()
         tasks = [asyncio.create_task(work) for work in self._work()]
         try:
             for message in realtime.apply(self._config.realtime):
@@ -106,6 +113,8 @@ class Daemon:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            if self._recorder is not None and not self._recorder.close(RECORDER_DEADLINE_S):
+                log.error("recording: the disk did not take the end within %g s", RECORDER_DEADLINE_S)
             closed = self._link.close(CLOSE_DEADLINE_S)
         return closed
 
@@ -176,12 +185,17 @@ class Daemon:
         now_ns = time.monotonic_ns()
         self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
         self._link.publish_pose(pose, self._pose_wall_ns)
+        if self._recorder is not None:
+            self._recorder.pose(pose, self._pose_wall_ns)
         self._traffic.add(time.monotonic_ns() - input_ns)
 
     def _publish_health(self) -> None:
         assert self._link is not None
         self._traffic.close_period(time.monotonic_ns(), self.pipeline.encoders.counters["samples"])
-        self._link.publish_health(self._health())
+        health = self._health()
+        self._link.publish_health(health)
+        if self._recorder is not None:
+            self._recorder.health_report(health)
         if self._ready:
             self._notifier.status(self._status())
 
@@ -195,12 +209,16 @@ class Daemon:
         health["counters"] |= {name: dict(port.counters) for name, port in self._ports.items()}
         assert self._link is not None
         health["counters"]["zenoh"] = dict(self._link.counters)
+        # Of its own: a full disk is no reason to trust the pose less.
+        health["recording"] = self._recorder.health() if self._recorder is not None else None
         return health
 
     def _status(self) -> str:
         reasons = self.pipeline.reasons
-        texts = "; ".join(f"{r.source}: {r.text}" for r in reasons.active())
-        return f"{reasons.validity.value}{': ' + texts if texts else ''}"
+        texts = [f"{r.source}: {r.text}" for r in reasons.active()]
+        status = f"{reasons.validity.value}{': ' if texts else ''}{'; '.join(texts)}"
+        trouble = self._recorder.trouble if self._recorder is not None else None
+        return f"{status}; recording degraded: {trouble}" if trouble else status
 
     # ---- queries -----------------------------------------------------------------------------------------------
 
@@ -233,17 +251,26 @@ class Daemon:
             if abs(value) > LARGEST_COMMANDED:
                 raise Refused(f"{name}: expected at most {LARGEST_COMMANDED:g}, got {value!r}")
             values[name] = float(value)
-        self.pipeline.estimator.set_pose(**values)
+        self.pipeline.set_pose(time.monotonic_ns(), **values)
         return values
 
     def _reset(self, _: dict[str, Any]) -> dict[str, Any]:
-        self.pipeline.estimator.reset()
+        self.pipeline.reset(time.monotonic_ns())
         return {"reset": True}
 
     def _calibrate_bias(self, _: dict[str, Any]) -> dict[str, Any]:
-        if (refusal := self.pipeline.estimator.calibrate_bias()) is not None:
+        if (refusal := self.pipeline.calibrate_bias(time.monotonic_ns())) is not None:
             raise Refused(refusal)
         return {"measuring_s": self.pipeline.estimator.bias.duration_s}
+
+
+def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
+    """The recorder, not yet started; None where the configuration wants none. Raises ConfigError."""
+    if not loaded.value.recording.enabled:
+        return None
+    from drd.recording.recorder import Recorder  # noqa: PLC0415  # MCAP is loaded only where it is used
+
+    return Recorder(loaded, base)
 
 
 def run(loaded: Loaded[Config], base: Path) -> int:

@@ -348,5 +348,4 @@ class Estimator:
         """The covariance or the state is not finite: start again where the robot is not known to be."""
         self.counters["resets"] += 1
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
-        self._preview.copy_from(self._track)
         self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drd.calibration import Calibration, load_calibration
 from drd.config import Config
@@ -14,16 +14,22 @@ from drd.fog.stream import FogStream
 from drd.samples import CanFrame, Pose, Side
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
+if TYPE_CHECKING:  # a daemon that does not record need not load it
+    from drd.recording.recorder import Recorder
+
 
 class Pipeline:
     """Feed it what arrives, with the arrival's CLOCK_MONOTONIC time; it calls `on_pose(pose, input_ns)`.
 
     `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
-    configuration start from. Raises ConfigError where a file that the configuration names cannot be used.
+    configuration start from. `recorder` is handed every call that can change the estimate, in order, and the decoded
+    samples: a replay makes the same calls. Raises ConfigError where a file that the configuration names cannot be used.
     """
 
-    def __init__(self, config: Config, base: Path, on_pose: Callable[[Pose, int], None]):
-        self._config, self._on_pose = config, on_pose
+    def __init__(
+        self, config: Config, base: Path, on_pose: Callable[[Pose, int], None], recorder: "Recorder | None" = None
+    ):
+        self._config, self._on_pose, self._recorder = config, on_pose, recorder
         file = config.calibration.file
         self.calibration: Calibration | None = load_calibration(base / file) if file else None
         has_gyro = config.fog.protocol != "none"
@@ -37,17 +43,26 @@ class Pipeline:
         """Bytes from the gyro's serial line."""
         if self.fog is None:
             return
+        if self._recorder is not None:
+            self._recorder.fog_bytes(data, arrival_ns)
         for sample in self.fog.feed(data, arrival_ns):
+            if self._recorder is not None:
+                self._recorder.gyro(sample)
             self._emit(self.estimator.add_gyro(sample), arrival_ns)
 
     def on_frames(self, frames: Sequence[CanFrame]) -> None:
         """Frames from the bus."""
+        if self._recorder is not None:
+            self._recorder.frames(frames)
         for frame in frames:
             for sample in self.encoders.feed(frame):
+                if self._recorder is not None:
+                    self._recorder.wheels(sample)
                 self._emit(self.estimator.add_wheels(sample), frame.t_ns)
 
     def tick(self, now_ns: int) -> None:
         """Time passes, whether or not anything arrives."""
+        self._record("tick", now_ns)
         last = self.encoders.last_ns
         for side in Side:
             mine, other = last[side], last[Side.RIGHT if side is Side.LEFT else Side.LEFT]
@@ -63,12 +78,35 @@ class Pipeline:
 
     def port_state(self, source: str, text: str | None, now_ns: int) -> None:
         """A port's trouble (None: it is open) becomes a reason; a new opening starts the parser afresh."""
+        self._record("port_state", now_ns, source=source, text=text)
         self.reasons.update(source, text, now_ns)
         if text is not None:
             if source == "fog.port" and self.fog is not None:
                 self.fog.restart()
             elif source == "encoders.port":
                 self.encoders.restart()
+
+    def set_pose(
+        self, now_ns: int, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float
+    ) -> None:
+        """A pose from outside, with its standard deviations."""
+        values = {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "sigma_m": sigma_m, "sigma_rad": sigma_rad}
+        self._record("set_pose", now_ns, **values)
+        self.estimator.set_pose(**values)
+
+    def reset(self, now_ns: int) -> None:
+        """Back to the origin."""
+        self._record("reset", now_ns)
+        self.estimator.reset()
+
+    def calibrate_bias(self, now_ns: int) -> str | None:
+        """Measure the gyro's bias anew; returns why not."""
+        self._record("calibrate_bias", now_ns)
+        return self.estimator.calibrate_bias()
+
+    def _record(self, event: str, now_ns: int, **values: Any) -> None:
+        if self._recorder is not None:
+            self._recorder.event(event, now_ns, **values)
 
     def _emit(self, pose: Pose | None, input_ns: int) -> None:
         if pose is not None:

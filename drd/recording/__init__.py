@@ -1,0 +1,25 @@
+"""The daemon's recorder: MCAP files that repeat a run to the bit and open in the usual viewers.
+
+| topic | encoding, schema | what |
+| --- | --- | --- |
+| `/raw/fog` | JSON | each piece read from the gyro's port (base64), with its arrival |
+| `/raw/can` | JSON | each batch of CAN frames (data in base64), with the frames' stamps |
+| `/raw/events` | JSON | what else changes the estimate: ticks, ports lost and opened, commands |
+| `/fog` | JSON | gyro samples: mean rate over an interval, before the calibration |
+| `/wheels` | JSON | wheel samples: travel of both wheels over an interval |
+| `/drd/pose` | JSON | the poses as published, every double exact; of a reason `since_ns` too |
+| `/pose` | JSON, `foxglove.PoseInFrame` | the same for Foxglove's 3D panel |
+| `/odom` | CDR, `nav_msgs/msg/Odometry` | the same as published for ROS 2 |
+| `/health` | JSON | the health as published |
+
+Attachments: `configuration.yaml` (as written), `configuration-in-force.yaml` (every key), and where the configuration
+names them `calibration.yaml` and `encoders.dbc`. Metadata `drd`: version, run, part, robot, the clocks at the start,
+flush and fsync intervals; `drd.end`: why the file ended, and what was lost. A file without `drd.end` was cut.
+
+`log_time` is when the recorder was handed the message, `publish_time` the data's own time: CLOCK_MONOTONIC, laid on
+the wall clock once at the start, so neither ever steps (a clock that is set later shows in the payloads' `wall_ns`
+only); payloads hold the monotonic nanoseconds. `sequence` numbers
+all that is handed to the recorder: a hole in it is a loss, and within a file messages stand in that order.
+`/raw/*` in the order of `sequence` through drd.pipeline.Pipeline repeats the run. A run whose file is full continues
+in the next part; the estimate at a part's start is not in it, so a replay begins with the first part.
+"""

@@ -1,0 +1,48 @@
+"""Where recordings lie: names of a run's parts, and the bound on what all of them take."""
+
+import logging
+import os
+import re
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+
+def recordings_folder(folder: str) -> Path:
+    """Relative paths start from the service's state directory under systemd, else from the working directory."""
+    return Path(os.environ.get("STATE_DIRECTORY", ".").split(":")[0]) / folder
+
+
+def run_name(robot: str, started_wall_ns: int, run: str) -> str:
+    """What the names of a run's parts begin with: robot, start in UTC, the run's own random digits."""
+    start = datetime.fromtimestamp(started_wall_ns // 1_000_000_000, UTC)
+    return f"{_plain(robot)}-{start:%Y%m%dT%H%M%SZ}-{run}"
+
+
+def part_file(folder: Path, name: str, part: int) -> Path:
+    """The file of one part; parts count from 1."""
+    return folder / f"{name}-{part:04}.mcap"
+
+
+def make_room(folder: Path, robot: str, limit_bytes: int) -> None:
+    """Delete this robot's oldest recordings until the rest takes at most `limit_bytes`. Raises OSError."""
+    pattern = re.compile(re.escape(_plain(robot)) + r"-\d{8}T\d{6}Z-[0-9a-f]{8}-\d{4,}\.mcap")
+    files = []
+    for entry in folder.iterdir():
+        if pattern.fullmatch(entry.name):
+            with suppress(FileNotFoundError):  # somebody tidies up at the same time
+                status = entry.stat()
+                files.append((status.st_mtime_ns, status.st_size, entry))
+    total = sum(size for _, size, _ in files)
+    for _, size, entry in sorted(files):
+        if total <= limit_bytes:
+            return
+        entry.unlink(missing_ok=True)
+        total -= size
+        log.info("deleted=%s reason=recording.max_total_mb", entry)
+
+
+def _plain(robot: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", robot)

@@ -1,0 +1,40 @@
+"""The configuration and the files that it names, as text that goes into each recording."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from drd.config import Config
+from drd.schema import ConfigError, Loaded
+
+AS_WRITTEN: Final = "configuration.yaml"
+IN_FORCE: Final = "configuration-in-force.yaml"
+CALIBRATION: Final = "calibration.yaml"
+DBC: Final = "encoders.dbc"
+
+
+def files_in_force(loaded: Loaded[Config], base: Path) -> dict[str, bytes]:
+    """Attachments by name. `base` is the folder that relative paths start from. Raises ConfigError."""
+    config = loaded.value
+    found = {IN_FORCE: yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False).encode()}
+    named = {
+        AS_WRITTEN: (loaded.file if loaded.file != "(text)" else None, ""),
+        CALIBRATION: (config.calibration.file, "calibration.file"),
+        DBC: (config.encoders.dbc.file if config.encoders.layout == "dbc" else None, "encoders.dbc.file"),
+    }
+    for name, (file, path) in named.items():
+        if file is not None:
+            try:
+                found[name] = (Path(file) if name == AS_WRITTEN else base / file).read_bytes()
+            except OSError as error:
+                raise ConfigError(str(file), path, "a readable file", str(error.strerror)) from error
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Lists for tuples, which YAML's safe form does not know."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,209 @@
+"""The daemon's recording (drd.recording): read as far as it goes, with what is missing."""
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Final, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata
+from mcap.stream_reader import breakup_chunk
+
+from drd.schema import ConfigError
+from drd.units import NS_PER_S, S_PER_NS
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+# A record's opcode and the length of what follows.
+RECORD: Final = struct.Struct("<BQ")
+# What a chunk's record begins with: log time of its first and of its last message.
+CHUNK_TIMES: Final = struct.Struct("<QQ")
+OPCODES: Final = frozenset(Opcode)
+
+
+class Recorded(NamedTuple):
+    """One message. `number` counts what the recorder was handed, modulo 2^32; `log_ns` is on the wall clock."""
+
+    number: int
+    log_ns: int
+    topic: str
+    data: bytes
+
+    def value(self) -> dict[str, Any]:
+        """The payload of a JSON topic."""
+        found: dict[str, Any] = json.loads(self.data)
+        return found
+
+
+@dataclass
+class McapFile:
+    """What a recording says of itself, and where its readable chunks lie. Made by `open_mcap`.
+
+    `information` and `attachments` as the daemon wrote them. `end`: the metadata `drd.end`; None: the file was cut.
+    `first_ns`, `last_ns`: log times of the readable messages, 0 where there are none. `cut_chunk_s`: how much later
+    than `last_ns` the last message of the chunk is in which the file was cut, where its beginning could be read.
+    `dropped_bytes`: at the end, not readable.
+    """
+
+    path: Path
+    information: dict[str, str] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    end: dict[str, str] | None = None
+    first_ns: int = 0
+    last_ns: int = 0
+    cut_chunk_s: float | None = None
+    dropped_bytes: int = 0
+    _chunks: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def is_cut(self) -> bool:
+        """True where the file does not end as the daemon ends one."""
+        return self.end is None
+
+    @property
+    def part(self) -> int:
+        """Which part of its run the file is, from 1; 1 too where it does not say."""
+        part = self.information.get("part", "")
+        return int(part) if part.isdecimal() else 1
+
+    @property
+    def seconds(self) -> float:
+        """Time between the first and the last readable message."""
+        return (self.last_ns - self.first_ns) * S_PER_NS
+
+    @property
+    def lost_if_killed_s(self) -> float | None:
+        """The most that is missing at the end if the daemon was killed; 0 where the file is whole."""
+        return self._lost_s("flush_s")
+
+    @property
+    def lost_if_power_failed_s(self) -> float | None:
+        """The most that is missing at the end if the power failed; None where the file does not say its intervals."""
+        return self._lost_s("fsync_s")
+
+    def _lost_s(self, interval: str) -> float | None:
+        if not self.is_cut:
+            return 0.0
+        try:
+            least_s = float(self.information["flush_s"])
+            return max(float(self.information[interval]), least_s) + (least_s if interval == "fsync_s" else 0.0)
+        except (KeyError, ValueError):
+            return None
+
+    def sentence(self) -> str:
+        """How far the file reads and what is missing."""
+        if not self._chunks:
+            reach = "no message can be read"
+        else:
+            until = datetime.fromtimestamp(self.last_ns * S_PER_NS, UTC)
+            reach = f"{self.seconds:.1f} s can be read, until {until:%Y-%m-%d %H:%M:%S} UTC"
+        if not self.is_cut:
+            return f"complete: {reach}"
+        text = f"cut: {reach}"
+        if self.cut_chunk_s is not None:
+            text += f"; {self.cut_chunk_s:.1f} s are lost in the piece that was cut"
+        killed_s, power_s = self.lost_if_killed_s, self.lost_if_power_failed_s
+        if killed_s is None or power_s is None:
+            return f"{text}; how much is missing after that cannot be known"
+        return (
+            f"{text}; at most {killed_s:g} s are missing if the daemon was killed, {power_s:g} s if the power failed; "
+            "of a file cut later, in copying, nobody knows"
+        )
+
+    def messages(self, *topics: str) -> Iterator[Recorded]:
+        """All readable messages of these topics, or of all, in the order in which they were handed over."""
+        names: dict[int, str] = {}
+        with self.path.open("rb") as stream:
+            for offset, length in self._chunks:
+                stream.seek(offset)
+                for record in _chunk_records(stream.read(length)):
+                    if isinstance(record, Channel):
+                        names[record.id] = record.topic
+                    elif isinstance(record, Message):
+                        topic = names.get(record.channel_id, "")
+                        if not topics or topic in topics:
+                            yield Recorded(record.sequence, record.log_time, topic, record.data)
+
+
+def open_mcap(path: Path) -> McapFile:
+    """Read what a recording of the daemon holds, cut or not. Raises ConfigError where the file cannot be read at all.
+
+    A file that was cut at any byte, or whose end was never written, is read up to its last whole chunk.
+    """
+    found = McapFile(path)
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            start = stream.read(len(MAGIC))
+            if not MAGIC.startswith(start) and start.strip(b"\0"):
+                raise ConfigError(str(path), "", "an MCAP file", f"one that begins with {start!r}")
+            found.dropped_bytes = size - _scan(found, stream, size)
+    except OSError as error:
+        raise ConfigError(str(path), "", "a readable MCAP file", str(error.strerror)) from error
+    return found
+
+
+def _scan(found: McapFile, stream: BinaryIO, size: int) -> int:
+    """Collect what can be read; returns where that ends."""
+    good = min(size, len(MAGIC))
+    while good + RECORD.size <= size:
+        stream.seek(good)
+        opcode, length = (int(value) for value in RECORD.unpack(stream.read(RECORD.size)))
+        start, end = good + RECORD.size, good + RECORD.size + length
+        if opcode == Opcode.FOOTER and end <= size:
+            return min(size, end + len(MAGIC))
+        if opcode not in OPCODES or end > size:
+            if opcode == Opcode.CHUNK and start + CHUNK_TIMES.size <= size:
+                found.cut_chunk_s = _cut_chunk_s(found, *CHUNK_TIMES.unpack(stream.read(CHUNK_TIMES.size)))
+            break
+        try:
+            _take(found, opcode, start, stream.read(length))
+        except Exception:  # a damaged record: the decompressors and the parsers raise what they like
+            break
+        good = end
+    return good
+
+
+def _cut_chunk_s(found: McapFile, first_ns: int, last_ns: int) -> float | None:
+    """Seconds of the cut chunk beyond what can be read; None where its times cannot be true."""
+    begin_ns = found.last_ns or first_ns
+    return (last_ns - begin_ns) * S_PER_NS if begin_ns <= last_ns < begin_ns + 3600 * NS_PER_S else None
+
+
+def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
+    """One whole record of the data section."""
+    data = ReadDataStream(BytesIO(body))
+    if opcode == Opcode.METADATA:
+        metadata = Metadata.read(data)
+        if metadata.name == "drd":
+            found.information = dict(metadata.metadata)
+        elif metadata.name == "drd.end":
+            found.end = dict(metadata.metadata)
+    elif opcode == Opcode.ATTACHMENT:
+        attachment = Attachment.read(data)
+        found.attachments[attachment.name] = attachment.data
+    elif opcode == Opcode.CHUNK:
+        times = [r.log_time for r in _chunk_records(body) if isinstance(r, Message)]
+        if times:
+            found.first_ns = found.first_ns or times[0]
+            found.last_ns = times[-1]
+        found._chunks.append((offset, len(body)))
+
+
+def _chunk_records(body: bytes) -> list[Any]:
+    """The records of a chunk. Raises what the parsers raise where it is damaged: its sum is checked."""
+    records: list[Any] = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True)
+    return records
+
+
+def parts_before(file: McapFile) -> tuple[list[Path], list[int]]:
+    """The earlier parts of the same run beside `file`, in order, and the numbers of those that are missing."""
+    name, _, part = file.path.stem.rpartition("-")
+    numbers = range(1, file.part)
+    paths = {number: file.path.with_name(f"{name}-{number:0{len(part)}}.mcap") for number in numbers}
+    missing = [number for number, path in paths.items() if not path.exists()]
+    return [path for number, path in paths.items() if number not in missing], missing
