@@ -1,0 +1,146 @@
+"""What is in force in a replay: robot.yaml, and what overrules it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from replay_folders import long_drive, short_drive
+
+from drd.schema import ConfigError
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.nominal import configuration, with_model
+
+CALIBRATION = """format: drd-gyro-calibration/1
+error_deg_s: {{a0: [{bias}, 0, 0], a1: [0.01, 0, 0], a2: [0, 0, 0], a3: [0, 0, 0]}}
+rate_range_deg_s: [-80, 80]
+temperature_range_c: [-10, 40]
+residual_deg_s: 0.001
+provenance: {{source: test}}
+"""
+
+
+@pytest.fixture(scope="module")
+def with_gyro(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return long_drive(tmp_path_factory.mktemp("gyro"))
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return short_drive(tmp_path_factory.mktemp("short"))
+
+
+def test_robot_yaml_is_the_nominal_model(short: Recording) -> None:
+    sheet = replace(
+        short.nominal.fog,
+        angle_random_walk_deg_per_sqrt_h=0.1,
+        bias_random_walk_deg_per_h_per_sqrt_h=5.0,
+        bias_repeatability_deg_s=0.03,
+    )
+    config = configuration(replace(short, nominal=replace(short.nominal, fog=sheet)))
+    noise = config.estimation.noise
+    assert (config.robot.wheel_radius_m, config.robot.tread_m, config.encoders.counts_per_revolution) == (
+        0.1,
+        0.5,
+        4000,
+    )
+    assert (noise.gyro_deg_per_sqrt_h, noise.gyro_bias_deg_h_per_sqrt_h, noise.gyro_bias_repeatability_deg_s) == (
+        0.1,
+        5.0,
+        0.03,
+    )
+    assert config.estimation.initial.gyro_bias_deg_s == 0.03
+    assert noise.wheel_m_per_sqrt_m == 1e-6
+    assert (config.fog.full_scale_deg_s, config.fog.rate_hz, config.encoders.rate_hz) == (100.0, 10.0, 20.0)
+    assert config.estimation.static_bias.duration_s == 12.0
+
+
+def test_a_mems_gyro_is_not_taken_for_a_fog(short: Recording) -> None:
+    sheet = replace(short.nominal.fog, kind="MEMS", angle_random_walk_deg_per_sqrt_h=0.2)
+    mems = configuration(replace(short, nominal=replace(short.nominal, fog=sheet))).estimation
+    fog = configuration(short).estimation
+    assert mems.noise.gyro_deg_per_sqrt_h == 0.2  # what is stated is kept
+    assert mems.initial.gyro_bias_deg_s > 5.0 * fog.initial.gyro_bias_deg_s
+
+
+def test_a_configuration_replaces_what_it_states_and_nothing_else(short: Recording, tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "robot: {wheel_radius_m: 0.2, tread_m: 0.6, left_scale: 1.01}\nencoders: {counts_per_revolution: 4000}\n"
+        "estimation: {noise: {turn_rad_per_sqrt_rad: 0.07}}\n"
+    )
+    config = replay_folder(short, file).config
+    assert (config.robot.wheel_radius_m, config.robot.tread_m, config.robot.left_scale) == (0.2, 0.6, 1.01)
+    assert config.estimation.noise.turn_rad_per_sqrt_rad == 0.07
+    assert config.estimation.noise.wheel_m_per_sqrt_m == 1e-6
+    assert config.estimation.static_bias.duration_s == 12.0
+    assert config.fog.positive == "counterclockwise"
+    assert config.robot.max_speed_m_s == 10.0
+
+
+def test_a_configuration_without_gyro_gives_odometry_alone(with_gyro: Recording, tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "robot: {wheel_radius_m: 0.1, tread_m: 0.5}\nencoders: {counts_per_revolution: 4000}\nfog: {protocol: none}\n"
+    )
+    replayed = replay_folder(with_gyro, file)
+    assert replayed.samples["gyro"] == 0
+    assert replayed.counters["estimator"]["accepted"] == 0
+    assert len(replayed.poses) == replayed.samples["wheels"]
+
+
+def test_a_configuration_with_the_gyros_heading_needs_a_gyro(short: Recording, tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "robot: {wheel_radius_m: 0.1, tread_m: 0.5}\nencoders: {counts_per_revolution: 4000}\n"
+        "output: {publish_on: gyro}\nestimation:\n  heading: gyro\n"
+    )
+    assert replay_folder(short, file).poses
+    with pytest.raises(ConfigError, match=r"robot.yaml:5: estimation.heading: .*the recording has no gyro"):
+        replay_folder(replace(short, fog=None), file)
+
+
+def test_the_calibration_is_applied_wherever_it_is_named(with_gyro: Recording, tmp_path: Path) -> None:
+    plain, config = tmp_path / "plain.yaml", tmp_path / "named.yaml"
+    plain.write_text("robot: {wheel_radius_m: 0.1, tread_m: 0.5}\nencoders: {counts_per_revolution: 4000}\n")
+    config.write_text(plain.read_text() + "calibration: {file: gyro.yaml}\n")
+    tmp_path.joinpath("gyro.yaml").write_text(CALIBRATION.format(bias=0.1))
+    tmp_path.joinpath("other.yaml").write_text(CALIBRATION.format(bias=0.2))
+    digests = [
+        replay_folder(with_gyro, plain).digest(),
+        replay_folder(with_gyro, config).digest(),
+        replay_folder(with_gyro, plain, tmp_path / "gyro.yaml").digest(),
+        replay_folder(with_gyro, config, tmp_path / "other.yaml").digest(),
+    ]
+    assert digests[0] != digests[1]
+    assert digests[1] == digests[2]
+    assert digests[3] not in digests[:3]
+
+
+def test_a_model_changes_the_nominal_robot(short: Recording, tmp_path: Path) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text("tread_m: 0.55\nwheel: {radius_m: 0.11}\neffects: []\n")
+    changed = with_model(short, file).nominal
+    assert (changed.tread_m, changed.wheel.radius_m, changed.wheel.counts_per_revolution) == (0.55, 0.11, 4000)
+    assert changed.fog == short.nominal.fog
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("effects: [{id: gyro_lag, tau: 0.1}]\n", r"effects: expected an empty list, .*not supported yet.*gyro_lag"),
+        ("track_m: 1\n", r"model.yaml:1: track_m: expected one of .*an unknown key"),
+        ("tread_m: -1\n", r"model.yaml:1: tread_m: expected a number in m from 0.01"),
+        (
+            "wheel: {counts_per_revolution: null}\n",
+            r"model.yaml:1: wheel.counts_per_revolution: .*encoders.csv has counts",
+        ),
+        ("[1, 2]\n", r"expected a section of keys"),
+        ("{", r"expected YAML"),
+    ],
+)
+def test_a_model_that_cannot_be_used_is_refused(short: Recording, tmp_path: Path, text: str, expected: str) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=expected):
+        with_model(short, file)

@@ -1,0 +1,1 @@
+"""Estimate again from a recording, to the same bits."""

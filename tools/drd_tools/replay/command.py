@@ -1,0 +1,148 @@
+"""`drd replay`: estimate again from a recording."""
+
+import argparse
+import importlib
+import math
+import sys
+import time
+from pathlib import Path
+
+from drd.schema import ConfigError
+from drd.units import RAD_PER_DEG
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.nominal import with_model
+from drd_tools.replay.reference import end_error, start_on_reference
+from drd_tools.replay.result import ORIGIN, Replayed, Start, write_poses
+from drd_tools.replay.summary import summary
+
+DESCRIPTION = """\
+Estimate again from a recording, with the daemon's own estimator. The same input gives the same poses to the last bit;
+their SHA-256 is printed.
+
+RECORDING is a file that the daemon recorded (.mcap), or a folder with
+  robot.yaml      the nominal robot: wheel.radius_m, wheel.counts_per_revolution, tread_m, fog.*, encoders.*, ...
+  encoders.csv    time_s, left_counts, right_counts (cumulative) or time_s, left_rad_s, right_rad_s
+  fog.csv         time_s, rate_deg_s[, temperature_c]; the mean since the row before; without it: odometry alone
+  reference.csv   time_s, x_m, y_m, heading_deg; optional, never given to the estimator
+
+The output has a row for each pose: time_s, x_m, y_m, heading_deg (whole turns are kept) and the covariance's upper
+triangle, in m and rad. Its first row is the start. A JSON file of the same name says what it comes from: digest,
+hashes of the inputs, configuration in force, counters.
+"""
+EXAMPLES = """\
+examples:
+  drd replay run_07/ --output poses.csv
+  drd replay run_07/ --config mybot.yaml --calibration gyro/calibration.yaml --output poses.csv
+  drd replay run_07/ --start=-1.5,2,90 --output poses.csv      (with = where it begins with a minus)
+
+Exit code: 0 done, 1 the recording gives no pose, 2 bad usage or input.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Replay, print the summary, write the poses. Raises ConfigError on bad input."""
+    parser = _parser()
+    chosen = parser.parse_args(argv)
+    began_s = time.perf_counter()
+    recording: Recording | None = None
+    if chosen.recording.suffix == ".mcap" and not chosen.recording.is_dir():
+        if chosen.model is not None:
+            parser.error("--model goes with a recording folder; a .mcap file's robot is changed by --config")
+        if chosen.start == "reference":
+            parser.error("--start reference goes with a recording folder that has a reference.csv")
+    else:
+        recording = read_recording(chosen.recording)
+        if chosen.model is not None:
+            recording = with_model(recording, chosen.model)
+    _check_output(chosen.output, recording)
+    if recording is None:
+        replayed = _replay_mcap(chosen.recording, chosen.config, chosen.calibration)
+    else:
+        replayed = replay_folder(recording, chosen.config, chosen.calibration)
+    if not replayed.poses:
+        print(f"drd replay: {chosen.recording}: no pose, for want of wheel samples close in time", file=sys.stderr)
+        return 1
+    start: Start = chosen.start
+    if recording is not None and chosen.start == "reference":
+        start = start_on_reference(replayed, recording)
+    written = _write(chosen, replayed, start)
+    taken_s = time.perf_counter() - began_s
+    error = end_error(replayed, recording) if recording is not None else None
+    print(summary(replayed, start, error, taken_s))
+    if written:
+        print(written)
+    return 0
+
+
+def _write(chosen: argparse.Namespace, replayed: Replayed, start: Start) -> str:
+    """Write the poses where they are wanted; the sentence that says so."""
+    if chosen.output is None:
+        return ""
+    files = {name: str(file) for name in ("config", "model", "calibration") if (file := getattr(chosen, name))}
+    try:
+        beside = write_poses(chosen.output, replayed, start, {"options": files})
+    except OSError as error:
+        raise ConfigError(str(chosen.output), "", "a file to write to", str(error.strerror)) from error
+    return f"wrote {chosen.output} and {beside}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd replay",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("recording", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
+    add("--config", type=Path, metavar="FILE", help="daemon configuration; what it states replaces the recording's")
+    add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
+    add("--model", type=Path, metavar="FILE", help="YAML with keys of robot.yaml that replace the folder's")
+    add(
+        "--start",
+        type=_start,
+        default=ORIGIN,
+        metavar="X_M,Y_M,HEADING_DEG",
+        help="pose at the start, or `reference`: pass through its first row (default 0,0,0)",
+    )
+    add("--output", type=Path, metavar="POSES.csv", help="file for the poses; POSES.json is written beside it")
+    return parser
+
+
+def _start(text: str) -> Start | str:
+    if text == "reference":
+        return text
+    try:
+        x_m, y_m, heading_deg = map(float, text.split(","))
+    except ValueError:
+        x_m = y_m = heading_deg = math.nan
+    if not all(map(math.isfinite, (x_m, y_m, heading_deg))):
+        raise argparse.ArgumentTypeError(f"expected x_m,y_m,heading_deg or reference, got {text!r}")
+    return Start(x_m, y_m, heading_deg * RAD_PER_DEG)
+
+
+def _check_output(output: Path | None, recording: Recording | None) -> None:
+    """Before the work is done, and before the recording's own files are written over."""
+    if output is None:
+        return
+    if output.suffix != ".csv":
+        raise ConfigError("--output", "", "a file name that ends with .csv", repr(str(output)))
+    if not output.parent.is_dir():
+        raise ConfigError("--output", "", "a file in a folder that exists", repr(str(output)))
+    if recording is not None and any(output.resolve() == (recording.folder / f).resolve() for f in recording.sha256):
+        raise ConfigError("--output", "", "a file that is not the recording's own", repr(str(output)))
+
+
+def _replay_mcap(file: Path, config: Path | None, calibration: Path | None) -> Replayed:
+    name = "drd_tools.replay.mcap_source"
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise ConfigError(
+            str(file), "", "a recording folder: .mcap files are not supported yet", "a .mcap file"
+        ) from error
+    replayed: Replayed = module.replay_mcap(file, config=config, calibration=calibration)
+    return replayed

@@ -1,0 +1,198 @@
+"""Replay of the daemon's recording: the same calls of the same pipeline, in the same order."""
+
+import base64
+import dataclasses
+import hashlib
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from drd.config import CalibrationFile, Config
+from drd.config_file import load_config
+from drd.pipeline import Pipeline
+from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE
+from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
+from drd.samples import CanFrame, Pose, Reason, Validity
+from drd.schema import ConfigError, loads
+from drd_tools.recordings.mcap_file import McapFile, Recorded, open_mcap, parts_before
+from drd_tools.replay.result import BITS, Replayed
+
+NUMBERS: Final = 1 << 32
+SET_POSE: Final = ("x_m", "y_m", "heading_rad", "sigma_m", "sigma_rad")
+
+
+def replay_mcap(file: Path, *, config: Path | None = None, calibration: Path | None = None) -> Replayed:
+    """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
+
+    The configuration and the calibration are those of the recording, or those in the files given. The notes say what
+    is missing and, unless something else is in force, whether the poses are those of the live run, bit for bit.
+    Raises ConfigError.
+    """
+    last = open_mcap(file)
+    earlier, missing = parts_before(last)
+    parts = [*map(open_mcap, earlier), last]
+    if IN_FORCE not in last.attachments:
+        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
+    replay = _Replay()
+    with tempfile.TemporaryDirectory() as folder:
+        in_force, base = _in_force(last, Path(folder), config, calibration)
+        pipeline = Pipeline(in_force, base, replay.on_pose)
+    replay.run(pipeline, parts)
+    counters = pipeline.counters()
+    began = last.information.get("started_monotonic_ns", "")
+    changed = config is not None or calibration is not None
+    return Replayed(
+        file,
+        replay.poses,
+        in_force,
+        pipeline.calibration,
+        zero_ns=int(began) if began.isdecimal() else 0,
+        samples={"gyro": counters["fog"].get("samples", 0), "wheels": counters["encoders"]["samples"]},
+        counters=counters,
+        inputs={part.path.name: _sha256(part.path) for part in parts} | _inputs(config, calibration),
+        notes=[*_missing(parts, missing, replay.lost), *([] if changed or missing else [replay.comparison()])],
+    )
+
+
+class _Replay:
+    """Poses of a replay beside those of the live run."""
+
+    def __init__(self) -> None:
+        self.poses: list[Pose] = []
+        self.live: list[Pose] = []
+        self.lost = 0
+
+    def on_pose(self, pose: Pose, _: int) -> None:
+        self.poses.append(pose)
+
+    def run(self, pipeline: Pipeline, parts: Sequence[McapFile]) -> None:
+        """Make the live run's calls."""
+        for recorded in self._in_order(parts):
+            try:
+                made = call(pipeline, recorded) if recorded.topic in (RAW_FOG, RAW_CAN, RAW_EVENTS) else None
+                if recorded.topic == POSE:
+                    self.live.append(recorded_pose(recorded.value()))
+            except (KeyError, TypeError, ValueError) as error:
+                where = f"{parts[-1].path}, {recorded.topic}, number {recorded.number}"
+                raise ConfigError(where, "", "what drd writes there", repr(error)) from error
+            if made is not None:
+                made()
+
+    def _in_order(self, parts: Sequence[McapFile]) -> Iterator[Recorded]:
+        """All messages, while holes in their numbers are counted."""
+        number = None
+        with tqdm(desc="replay", unit=" messages", disable=None, leave=False) as progress:
+            for part in parts:
+                for recorded in part.messages():
+                    if number is not None:
+                        self.lost += max(0, (recorded.number - number) % NUMBERS - 1)
+                    number = recorded.number
+                    progress.update()
+                    yield recorded
+
+    def comparison(self) -> str:
+        """Whether replay and live run agree. The last pose of a cut file may have been published, not recorded."""
+        live, poses = self.live, self.poses
+        for i, (a, b) in enumerate(zip(live, poses, strict=False)):
+            if bits(a) != bits(b):
+                return f"the replay differs from the live run from pose {i + 1} of {len(live)} on"
+        if not 0 <= len(poses) - len(live) <= 1:
+            return f"the replay has {len(poses)} poses, the live run recorded {len(live)}"
+        return f"the {len(live)} poses of the live run are repeated to the bit"
+
+
+def call(pipeline: Pipeline, recorded: Recorded) -> Callable[[], object] | None:
+    """The call of the pipeline that a message of a raw topic stands for; None for what it does not know.
+
+    Raises what a payload that drd did not write brings: KeyError, TypeError, ValueError.
+    """
+    value = recorded.value()
+    if recorded.topic == RAW_FOG:
+        return partial(
+            pipeline.on_fog_bytes, base64.b64decode(value["data"], validate=True), int(value["monotonic_ns"])
+        )
+    if recorded.topic == RAW_CAN:
+        return partial(pipeline.on_frames, [_frame(row) for row in value["frames"]])
+    name, now_ns = value["event"], int(value["monotonic_ns"])
+    if name == "port_state":
+        return partial(pipeline.port_state, value["source"], value["text"], now_ns)
+    if name == "set_pose":
+        return partial(pipeline.set_pose, now_ns, **{name: float(value[name]) for name in SET_POSE})
+    calls = {"tick": pipeline.tick, "reset": pipeline.reset, "calibrate_bias": pipeline.calibrate_bias}
+    return partial(calls[name], now_ns) if name in calls else None
+
+
+def _frame(row: dict[str, Any]) -> CanFrame:
+    return CanFrame(row["monotonic_ns"], row["can_id"], row["extended"], base64.b64decode(row["data"], validate=True))
+
+
+def recorded_pose(value: dict[str, Any]) -> Pose:
+    """The pose that a message of POSE holds, exact to the bit."""
+    (xx, xy, xh), (_, yy, yh), (_, _, hh) = value["covariance_m_rad"]
+    names = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed_sigma_m_s", "rate_sigma_rad_s")
+    return Pose(
+        t_ns=value["monotonic_ns"],
+        sequence=value["sequence"],
+        **{name: _number(value[name]) for name in names},
+        covariance=(_number(xx), _number(xy), _number(xh), _number(yy), _number(yh), _number(hh)),
+        position_bound_m=_number(value["position_bound_99_m"]),
+        validity=Validity(value["validity"]),
+        reasons=tuple(Reason(r["source"], r["text"], r["since_ns"]) for r in value["reasons"]),
+    )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
+    """Equal for two poses only if they agree in every bit."""
+    p = pose
+    rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
+    numbers = (p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
+    return BITS.pack(p.t_ns, p.sequence, *numbers), p.validity, p.reasons
+
+
+def _in_force(recording: McapFile, folder: Path, config: Path | None, calibration: Path | None) -> tuple[Config, Path]:
+    """The configuration and where its relative paths start from; `folder` takes the attached files."""
+    if config is not None:
+        found, base = load_config(config).value, config.parent
+    else:
+        where = f"{recording.path}, {IN_FORCE}"
+        found, base = loads(recording.attachments[IN_FORCE].decode("utf-8", "replace"), Config, where).value, folder
+        for name in (CALIBRATION, DBC):
+            if name in recording.attachments:
+                (folder / name).write_bytes(recording.attachments[name])
+        if found.calibration.file is not None:
+            found = dataclasses.replace(found, calibration=CalibrationFile(file=CALIBRATION))
+        if found.encoders.dbc.file is not None:
+            dbc = dataclasses.replace(found.encoders.dbc, file=DBC)
+            found = dataclasses.replace(found, encoders=dataclasses.replace(found.encoders, dbc=dbc))
+    if calibration is not None:
+        found = dataclasses.replace(found, calibration=CalibrationFile(file=str(calibration.resolve())))
+    return found, base
+
+
+def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> list[str]:
+    """Sentences about what the replay did not have."""
+    notes = [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
+    if missing:
+        what = f"part {missing[0]}" if len(missing) == 1 else f"{len(missing)} parts, {missing[0]} to {missing[-1]},"
+        notes.append(f"{what} of the run is not there: the replay is not the live run, it begins from nothing")
+    if lost:
+        notes.append(f"{lost} entries are missing: what was lost or cut is not replayed")
+    return notes
+
+
+def _inputs(*files: Path | None) -> dict[str, str]:
+    return {str(file): _sha256(file) for file in files if file is not None}
+
+
+def _sha256(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

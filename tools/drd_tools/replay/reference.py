@@ -1,0 +1,68 @@
+"""The estimate against the recording's own reference: on its first row at the start, how far off at the end."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drd.schema import ConfigError
+from drd_tools.recordings.folder import Array, Recording
+from drd_tools.replay.result import Replayed, Start, table
+
+
+class EndError(NamedTuple):
+    """Estimate less reference at `time_s`, after the estimate was put on the reference's pose at `start_s`."""
+
+    start_s: float
+    time_s: float
+    position_m: float
+    heading_rad: float
+    reference_m: float  # way of the reference in between
+
+
+def start_on_reference(replayed: Replayed, recording: Recording) -> Start:
+    """The start from which the estimate passes through the reference's first row. Raises ConfigError."""
+    overlap = _overlap(replayed, recording)
+    if overlap is None:
+        expected = "a reference that overlaps the poses in time"
+        raise ConfigError(str(recording.folder), "reference.csv", expected, "none")
+    (x, y, heading), (reference_x, reference_y, reference_heading) = (pose[0] for pose in overlap[1:])
+    turned = reference_heading - heading
+    c, s = math.cos(turned), math.sin(turned)
+    return Start(reference_x - c * x + s * y, reference_y - s * x - c * y, turned)
+
+
+def end_error(replayed: Replayed, recording: Recording) -> EndError | None:
+    """None where there is no reference, or none while there were poses."""
+    overlap = _overlap(replayed, recording)
+    if overlap is None or recording.reference is None:
+        return None
+    (start_s, end_s), estimate, reference = overlap
+    turned = reference[0, 2] - estimate[0, 2]
+    c, s = math.cos(turned), math.sin(turned)
+    dx, dy, dh = estimate[1] - estimate[0]
+    off_x, off_y, off_h = np.array([c * dx - s * dy, s * dx + c * dy, dh]) - (reference[1] - reference[0])
+    log = recording.reference
+    inside = (log.time_s >= start_s) & (log.time_s <= end_s)
+    way_m = float(np.hypot(np.diff(log.x_m[inside]), np.diff(log.y_m[inside])).sum())
+    return EndError(start_s, end_s, math.hypot(off_x, off_y), math.remainder(off_h, 2.0 * math.pi), way_m)
+
+
+def _overlap(replayed: Replayed, recording: Recording) -> tuple[tuple[float, float], Array, Array] | None:
+    """First and last common time, and the poses of estimate and reference there, shape (2, 3) each: x, y, heading."""
+    log, rows = recording.reference, table(replayed)
+    if log is None or not len(rows):
+        return None
+    start_s, end_s = max(rows[0, 0], log.time_s[0]), min(rows[-1, 0], log.time_s[-1])
+    if not start_s < end_s:
+        return None
+    at = np.array([start_s, end_s])
+    return (
+        (float(start_s), float(end_s)),
+        _at(at, rows[:, 0], rows[:, 1:4].T),
+        _at(at, log.time_s, (log.x_m, log.y_m, log.heading_rad)),
+    )
+
+
+def _at(at_s: Array, time_s: Array, columns: Any) -> Array:
+    return np.stack([np.interp(at_s, time_s, column) for column in columns], axis=1)

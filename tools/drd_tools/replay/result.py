@@ -1,0 +1,175 @@
+"""What a replay gives: the poses, what was in force, a hash of every bit, and the files that keep them."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from drd import __version__
+from drd.calibration import Calibration
+from drd.config import Config
+from drd.samples import Pose, Reason
+from drd.units import DEG_PER_RAD, S_PER_NS
+
+FORMAT: Final = "drd-replay/1"
+COLUMNS: Final = (
+    "time_s", "x_m", "y_m", "heading_deg",
+    "xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2",
+)  # fmt: skip
+# t_ns, sequence; x, y, heading, speed, rate, their two sigmas; the covariance's six; the bound.
+BITS: Final = struct.Struct("<2q14d")
+# Rows that are turned into text at once.
+CHUNK: Final = 4096
+
+
+class Start(NamedTuple):
+    """A pose from which the estimate starts: it is turned and moved there as a whole."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+ORIGIN: Final = Start(0.0, 0.0, 0.0)
+
+
+@dataclass
+class Replayed:
+    """A replay's outcome.
+
+    `began_ns`: where the dead reckoning began, the pose there being zero by definition (None: not known).
+    `zero_ns`: the poses' time at which the recording's `time_s` is 0. `samples` and `counters` are by part and name.
+    `inputs`: SHA-256 of each file that was read. `notes`: sentences for the reader of the summary.
+    """
+
+    source: Path
+    poses: list[Pose]
+    config: Config
+    calibration: Calibration | None
+    zero_ns: int = 0
+    began_ns: int | None = None
+    samples: dict[str, int] = field(default_factory=dict)
+    counters: dict[str, dict[str, int]] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def duration_s(self) -> float:
+        """From where the dead reckoning began, or from the first pose, to the last one."""
+        if not self.poses:
+            return 0.0
+        return (self.poses[-1].t_ns - (self.began_ns or self.poses[0].t_ns)) * S_PER_NS
+
+    def digest(self) -> str:
+        """Of all poses, see `digest`."""
+        return digest(self.poses)
+
+
+def digest(poses: Sequence[Pose]) -> str:
+    """SHA-256 in hex over the bits of all poses: two streams that differ in one bit anywhere differ in it.
+
+    Per pose: BITS, little-endian, then one line of UTF-8 text: the validity and for each reason source, text and
+    since_ns, all separated by U+001F and ended by a line feed.
+    """
+    sha = hashlib.sha256()
+    lines: dict[tuple[str, tuple[Reason, ...]], bytes] = {}  # the same few for thousands of poses
+    for p in poses:
+        key = (p.validity.value, p.reasons)
+        line = lines.get(key)
+        if line is None:
+            texts = [p.validity.value, *(str(value) for reason in p.reasons for value in reason)]
+            line = lines[key] = ("\x1f".join(texts) + "\n").encode()
+        sha.update(
+            BITS.pack(
+                p.t_ns,
+                p.sequence,
+                p.x_m,
+                p.y_m,
+                p.heading_rad,
+                p.speed_m_s,
+                p.rate_rad_s,
+                p.speed_sigma_m_s,
+                p.rate_sigma_rad_s,
+                *p.covariance,
+                p.position_bound_m,
+            )
+            + line
+        )
+    return sha.hexdigest()
+
+
+def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The poses as numbers, shape (n, 10): time_s, x_m, y_m, heading_rad and the covariance, seen from `start`.
+
+    The first row is `start` itself, at `began_ns`, where that is known and before the first pose. Position and
+    covariance turn with the start: nothing in the filter depends on where x points.
+    """
+    zero, began = replayed.zero_ns, replayed.began_ns
+    rows = [((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in replayed.poses]
+    if began is not None and rows and began < replayed.poses[0].t_ns:
+        i = replayed.config.estimation.initial
+        xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2
+        rows.insert(0, ((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, xx, 0.0, 0.0, xx, 0.0, hh))
+    if not rows:
+        return np.zeros((0, len(COLUMNS)))
+    time_s, x, y, heading, xx_, xy, xh, yy, yh, hh_ = np.array(rows).T
+    c, s = math.cos(start.heading_rad), math.sin(start.heading_rad)
+    return np.column_stack(
+        [
+            time_s,
+            start.x_m + c * x - s * y,
+            start.y_m + s * x + c * y,
+            start.heading_rad + heading,
+            c * c * xx_ - 2.0 * c * s * xy + s * s * yy,
+            c * s * (xx_ - yy) + (c * c - s * s) * xy,
+            c * xh - s * yh,
+            s * s * xx_ + 2.0 * c * s * xy + c * c * yy,
+            s * xh + c * yh,
+            hh_,
+        ]
+    )
+
+
+def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: dict[str, Any] | None = None) -> Path:
+    """Write `file` (CSV with COLUMNS) and beside it what the numbers come from, as JSON; return the latter's path.
+
+    Raises OSError. `extra` is added to the JSON.
+    """
+    rows = table(replayed, start)
+    rows[:, 3] *= DEG_PER_RAD
+    form = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 6 + "\n"
+    with file.open("w", encoding="utf-8", newline="") as out:
+        out.write(",".join(COLUMNS) + "\n")
+        for begin in range(0, len(rows), CHUNK):
+            part = rows[begin : begin + CHUNK]
+            out.write(form * len(part) % tuple(part.ravel().tolist()))
+    beside = file.with_suffix(".json")
+    beside.write_text(json.dumps(provenance(replayed, start) | (extra or {}), indent=1) + "\n", encoding="utf-8")
+    return beside
+
+
+def provenance(replayed: Replayed, start: Start = ORIGIN) -> dict[str, Any]:
+    """What the poses come from, in plain types for JSON: the digest, the inputs, what was in force, the counters."""
+    calibration = replayed.calibration
+    return {
+        "format": FORMAT,
+        "drd": __version__,
+        "recording": str(replayed.source),
+        "sha256": replayed.inputs,
+        "digest": replayed.digest(),
+        "poses": len(replayed.poses),
+        "duration_s": replayed.duration_s,
+        "start": {"x_m": start.x_m, "y_m": start.y_m, "heading_deg": start.heading_rad * DEG_PER_RAD},
+        "samples": replayed.samples,
+        "counters": replayed.counters,
+        "notes": replayed.notes,
+        "config": dataclasses.asdict(replayed.config),
+        "calibration": dataclasses.asdict(calibration) if calibration is not None else None,
+    }
