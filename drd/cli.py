@@ -28,6 +28,8 @@ COMMANDS = {
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
     "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),
+    "replay": Command("drd_tools.replay.command", "estimate again from a recording", "tools"),
+    "evaluate": Command("drd_tools.evaluate.command", "judge poses against a reference", "tools"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
 

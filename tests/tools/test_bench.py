@@ -17,7 +17,8 @@ MAY_BE_ZERO = {"allocation"}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.process] if name in {"cpu", "recording"} else []) for name in BENCHMARKS]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.process] if name in {"cpu", "recording"} else []) for name in BENCHMARKS],
 )
 def test_each_benchmark_gives_all_its_figures(name: str) -> None:
     report = BENCHMARKS[name](True)

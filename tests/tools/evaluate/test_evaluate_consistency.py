@@ -1,0 +1,97 @@
+"""NEES: honest estimates keep its bounds, boasting ones do not, over many seeds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pose_files import dead_reckoned, drive
+
+from drd_tools.evaluate.consistency import Nees, effective_rows, nees, together
+from drd_tools.evaluate.judge import judge
+from drd_tools.evaluate.trajectory import Poses
+
+SEEDS = 60
+
+
+def pose_nees(seed: int, claim: float, kind: str = "start") -> Nees:
+    estimate, reference = dead_reckoned(np.random.default_rng(seed), claim)
+    found = judge(estimate, reference, kind=kind).consistency
+    assert [n.part for n in found.nees] == ["pose", "position", "heading"]
+    return found.nees[0]
+
+
+def test_consistent_errors_are_called_so_one_by_one_and_together() -> None:
+    parts = [pose_nees(seed, 1.0) for seed in range(SEEDS)]
+    wrong = [n for n in parts if n.verdict != "consistent"]
+    assert len(wrong) <= 5  # 1 % is meant; the effective number of rows is an estimate too
+    pooled = together(parts)
+    assert pooled.verdict == "consistent"
+    assert pooled.low < 3.0 < pooled.high
+    assert pooled.high - pooled.low < 2.0
+
+
+def test_overconfidence_and_caution_are_told() -> None:
+    bold = [pose_nees(seed, 0.2) for seed in range(SEEDS)]
+    assert sum(n.verdict == "overconfident" for n in bold) >= 0.8 * SEEDS
+    assert together(bold).verdict == "overconfident"
+    assert together([pose_nees(seed, 4.0) for seed in range(20)]).verdict == "too cautious"
+
+
+def test_the_references_own_noise_counts() -> None:
+    """With a perfect estimate all of the error is the reference's, and that of its first row in every one."""
+    parts = []
+    for seed in range(SEEDS):
+        _, reference = dead_reckoned(np.random.default_rng(seed))
+        perfect = Poses("perfect", reference.time_s, drive(60.0).pose, np.zeros((len(reference.time_s), 3, 3)))
+        parts += judge(perfect, reference).consistency.nees[:1]
+    assert together(parts).verdict == "consistent"
+    assert sum(n.verdict == "consistent" for n in parts) >= 0.9 * SEEDS
+
+
+@pytest.mark.parametrize("kind", ["se2", "first-metres"])
+def test_an_alignment_that_uses_the_errors_has_no_nees(kind: str) -> None:
+    estimate, reference = dead_reckoned(np.random.default_rng(1))
+    found = judge(estimate, reference, kind=kind, metres=3.0).consistency
+    assert not found.nees
+    assert "not meaningful" in found.why_not
+    assert found.inside_99 is None
+
+
+def test_share_inside_the_claimed_radius() -> None:
+    shares = []
+    for seed in range(20):
+        estimate, reference = dead_reckoned(np.random.default_rng(seed))
+        shares.append(judge(estimate, reference).consistency.inside_99)
+        given = replace(estimate, covariance=None, bound_m=np.full(len(estimate.time_s), 1e-6))
+        perfect = replace(reference, position_sigma_m=0.0, heading_sigma_rad=0.0)
+        found = judge(given, perfect).consistency
+        assert found.inside_99 is not None
+        assert found.inside_99 < 0.1
+        assert "no covariance" in found.why_not
+    assert np.mean([s for s in shares if s is not None]) > 0.97
+
+
+def test_independent_rows_count_in_full_and_a_constant_counts_once() -> None:
+    rng = np.random.default_rng(0)
+    white = np.median([effective_rows(1.2 * rng.normal(size=(1000, 3))) for _ in range(20)])
+    assert 700.0 < white <= 1000.0
+    assert effective_rows(np.ones((500, 2))) == pytest.approx(1.0)
+    assert effective_rows(0.01 * rng.normal(size=(1000, 3))) < 1.1  # the rest may be a constant
+    correlated = np.zeros((20000, 1))
+    for k in range(1, len(correlated)):
+        correlated[k] = 0.95 * correlated[k - 1] + rng.normal()
+    expected = 20000 * (1.0 - 0.95**2) / (1.0 + 0.95**2)  # of an AR(1), for squares
+    assert effective_rows(correlated) == pytest.approx(expected, rel=0.35)
+
+
+@given(scale=st.floats(1.0, 10.0), seed=st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=30)
+def test_nees_scales_with_the_square_of_the_error_and_its_bounds_do_not(scale: float, seed: int) -> None:
+    error = np.cumsum(np.random.default_rng(seed).normal(size=(300, 2)), axis=0)
+    S = np.broadcast_to(1e-4 * np.array([[2.0, 0.5], [0.5, 1.0]]), (300, 2, 2))
+    once, scaled = nees("position", error, S), nees("position", scale * error, S)
+    assert scaled.average == pytest.approx(scale**2 * once.average, rel=1e-9)
+    assert (scaled.low, scaled.high) == pytest.approx((once.low, once.high), rel=1e-6)
+    assert 1.0 <= once.effective <= 300.0

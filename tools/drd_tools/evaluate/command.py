@@ -1,0 +1,177 @@
+"""`drd evaluate`: how far poses are from a reference, and whether they said so."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drd.schema import ConfigError
+from drd_tools.evaluate.alignment import KINDS
+from drd_tools.evaluate.compare import compare
+from drd_tools.evaluate.judge import judge
+from drd_tools.evaluate.report import print_runs, write_report
+from drd_tools.evaluate.results import FILE, Evaluation, Run
+from drd_tools.evaluate.trajectory import Poses, Reference, read_poses, read_reference
+
+DESCRIPTION = """\
+Judge poses against a reference: error at the end and of the return, absolute and relative trajectory error, drift in
+per cent (KITTI, on segments scaled to the path), heading drift in deg/h, and consistency (NEES, with its bounds).
+
+POSES.csv has time_s,x_m,y_m,heading_deg and, if known, the covariance xx_m2,xy_m2,xh_m_rad,yy_m2,yh_m_rad,hh_rad2
+(and position_bound_99_m), as `drd replay` writes it. --reference names a recording folder, or a CSV with
+time_s,x_m,y_m,heading_deg, for all poses or one for each; it may be sparse, its heading wrapped or not.
+
+RECORDING is a folder with a reference; without --reference it is replayed with its nominal model, robot.yaml.
+
+The estimate is interpolated at the reference's times, never extrapolated. Alignment, by a rigid motion without scale:
+  start           the poses agree at the first common time (the default; errors there are zero by definition)
+  first-metres M  least squares over the positions on the first M metres
+  se2             least squares over all positions (Umeyama); hides part of the drift, and NEES has no meaning then
+  none            as the poses are
+"""
+EXAMPLES = """\
+examples:
+  drd evaluate poses.csv --reference recordings/run1 --output out/run1
+  drd evaluate a.csv b.csv --reference reference.csv --reference-sigma 0.01 0.2 --align none --output out/ab
+  drd evaluate recordings/* --output out/nominal
+  drd evaluate --compare out/nominal out/calibrated --output out/both
+  drd evaluate --draw out/run1
+
+DIR gets results.json, from which --compare and --draw work later, and report.html with its pictures.
+Exit code: 0 done, 2 bad usage or input.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Evaluate, compare or draw, and return the exit code. Raises ConfigError on bad input."""
+    parser = _parser()
+    chosen = parser.parse_args(argv)
+    folder: Path | None = chosen.draw or chosen.output
+    if sum((bool(chosen.inputs), chosen.compare is not None, chosen.draw is not None)) != 1:
+        parser.error("give POSES.csv or RECORDING, or --compare DIR DIR, or --draw DIR")
+    if folder is None:
+        parser.error("--output DIR is needed")
+    try:
+        if chosen.draw is not None:
+            evaluation = Evaluation.load(chosen.draw)
+        elif chosen.compare is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            return _told(compare(chosen.compare, folder))
+        else:
+            evaluation = Evaluation(_evaluate(chosen, parser))
+            folder.mkdir(parents=True, exist_ok=True)
+            evaluation.save(folder)
+            evaluation = Evaluation.load(folder)  # what is shown is what was saved, to the digit
+        print_runs(evaluation.runs)
+        return _told([folder / FILE, *write_report(evaluation, folder)])
+    except BrokenPipeError:
+        raise  # not the folder: whoever read the output has left
+    except OSError as error:
+        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd evaluate",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="what is judged")
+    parser.add_argument("--reference", nargs="+", type=Path, metavar="PATH", help="one for all poses, or one for each")
+    parser.add_argument(
+        "--reference-sigma",
+        nargs=2,
+        type=_not_negative,
+        metavar=("M", "DEG"),
+        help="standard deviations of the reference's coordinates and heading (default: robot.yaml's)",
+    )
+    parser.add_argument(
+        "--align", nargs="+", default=["start"], metavar="HOW", help="none, start (default), first-metres M, or se2"
+    )
+    parser.add_argument(
+        "--max-gap",
+        type=_positive,
+        default=1.0,
+        metavar="S",
+        help="no interpolation between poses further apart, s (default: 1)",
+    )
+    parser.add_argument(
+        "--closed-within",
+        type=_positive,
+        metavar="M",
+        help="a path that ends so near to its start is closed, m (default: 5 %% of its length, at most 1 m)",
+    )
+    parser.add_argument("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
+    parser.add_argument("--compare", nargs="+", type=Path, metavar="DIR", help="compare results that were saved")
+    parser.add_argument("--draw", type=Path, metavar="DIR", help="only report and draw the results that DIR holds")
+    return parser
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(text)
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ValueError(text)
+    return value
+
+
+def _evaluate(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> list[Run]:
+    kind, metres = _alignment(chosen.align, parser)
+    given: list[Path] | None = chosen.reference
+    if given is not None and len(given) not in (1, len(chosen.inputs)):
+        parser.error(
+            f"--reference: expected one path, or one for each of {len(chosen.inputs)} inputs, got {len(given)}"
+        )
+    references = given * len(chosen.inputs) if given is not None and len(given) == 1 else given or chosen.inputs
+    sigmas: Sequence[float | None] = chosen.reference_sigma or (None, None)
+    runs = []
+    pairs = list(zip(chosen.inputs, references, strict=True))
+    for path, reference_path in tqdm(pairs, desc="evaluating", disable=True if len(pairs) < 3 else None, leave=False):
+        if not path.is_dir() and given is None:
+            parser.error(f"{path} is not a recording folder; poses need --reference")
+        poses, reference = _read(path, reference_path, sigmas)
+        runs.append(
+            judge(
+                poses,
+                reference,
+                kind=kind,
+                metres=metres,
+                max_gap_s=chosen.max_gap,
+                closed_within_m=chosen.closed_within,
+            )
+        )
+    return runs
+
+
+def _read(path: Path, reference_path: Path, sigmas: Sequence[float | None]) -> tuple[Poses, Reference]:
+    reference = read_reference(reference_path, *sigmas)
+    if not path.is_dir():
+        return read_poses(path), reference
+    from drd_tools.evaluate.replayed import replay_poses  # noqa: PLC0415  # the estimator, where it is needed
+
+    return replay_poses(path), reference
+
+
+def _alignment(words: Sequence[str], parser: argparse.ArgumentParser) -> tuple[str, float]:
+    kind, rest = words[0], words[1:]
+    try:
+        metres = _positive(rest[0]) if kind == "first-metres" and len(rest) == 1 else 0.0
+    except ValueError:
+        metres = 0.0
+    if kind not in KINDS or (metres == 0.0) == (kind == "first-metres") or (rest and kind != "first-metres"):
+        parser.error(f"--align: expected none, start, first-metres M or se2, got {' '.join(words)}")
+    return kind, metres
+
+
+def _told(files: Sequence[Path]) -> int:
+    print("\nfiles: " + ", ".join(str(file) for file in files[:4]) + (" ..." if len(files) > 4 else ""))
+    return 0

@@ -1,0 +1,169 @@
+"""Consistency: whether the errors are as large as the covariance claims."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal, stats
+
+from drd.uncertainty import BOUND_SIGMAS
+from drd_tools.evaluate.alignment import Alignment, turned_covariance
+from drd_tools.evaluate.trajectory import Pairs, Reference
+
+Array = npt.NDArray[np.float64]
+
+PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
+LEVEL: Final = 0.99
+
+
+@dataclass(frozen=True)
+class Nees:
+    """Average of one part's normalised error squared over `rows`, worth `effective` independent ones."""
+
+    part: str
+    dof: int
+    rows: int
+    effective: float
+    average: float
+    low: float
+    high: float
+
+    @property
+    def verdict(self) -> str:
+        """What the average says, in a word or two."""
+        return "overconfident" if self.average > self.high else "too cautious" if self.average < self.low else "consistent"  # fmt: skip  # noqa: E501
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """`why_not` says why there is no NEES. `inside_99` is the share of rows within the claimed 99 % radius."""
+
+    nees: list[Nees]
+    why_not: str = ""
+    inside_99: float | None = None
+
+
+def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> Consistency:
+    """NEES of pose, position and heading, and the share inside the 99 % radius.
+
+    `e^T S^-1 e` with S the estimate's covariance and the reference's, `total_covariance`. It has a meaning only where
+    the alignment did not use the errors that are judged: none and start. Rows in which S has no inverse are left out.
+    """
+    if alignment.kind not in ("none", "start"):
+        why = f"not meaningful with the alignment {alignment.kind}, which fits the poses to the reference"
+        return Consistency([], why)
+    if aligned.covariance is None and aligned.bound_m is None:
+        return Consistency([], "not determined: the poses have no covariance")
+    inside = _inside(aligned, alignment, reference)
+    S = total_covariance(aligned, alignment, reference)
+    if S is None:
+        return Consistency([], "not determined: the poses have no covariance", inside)
+    found = []
+    begin = 1 if alignment.kind == "start" else 0  # the first error is zero by definition
+    for part, axes in PARTS.items():
+        part_S = S[begin:, axes][:, :, axes]
+        regular = np.linalg.eigvalsh(part_S)[:, 0] > 1e-14
+        if regular.any():
+            found.append(nees(part, aligned.error[begin:][regular][:, axes], part_S[regular]))
+    return Consistency(found, "" if found else "not determined: the covariance is singular in every row", inside)
+
+
+def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference) -> Array | None:
+    """Covariance of the error (k, 3, 3): `S = P + R + J R J^T`, R the reference's own, the same for each row.
+
+    The last term is for the alignment start: the first reference pose's noise turns and shifts the whole estimate, and
+    `J = [1 0 -(y - y_0); 0 1 x - x_0; 0 0 1]`. P counts from the first common time if the filter began there.
+    """
+    if aligned.covariance is None:
+        return None
+    R = reference_covariance(reference)
+    if alignment.kind != "start":
+        return aligned.covariance + R
+    J = np.tile(np.eye(3), (len(aligned.time_s), 1, 1))
+    lever = aligned.estimate[:, :2] - aligned.estimate[0, :2]
+    J[:, 0, 2], J[:, 1, 2] = -lever[:, 1], lever[:, 0]
+    total: Array = aligned.covariance + R + J @ R @ J.transpose(0, 2, 1)
+    return total
+
+
+def reference_covariance(reference: Reference) -> Array:
+    """Of one row of the reference, (3, 3)."""
+    return np.diag([reference.position_sigma_m**2, reference.position_sigma_m**2, reference.heading_sigma_rad**2])
+
+
+def _inside(aligned: Pairs, alignment: Alignment, reference: Reference) -> float:
+    """Share of rows whose position error is within the bound, enlarged by the reference's own worst axis."""
+    k = len(aligned.time_s)
+    extra = total_covariance(replace(aligned, covariance=np.zeros((k, 3, 3))), alignment, reference)
+    assert extra is not None
+    if aligned.bound_m is not None:
+        worst = np.linalg.eigvalsh(extra[:, :2, :2])[:, -1]
+        radius_m = np.hypot(aligned.bound_m, BOUND_SIGMAS * np.sqrt(np.maximum(worst, 0.0)))
+    else:
+        assert aligned.covariance is not None
+        worst = np.linalg.eigvalsh((aligned.covariance + extra)[:, :2, :2])[:, -1]
+        radius_m = BOUND_SIGMAS * np.sqrt(np.maximum(worst, 0.0))
+    begin = 1 if alignment.kind == "start" else 0
+    return float(np.mean((np.hypot(*aligned.error[:, :2].T) <= radius_m)[begin:]))
+
+
+def nees(part: str, error: Array, S: Array) -> Nees:
+    """Average of `e^T S^-1 e`, e (k, d), S (k, d, d), with the 99 % interval that a consistent estimate keeps.
+
+    Bar-Shalom, Li, Kirubarajan 2001, 5.4: n independent values add up to a chi-square of n d degrees of freedom.
+    The errors of dead reckoning hang together over minutes, so n is the effective number of `effective_rows`.
+    """
+    z = np.linalg.solve(np.linalg.cholesky(S), error[:, :, None])[:, :, 0]
+    n, dof = effective_rows(z), error.shape[1]
+    low, high = stats.chi2.ppf((0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0), n * dof) / n
+    return Nees(part, dof, len(z), n, float(np.mean(np.sum(z * z, axis=1))), float(low), float(high))
+
+
+def effective_rows(z: Array) -> float:
+    """How many independent rows the errors over sigma `z` (k, d) are worth, from 1 to k.
+
+    `n = k / (1 + 2 sum_l (1 - l/k) mean_i r_i(l)^2)`, r_i(l) the correlation of component i at lag l about zero, up to
+    its first value <= 0 (Geyer 1992); squares of two Gaussians are correlated by r^2. Errors that are all three times
+    too large change nothing, a constant bias gives n = 1. Where a component's mean square v is below the claimed 1, the
+    rest may be a constant that this run had little of: r is then `v r + 1 - v`. So a single run hardly ever proves
+    that an estimate is too cautious; several together can.
+    """
+    k = len(z)
+    lags = np.arange(k)
+    squares = np.zeros(k)
+    for column in z.T:
+        products = signal.correlate(column, column, method="fft")[k - 1 :]
+        power = float(products[0]) / k
+        r = np.minimum(products / (k - lags) / power, 1.0) if power > 0.0 else np.ones(k)
+        negative = np.flatnonzero(r <= 0.0)
+        r[int(negative[0]) if negative.size else k :] = 0.0
+        v = min(power, 1.0)
+        squares += (v * r + 1.0 - v) ** 2 / z.shape[1]
+    return k / (1.0 + 2.0 * float(np.sum((1.0 - lags[1:] / k) * squares[1:])))
+
+
+def together(parts: Sequence[Nees]) -> Nees:
+    """One part over several independent runs, the mean of their averages.
+
+    Each counts alike, whatever its effective rows n_i, which by chance are few where errors are large; N runs are worth
+    `N^2 / sum(1/n_i)` rows.
+    """
+    dof, n = parts[0].dof, len(parts) ** 2 / sum(1.0 / p.effective for p in parts)
+    average = sum(p.average for p in parts) / len(parts)
+    low, high = stats.chi2.ppf((0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0), n * dof) / n
+    return Nees(parts[0].part, dof, sum(p.rows for p in parts), n, average, float(low), float(high))
+
+
+def track_sigmas(S: Array, heading_rad: Array) -> Array:
+    """Standard deviations along the track, across it (m) and of the heading (rad), shape (k, 3)."""
+    turned = turned_covariance(S, -heading_rad)
+    result: Array = np.sqrt(np.maximum(turned[:, range(3), range(3)], 0.0))
+    return result
+
+
+def sigma_99() -> float:
+    """Half the width of the 99 % interval of a Gaussian, in sigma."""
+    return math.sqrt(float(stats.chi2.ppf(LEVEL, 1)))

@@ -1,0 +1,85 @@
+"""What the error grows with: its growth in short windows, beside temperature, yaw rate and speed."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.units import DEG_PER_RAD
+from drd_tools.evaluate.metrics import relative_errors
+from drd_tools.evaluate.trajectory import Pairs, Reference
+
+Array = npt.NDArray[np.float64]
+
+WINDOW_S: Final = 2.0
+BINS: Final = 12
+FEWEST: Final = 5  # windows in a bin
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Growth of the error in windows that follow each other, shape (w,) each; `why_not` says why there are none.
+
+    Yaw rate and speed are the estimate's: the reference's noise is in the error too, and would make it look as if the
+    error fell with the rate.
+    """
+
+    window_s: float
+    heading_deg_s: Array
+    along_m_s: Array
+    rate_deg_s: Array
+    speed_m_s: Array
+    temperature_c: Array | None
+    why_not: str = ""
+
+
+def error_growth(pairs: Pairs, reference: Reference) -> Windows:
+    """Relative pose error over windows of 2 s, divided by their duration. The alignment does not matter."""
+    none = np.empty(0)
+    if not pairs.is_dense:
+        return Windows(WINDOW_S, none, none, none, none, None, "not determined: the reference is sparse")
+    wanted_s = np.arange(pairs.time_s[0], pairs.time_s[-1], WINDOW_S)
+    rows = np.unique(np.searchsorted(pairs.time_s, wanted_s))
+    first, last = rows[:-1], rows[1:]
+    duration_s = pairs.time_s[last] - pairs.time_s[first]
+    fits = duration_s <= 2.0 * WINDOW_S
+    first, last, duration_s = first[fits], last[fits], duration_s[fits]
+    if first.size < FEWEST:
+        return Windows(WINDOW_S, none, none, none, none, None, f"not determined: {first.size} windows of 2 s")
+    error = relative_errors(pairs, first, last)
+    travel_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(pairs.estimate[:, :2], axis=0).T))))
+    temperature_c = None
+    if reference.temperature is not None:
+        middle_s = 0.5 * (pairs.time_s[first] + pairs.time_s[last])
+        temperature_c = np.interp(middle_s, *reference.temperature)
+    return Windows(
+        WINDOW_S,
+        error[:, 2] * DEG_PER_RAD / duration_s,
+        error[:, 0] / duration_s,
+        (pairs.estimate[last, 2] - pairs.estimate[first, 2]) * DEG_PER_RAD / duration_s,
+        (travel_m[last] - travel_m[first]) / duration_s,
+        temperature_c,
+    )
+
+
+def binned(driver: Array, growth: Array) -> Array:
+    """Means over bins of the driver: shape (b, 4) of driver, mean growth, its standard error, windows in the bin.
+
+    A bin is at least a twelfth of the driver's range wide and holds at least five windows. The standard error is
+    `s / sqrt(n)`, s the scatter in the bin.
+    """
+    order = np.argsort(driver, kind="stable")
+    driver, growth = driver[order], growth[order]
+    width = float(np.ptp(driver)) / BINS
+    begins = [0]
+    for k in range(1, len(driver)):
+        if driver[k] - driver[begins[-1]] > width and k - begins[-1] >= FEWEST and len(driver) - k >= FEWEST:
+            begins.append(k)
+    rows = []
+    for begin, end in pairwise([*begins, len(driver)]):
+        n, chosen = end - begin, growth[begin:end]
+        rows.append((driver[begin:end].mean(), chosen.mean(), np.std(chosen, ddof=1) / math.sqrt(n), n))
+    return np.array(rows, float)

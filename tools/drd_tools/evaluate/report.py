@@ -1,0 +1,109 @@
+"""From saved results to pictures and the HTML page."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drd_tools.evaluate import text
+from drd_tools.evaluate.pictures import drivers_picture, error_picture, path_picture
+from drd_tools.evaluate.results import Evaluation, Run
+from drd_tools.report.page import Page
+
+
+def write_report(evaluation: Evaluation, folder: Path) -> list[Path]:
+    """Draw everything into `folder`; return the files. Raises OSError."""
+    runs = evaluation.runs
+    names = ", ".join(run.name for run in runs[:3]) + (f" and {len(runs) - 3} more" if len(runs) > 3 else "")
+    page = Page(f"Evaluation of {names}", [_lead(run) for run in runs[:6]])
+    page.table(text.SUMMARY_HEADER, text.summary_rows(runs), "Errors at the end and of the return, absolute trajectory error (rmse), drift and consistency")  # fmt: skip  # noqa: E501
+    pooled = text.nees_together(runs)
+    if pooled:
+        page.table(text.NEES_HEADER, text.nees_rows(pooled), "Consistency of all runs together, taken as independent")
+    files: list[Path] = []
+    for number, run in enumerate(tqdm(runs, desc="drawing", disable=True if len(runs) < 3 else None, leave=False), 1):
+        prefix = "" if len(runs) == 1 else f"{number:02d}_{_safe(run.name)}_"
+        files += _run_section(page, run, folder, prefix)
+    page.save(folder / "report.html")
+    return [folder / "report.html", *files]
+
+
+def _lead(run: Run) -> str:
+    drift = "" if run.drift is None else f", a drift of {run.drift.percent:.2g} %"
+    return (
+        f"{run.name}: {run.end.position_m:.3g} m off after {run.path_m:.4g} m in {run.duration_s:.0f} s{drift}, "
+        f"heading {run.end.heading_deg:+.2g} deg off at the end."
+    )
+
+
+def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
+    page.heading(run.name)
+    for sentence in text.sentences(run):
+        page.text(sentence)
+    files = [folder / f"{prefix}path.png", folder / f"{prefix}error.png"]
+    path_picture(files[0], [("estimate", run)])
+    page.picture(files[0], "The estimate, as aligned, on the reference.")
+    error_picture(files[1], [("error", run)])
+    claim = " Shaded: what the covariance claims for it, the reference's own noise included." if run.series.sigma is not None else ""  # fmt: skip  # noqa: E501
+    page.picture(files[1], f"Error in the axes of the reference (forward, left) against time.{claim}")
+    drivers = folder / f"{prefix}drivers.png"
+    if run.windows.why_not:
+        page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
+        drivers.unlink(missing_ok=True)  # of an earlier evaluation
+    else:
+        drivers_picture(drivers, run.windows)
+        files.append(drivers)
+        page.picture(
+            drivers,
+            f"Growth of the error (not what had piled up before) in windows of {run.windows.window_s:g} s. Yaw rate "
+            f"and speed are the estimate's. {'' if run.windows.temperature_c is not None else no_temperature(run)}",
+        )
+    if run.by_length:
+        page.table(text.LENGTH_HEADER, text.relative_rows(run.by_length), "Relative error over segments of the path")
+    if run.by_time:
+        page.table(text.TIME_HEADER, text.relative_rows(run.by_time), "Relative error over intervals of time")
+    if run.consistency.nees:
+        page.table(text.NEES_HEADER, text.nees_rows(run.consistency.nees), "Consistency")
+    page.text(f"Poses sha256 {run.poses_sha256[:16]}, reference sha256 {run.reference_sha256[:16]}.")
+    return files
+
+
+def no_temperature(run: Run) -> str:
+    """Why a picture has no temperature."""
+    return f"No temperature: {run.reference} has no fog.csv with temperature_c."
+
+
+def print_run(run: Run) -> None:
+    """All figures of one run."""
+    print(f"{run.name}\n")
+    for sentence in text.sentences(run):
+        print(f"- {sentence}")
+    if run.windows.why_not:
+        print(f"- Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
+    elif run.windows.temperature_c is None:
+        print(f"- {no_temperature(run)}")
+    if run.by_length:
+        print("\nRelative error over segments of the path\n")
+        text.print_table(text.LENGTH_HEADER, text.relative_rows(run.by_length))
+    if run.by_time:
+        print("\nRelative error over intervals of time\n")
+        text.print_table(text.TIME_HEADER, text.relative_rows(run.by_time))
+
+
+def print_runs(runs: Sequence[Run]) -> None:
+    """One run in full; of several a table, and their consistency together."""
+    if len(runs) == 1:
+        print_run(runs[0])
+        return
+    kinds = sorted({run.alignment.kind for run in runs})
+    print(f"{len(runs)} runs, alignment {', '.join(kinds)}\n")
+    text.print_table(text.SUMMARY_HEADER, text.summary_rows(runs))
+    pooled = text.nees_together(runs)
+    if pooled:
+        print("\nConsistency of all runs together, taken as independent\n")
+        text.print_table(text.NEES_HEADER, text.nees_rows(pooled))
+
+
+def _safe(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]

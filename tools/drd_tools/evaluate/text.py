@@ -1,0 +1,158 @@
+"""The figures as sentences and table rows, for the terminal and the page."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from drd_tools.evaluate.consistency import PARTS, Nees, together
+from drd_tools.evaluate.metrics import Relative
+from drd_tools.evaluate.results import Run
+
+SUMMARY_HEADER: Final = (
+    "run", "path / m", "end / m", "return / m", "ATE / m", "heading ATE / deg", "drift / %", "heading drift / deg/h",
+    "NEES of 3",
+)  # fmt: skip
+LENGTH_HEADER: Final = ("length / m", "segments", "rmse / m", "rmse / deg", "mean / %", "mean / deg/m")
+TIME_HEADER: Final = ("duration / s", "segments", "rmse / m", "rmse / deg")
+NEES_HEADER: Final = ("part", "average NEES", "expected", "99 % interval", "rows", "worth", "verdict")
+UNKNOWN: Final = "-"
+
+
+def summary_rows(runs: Sequence[Run]) -> list[list[str]]:
+    """A row for each run, of SUMMARY_HEADER."""
+    rows = []
+    for run in runs:
+        nees = next((n for n in run.consistency.nees if n.part == "pose"), None)
+        cells = [f"{v:.3g}" if v is not None else UNKNOWN for v in main_figures(run)]
+        rows.append([run.name, *cells, UNKNOWN if nees is None else f"{nees.average:.3g} ({nees.verdict})"])
+    return rows
+
+
+def main_figures(run: Run) -> tuple[float | None, ...]:
+    """What stands in the summary, in the order of its header: path, end, return, ATE, its heading, two drifts."""
+    return (
+        run.path_m,
+        run.end.position_m,
+        run.end.return_m,
+        run.absolute.position_rmse_m,
+        run.absolute.heading_rmse_deg,
+        None if run.drift is None else run.drift.percent,
+        run.heading.deg_per_h,
+    )
+
+
+def sentences(run: Run) -> Iterator[str]:
+    """Everything that is a single figure, each with what it means."""
+    yield from _basis(run)
+    yield f"Alignment: {run.alignment.sentence}."
+    yield from _end(run)
+    a = run.absolute
+    yield (
+        f"Absolute trajectory error: {_m(a.position_rmse_m)} rmse, {_m(a.position_mean_m)} mean, "
+        f"{_m(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg rmse, "
+        f"{a.heading_max_deg:.3g} deg at most."
+    )
+    if run.drift is None:
+        why = "the robot did not move" if run.path_m == 0.0 else "no segment has both ends near rows of the reference"
+        yield f"Drift (KITTI): not determined; {why}."
+    else:
+        d = run.drift
+        yield (
+            f"Drift (KITTI): {d.percent:.3g} % and {d.deg_per_m:.3g} deg/m, mean of {d.segments} overlapping segments "
+            f"of {d.shortest_m:.3g} to {d.longest_m:.3g} m (10 to 80 % of the path, where the reference has rows)."
+        )
+    yield _heading(run)
+    yield from _consistency(run)
+
+
+def _basis(run: Run) -> Iterator[str]:
+    source = "by the reference" if run.is_dense else "by the estimate, since the reference is sparse"
+    yield (
+        f"{run.rows} rows of the reference {run.reference} in {run.duration_s:.1f} s, "
+        f"{run.path_m:.4g} m of path ({source}); "
+        f"left out: {run.outside} rows before or after the poses, {run.in_gaps} between poses more than "
+        f"{run.max_gap_s:g} s apart."
+    )
+    if run.position_sigma_m == 0.0 or run.heading_sigma_deg == 0.0:
+        unknown = [n for n, s in (("position", run.position_sigma_m), ("heading", run.heading_sigma_deg)) if s == 0.0]
+        yield f"The reference's standard deviation of {' and '.join(unknown)} is not stated, and taken as 0."
+
+
+def _end(run: Run) -> Iterator[str]:
+    e = run.end
+    share = "" if e.share_of_path is None else f", {100.0 * e.share_of_path:.3g} % of the path"
+    yield (
+        f"Error at the end ({e.time_s:.1f} s): {_m(e.position_m)}{share} (along {_m(e.along_m, '+')}, "
+        f"to the left {_m(e.cross_m, '+')}), heading {e.heading_deg:+.3g} deg."
+    )
+    if e.return_m is None or e.return_heading_deg is None:
+        yield f"Return position error: none, as the path ends {_m(e.reference_to_start_m)} from its start."
+    else:
+        yield (
+            f"Return position error (closed path, ends {_m(e.reference_to_start_m)} from its start): {_m(e.return_m)}, "
+            f"heading {e.return_heading_deg:+.3g} deg, counted from the start whatever the alignment."
+        )
+
+
+def _heading(run: Run) -> str:
+    h = run.heading
+    if h.low_deg_per_h is None or h.high_deg_per_h is None:
+        return f"Heading drift: {h.deg_per_h:+.3g} deg/h; its uncertainty is not determined by {run.rows} rows."
+    excluded = "" if h.low_deg_per_h <= 0.0 <= h.high_deg_per_h else ", without zero"
+    interval = f"{h.low_deg_per_h:+.3g} to {h.high_deg_per_h:+.3g}"
+    return f"Heading drift: {h.deg_per_h:+.3g} deg/h, 95 % interval {interval}{excluded}."
+
+
+def _consistency(run: Run) -> Iterator[str]:
+    c = run.consistency
+    if c.why_not:
+        yield f"Consistency (NEES): {c.why_not}."
+    for n in c.nees:
+        yield (
+            f"Consistency of the {n.part}: NEES {n.average:.3g} where {n.dof} is expected, 99 % interval {n.low:.2g} "
+            f"to {n.high:.3g} ({n.rows} rows, worth {n.effective:.1f} independent ones): {n.verdict}."
+        )
+    if c.inside_99 is not None:
+        yield f"Inside the claimed 99 % radius: {100.0 * c.inside_99:.1f} % of the rows."
+
+
+def relative_rows(rows: Sequence[Relative]) -> list[list[str]]:
+    """Of LENGTH_HEADER, or of TIME_HEADER where there are no means per metre."""
+    table = []
+    for r in rows:
+        cells = [f"{r.size:.3g}", str(r.segments), f"{r.position_rmse_m:.3g}", f"{r.heading_rmse_deg:.3g}"]
+        if r.mean_m_per_m is not None and r.mean_deg_per_m is not None:
+            cells += [f"{100.0 * r.mean_m_per_m:.3g}", f"{r.mean_deg_per_m:.3g}"]
+        table.append(cells)
+    return table
+
+
+def nees_rows(parts: Sequence[Nees]) -> list[list[str]]:
+    """Of NEES_HEADER."""
+    rows = []
+    for n in parts:
+        interval = f"{n.low:.2g} to {n.high:.3g}"
+        rows.append([n.part, f"{n.average:.3g}", str(n.dof), interval, str(n.rows), f"{n.effective:.1f}", n.verdict])
+    return rows
+
+
+def nees_together(runs: Sequence[Run]) -> list[Nees]:
+    """Over all runs that have it; empty where fewer than two do."""
+    found = []
+    for part in PARTS:
+        parts = [n for run in runs for n in run.consistency.nees if n.part == part]
+        if len(parts) > 1:
+            found.append(together(parts))
+    return found
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """In columns as wide as their widest cell: text to the left, figures to the right."""
+    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+    for row in (header, *rows):
+        cells = [f"{c:<{w}}" if k == 0 else f"{c:>{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        print("  " + "  ".join(cells).rstrip())
+
+
+def _m(value_m: float, sign: str = "") -> str:
+    """A length with its unit: mm below 10 cm."""
+    return f"{1000.0 * value_m:{sign}.3g} mm" if abs(value_m) < 0.1 else f"{value_m:{sign}.3g} m"

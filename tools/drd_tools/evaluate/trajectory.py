@@ -1,0 +1,213 @@
+"""Poses and their reference: reading them, and bringing them to common times."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import ConfigError
+from drd.units import RAD_PER_DEG
+from drd_tools.recordings.folder import POSES, read_recording, read_table
+
+Array = npt.NDArray[np.float64]
+
+COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
+BOUND: Final = "position_bound_99_m"
+HEADERS: Final = tuple((*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,))))
+UPPER: Final = np.triu_indices(3)
+DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself
+VERTEX_SIGMAS: Final = 10.0
+MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # of the length of a Gaussian vector in the plane
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Estimated poses: `time_s` (n,), `pose` (n, 3) of x_m, y_m, heading_rad (continuous).
+
+    `covariance` (n, 3, 3), of x, y and heading, m and rad, and `bound_m` (n,), the claimed 99 % radius, where known.
+    """
+
+    name: str
+    time_s: Array
+    pose: Array
+    covariance: Array | None = None
+    bound_m: Array | None = None
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Reference poses, as `Poses`, with the standard deviations of a coordinate and of the heading (0: not known).
+
+    `temperature` has the time and the gyro's temperature, shape (m,) each, where the recording has it.
+    """
+
+    name: str
+    time_s: Array
+    pose: Array
+    position_sigma_m: float = 0.0
+    heading_sigma_rad: float = 0.0
+    temperature: tuple[Array, Array] | None = None
+    sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Estimate and reference at the reference's times. k rows.
+
+    `time_s` (k,), `estimate` and `reference` (k, 3), `covariance` (k, 3, 3), `bound_m` (k,); `travelled_m` (k,), the
+    path's length since the first row. `outside` and `in_gaps` count the reference's rows that have no estimate.
+    """
+
+    time_s: Array
+    estimate: Array
+    reference: Array
+    covariance: Array | None
+    bound_m: Array | None
+    travelled_m: Array
+    is_dense: bool
+    outside: int
+    in_gaps: int
+
+    @property
+    def error(self) -> Array:
+        """Estimate less reference, shape (k, 3), m and rad. The heading's is continuous along the rows."""
+        difference = self.estimate - self.reference
+        difference[:, 2] = np.unwrap(wrapped(difference[:, 2]))
+        return difference
+
+
+def wrapped(angle_rad: Array) -> Array:
+    """The angle in (-pi, pi]."""
+    result: Array = math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi)
+    return result
+
+
+def read_poses(file: Path) -> Poses:
+    """Read a CSV file of poses. Raises ConfigError with file, line and column."""
+    table = read_table(file, HEADERS, rows=2)
+    values = dict(zip(table.header, table.values.T, strict=True))
+    covariance = None
+    if COVARIANCE[0] in values:
+        covariance = np.empty((len(table.values), 3, 3))
+        covariance[:, *UPPER] = np.column_stack([values[name] for name in COVARIANCE])
+        covariance[:, *UPPER[::-1]] = covariance[:, *UPPER]
+        broken = np.flatnonzero(~_is_covariance(covariance))
+        if broken.size:
+            where = f"{file}:{table.line[int(broken[0])]}"
+            raise ConfigError(where, f"{COVARIANCE[0]} to {COVARIANCE[-1]}", "a covariance", "a matrix with a negative eigenvalue")  # fmt: skip  # noqa: E501
+    if BOUND in values and (values[BOUND] < 0.0).any():
+        raise table.refuse(int(np.argmax(values[BOUND] < 0.0)), BOUND, "a radius of at least 0")
+    pose = np.column_stack([values["x_m"], values["y_m"], continuous(values["heading_deg"] * RAD_PER_DEG)])
+    return Poses(file.stem, values["time_s"], pose, covariance, values.get(BOUND), hash_of(file))
+
+
+def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
+    """Whether each has no eigenvalue below zero, beyond the rounding of printed digits."""
+    scale = np.sqrt(np.maximum(matrices[:, range(3), range(3)], 1e-30))
+    correlation = matrices / (scale[:, :, None] * scale[:, None, :])
+    positive: npt.NDArray[np.bool_] = np.linalg.eigvalsh(correlation)[:, 0] > -1e-3
+    return positive & (matrices[:, range(3), range(3)] >= 0.0).all(axis=1)
+
+
+def continuous(heading_rad: Array) -> Array:
+    """Without jumps of whole turns. More than a turn in all: whole turns are in the rows already."""
+    return heading_rad if np.ptp(heading_rad) > 2.0 * math.pi else np.unwrap(heading_rad)
+
+
+def read_reference(path: Path, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
+    """Read a recording folder or a reference.csv. Sigmas that are given win over robot.yaml's. Raises ConfigError."""
+    if not path.is_dir():
+        time_s, x_m, y_m, heading_deg = read_table(path, (POSES,), rows=2).values.T
+        pose = np.column_stack([x_m, y_m, continuous(heading_deg * RAD_PER_DEG)])
+        sigma_rad = (heading_sigma_deg or 0.0) * RAD_PER_DEG
+        return Reference(path.stem, time_s, pose, position_sigma_m or 0.0, sigma_rad, None, hash_of(path))
+    recording = read_recording(path)
+    log, sheet, fog = recording.reference, recording.nominal.reference, recording.fog
+    if log is None or len(log.time_s) < 2:
+        raise ConfigError(str(path), "reference.csv", "a reference of at least 2 rows", "none" if log is None else "1")
+    sigma_m = sheet.position_sigma_m if position_sigma_m is None else position_sigma_m
+    sigma_deg = sheet.heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
+    return Reference(
+        recording.name,
+        log.time_s,
+        np.column_stack([log.x_m, log.y_m, log.heading_rad]),
+        sigma_m or 0.0,
+        (sigma_deg or 0.0) * RAD_PER_DEG,
+        (fog.time_s, fog.temperature_c) if fog is not None and fog.temperature_c is not None else None,
+        recording.sha256["reference.csv"],
+    )
+
+
+def hash_of(file: Path) -> str:
+    """SHA-256 of a file that was read just now."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
+    """Bring the estimate to the reference's times: linear interpolation, the heading unwrapped.
+
+    A reference row is left out where it lies before the first or after the last estimate (nothing is extrapolated), or
+    between two estimates that are more than `max_gap_s` apart. Raises ConfigError where fewer than 2 rows are left.
+    """
+    at_s, known_s = reference.time_s, poses.time_s
+    inside = (at_s >= known_s[0]) & (at_s <= known_s[-1])
+    after = np.clip(np.searchsorted(known_s, at_s), 1, len(known_s) - 1)
+    exact = np.isin(at_s, known_s)
+    near = exact | (known_s[after] - known_s[after - 1] <= max_gap_s)
+    kept = inside & near
+    if kept.sum() < 2:
+        got = f"{kept.sum()} (poses {known_s[0]:g} to {known_s[-1]:g} s, reference {at_s[0]:g} to {at_s[-1]:g} s)"
+        raise ConfigError(poses.name, "time_s", f"at least 2 times in common with {reference.name}", got)
+    time_s, k = at_s[kept], after[kept]
+    part = (time_s - known_s[k - 1]) / (known_s[k] - known_s[k - 1])
+
+    def at_times(values: Array) -> Array:
+        share = part.reshape(-1, *([1] * (values.ndim - 1)))
+        result: Array = (1.0 - share) * values[k - 1] + share * values[k]
+        return result
+
+    is_dense = bool(np.median(np.diff(time_s)) <= DENSE_S)
+    if is_dense:
+        travelled_m = path_length_m(reference.pose[kept, :2], reference.position_sigma_m)
+    else:
+        travelled_m = at_times(path_length_m(poses.pose[:, :2], 0.0))
+        travelled_m = travelled_m - travelled_m[0]
+    return Pairs(
+        time_s,
+        at_times(poses.pose),
+        reference.pose[kept],
+        None if poses.covariance is None else at_times(poses.covariance),
+        None if poses.bound_m is None else at_times(poses.bound_m),
+        travelled_m,
+        is_dense,
+        int((~inside).sum()),
+        int((inside & ~near).sum()),
+    )
+
+
+def path_length_m(xy_m: Array, sigma_m: float) -> Array:
+    """Length of the path up to each row of `xy_m` (n, 2), shape (n,).
+
+    The noise of each row would lengthen the path, without end where the robot stands. So it is measured along chords
+    of at least ten sigma (1 % too long at most), and shared out evenly among the rows in between. Sigma is what second
+    differences show from row to row (variance 6 sigma^2), at most `sigma_m`, which may hold an offset of all rows.
+    """
+    second_m = np.hypot(*np.diff(xy_m, n=2, axis=0).T)
+    if sigma_m > 0.0 and second_m.size:
+        sigma_m = min(sigma_m, float(np.median(second_m)) / MEDIAN_PER_SIGMA / math.sqrt(6.0))
+    if sigma_m <= 0.0:
+        return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))))
+    vertices, lengths = [0], [0.0]
+    for k in range(1, len(xy_m)):
+        chord_m = math.dist(xy_m[k], xy_m[vertices[-1]])
+        if chord_m >= VERTEX_SIGMAS * sigma_m:
+            vertices.append(k)
+            lengths.append(lengths[-1] + chord_m)
+    result: Array = np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths)
+    return result
