@@ -1,0 +1,1 @@
+"""Physical effects, one module each: one formula for simulator, compensation and diagnosis."""

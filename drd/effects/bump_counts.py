@@ -1,0 +1,27 @@
+"""Rough ground only ever adds travel."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, both, np, number
+from drd.effects.motion import Motion
+
+
+class BumpCounts(Effect):
+    """Over stones and cracks the wheels travel further than the robot; this is the mean of it."""
+
+    id = "bump_counts"
+    acts_on = ActsOn.WHEELS
+    formula = "reading = travel (1 + travel_per_m)"
+    source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer way"
+    parameters = (Parameter("travel_per_m", "m/m", "mean added travel", 1e-5, 0.05, signed=False),)
+    driver = "speed"
+    manoeuvre = "the same way on rough and on smooth ground"
+    lasting = False  # it belongs to the ground
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return both(m, number(p, "travel_per_m"))
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Hard hits at speed; ground that is rougher in one half of the run.
+        return [both(m, x) for x in (np.abs(m.speed_m_s), (m.time_s < 0.5 * m.end_s).astype(float))]
+
+
+EFFECT = BumpCounts()

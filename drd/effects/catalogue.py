@@ -1,0 +1,21 @@
+"""All effects, found by looking: a new effect is a new module in this folder."""
+
+import functools
+import importlib
+import pkgutil
+
+import drd.effects
+from drd.effects.effect import ActsOn, Effect
+
+
+@functools.cache
+def catalogue() -> dict[str, Effect]:
+    """The effects by their names, in the order in which they act (and by name within)."""
+    found: list[Effect] = []
+    for module in pkgutil.iter_modules(drd.effects.__path__):
+        effect = getattr(importlib.import_module(f"drd.effects.{module.name}"), "EFFECT", None)
+        if effect is not None:
+            assert effect.id == module.name
+            found.append(effect)
+    order = list(ActsOn)
+    return {effect.id: effect for effect in sorted(found, key=lambda e: (order.index(e.acts_on), e.id))}

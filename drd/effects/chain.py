@@ -1,0 +1,32 @@
+"""Several effects together, as a robot has them: for the simulator and for one effect behind others."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect, Values
+from drd.effects.motion import Array, Motion
+
+
+def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motion, Array]:
+    """What gyro and wheels say, and the body's sideways speed (m/s, left positive, shape (n,)), with these effects.
+
+    Values are SI. Effects act in the catalogue's order, whatever the order given (the same effect twice: as given).
+    Each takes the gyro's rate and the wheels' speeds as those before left them: a limit clips the sum of all, a
+    latency delays what is there. Time, temperature, and the body's speed, heading and acceleration stay the truth.
+    Effects of the body act first, so they see the true rate. The motion given is not written to.
+    """
+    order = list(catalogue())
+    lateral_m_s: Array = np.zeros_like(motion.time_s)
+    for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
+        error = effect.error(motion, values)
+        motion = replace(
+            motion,
+            rate_rad_s=motion.rate_rad_s + error.gyro_rad_s,
+            left_m_s=motion.left_m_s + error.left_m_s,
+            right_m_s=motion.right_m_s + error.right_m_s,
+        )
+        lateral_m_s = lateral_m_s + error.lateral_m_s
+    return motion, lateral_m_s

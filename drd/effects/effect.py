@@ -1,0 +1,208 @@
+"""The form of a physical effect."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from drd.effects.motion import Array, Motion
+
+Values = Mapping[str, float | str]
+
+
+class ActsOn(Enum):
+    """Where an effect enters. Effects act in this order; they are taken off in the reverse one."""
+
+    BODY = "body"
+    WHEELS = "wheels"
+    GYRO = "gyro"
+    TIMING = "timing"
+    READOUT = "readout"  # what becomes of the sum of everything before
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter. Files and reports have it in `unit`, formulas in SI: `si` is the SI value of one unit.
+
+    `low` to `high`, in `unit`, is the plausible range of its size, `signed` whether it comes with either sign.
+    `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a reference point that is
+    chosen (the only variant has it), not estimated: together with it the linear parameters would not be determined.
+    """
+
+    name: str
+    unit: str
+    text: str
+    low: float = 0.0
+    high: float = 0.0
+    si: float = 1.0
+    signed: bool = True
+    linear: bool = True
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+
+
+class Errors(NamedTuple):
+    """What an effect adds, as arrays of the motion's shape, or 0.
+
+    To the gyro's rate, to the speed that each wheel's counter tells, and to the body's own sideways speed (left
+    positive), which no sensor tells.
+    """
+
+    gyro_rad_s: Array | float = 0.0
+    left_m_s: Array | float = 0.0
+    right_m_s: Array | float = 0.0
+    lateral_m_s: Array | float = 0.0
+
+
+class Delays(NamedTuple):
+    """How much older than their stamps the samples are, s."""
+
+    gyro_s: float = 0.0
+    wheels_s: float = 0.0
+
+
+class Effect:
+    """One physical effect. Its class docstring says in one sentence what it is.
+
+    `driver` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
+    share of itself that its removal leaves behind on samples at 10 and 20 Hz; `irreversible` says why it cannot be
+    undone, or is empty. `lasting`: its parameters still hold in the next run. `beside_scale`: its form is known up to a
+    constant error of the gyro's scale only.
+    """
+
+    id: ClassVar[str]
+    acts_on: ClassVar[ActsOn]
+    formula: ClassVar[str]
+    source: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    driver: ClassVar[str]
+    manoeuvre: ClassVar[str]
+    remainder: ClassVar[float] = 0.05
+    irreversible: ClassVar[str] = ""
+    lasting: ClassVar[bool] = True
+    beside_scale: ClassVar[bool] = False
+
+    @property
+    def sentence(self) -> str:
+        """What it is, for humans."""
+        return " ".join((self.__doc__ or "").split())
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        """What it adds to the motion's channels. The one home of the formula."""
+        raise NotImplementedError
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        """What is to be subtracted from a live sample, `m` being the motion without this effect, of shape (1,)."""
+        return self.error(m, p)
+
+    def delays(self, time_s: float, p: Values) -> Delays:
+        """What is to be subtracted from the stamps."""
+        return Delays()
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        """Values (SI) of the parameters that are not linear, between which the diagnosis is to choose first."""
+        return [{}]
+
+    def other_shapes(self, m: Motion, p: Values | None = None) -> list[Errors]:
+        """Other forms that the same cause may have, of any size: the catalogue's form is always a bit wrong.
+
+        Those near the parameters `p` that are not linear; without `p`, near the middle one of the variants.
+        """
+        variants = self.variants(m)
+        return self.shapes(m, variants[len(variants) // 2] if p is None else p)
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        """What `other_shapes` gives; each effect has its own."""
+        return []
+
+    @property
+    def channel(self) -> str:
+        """Whose error it is, also where it acts on the timing or the readout: gyro, wheels or body."""
+        if self.acts_on is ActsOn.BODY:
+            return "body"
+        return "gyro" if self.id.startswith("gyro_") else "wheels"
+
+    def linear(self) -> tuple[str, ...]:
+        """Names of the linear parameters."""
+        return tuple(q.name for q in self.parameters if q.linear and not q.choices)
+
+
+def number(p: Values, name: str) -> float:
+    """A parameter that is a number."""
+    return float(p[name])
+
+
+def largest(values: Array) -> float:
+    """Of their sizes; not zero, so that one can divide by it."""
+    return max(float(np.max(np.abs(values))), 1e-9)
+
+
+def on_side(p: Values, values: Array) -> Errors:
+    """Errors of the wheel that `side` names."""
+    return Errors(left_m_s=values) if p["side"] == "left" else Errors(right_m_s=values)
+
+
+def of_side(m: Motion, p: Values) -> Array:
+    """Speed of the wheel that `side` names."""
+    return m.left_m_s if p["side"] == "left" else m.right_m_s
+
+
+def stand_in(m: Motion, p: Values) -> Array:
+    """The same from the other wheel and the gyro, for what a counter no longer tells."""
+    across = m.tread_m * m.rate_rad_s
+    return m.right_m_s - across if p["side"] == "left" else m.left_m_s + across
+
+
+def both(m: Motion, share: Array | float) -> Errors:
+    """Errors by one share of each wheel's speed."""
+    return Errors(left_m_s=share * m.left_m_s, right_m_s=share * m.right_m_s)
+
+
+def apart(m: Motion, share: Array | float) -> Errors:
+    """Errors by a share of the difference of the wheels' speeds, as another tread gives them."""
+    half = share * 0.5 * (m.right_m_s - m.left_m_s)
+    return Errors(left_m_s=-half, right_m_s=half)
+
+
+def windows(m: Motion, parts: int, step: float = 1.0) -> list[dict[str, float | str]]:
+    """Windows of a `parts`-th of the motion, each `step` of a window after the one before, as `t0` and `t1`."""
+    begin_s, length_s = float(m.time_s[0]), (m.end_s - float(m.time_s[0])) / parts
+    count = int((parts - 1) / step) + 1
+    starts_s = [begin_s + k * step * length_s for k in range(count)]
+    return [{"t0": start_s, "t1": start_s + length_s} for start_s in starts_s]
+
+
+def window(time_s: Array, start_s: float, end_s: float) -> Array:
+    """1 from `start_s` until `end_s`, else 0."""
+    return ((time_s >= start_s) & (time_s < end_s)).astype(float)
+
+
+SIDES = ("left", "right")
+SIDE = Parameter("side", "", "which wheel", linear=False, choices=SIDES)
+START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False)
+END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False)
+
+__all__ = [
+    "END",
+    "SIDE",
+    "SIDES",
+    "START",
+    "ActsOn",
+    "Delays",
+    "Effect",
+    "Errors",
+    "Parameter",
+    "Values",
+    "apart",
+    "both",
+    "largest",
+    "np",
+    "number",
+    "of_side",
+    "on_side",
+    "stand_in",
+    "window",
+    "windows",
+]

@@ -1,0 +1,43 @@
+"""The encoders' clock drifts against the gyro's."""
+
+from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.motion import Array, Motion
+
+
+class EncoderClockSkew(Effect):
+    """The encoders' clock runs slow, or fast, so that their stamps drift away from the gyro's."""
+
+    id = "encoder_clock_skew"
+    acts_on = ActsOn.TIMING
+    formula = "travel read at t = travel at t (1 + ppm / 10^6)"
+    source = "definition of a clock's rate error"
+    parameters = (Parameter("ppm", "ppm", "what the clock runs slow", 1.0, 2000.0, 1e-6, linear=False),)
+    driver = "time"
+    manoeuvre = "a long drive with hard starts and stops to its end"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        slow = number(p, "ppm")
+
+        def read(speed: Array) -> Array:
+            # Counts are travel: what comes within fewer seconds is faster.
+            return (1.0 + slow) * m.delayed(speed, -slow * m.time_s) - speed
+
+        return Errors(left_m_s=read(m.left_m_s), right_m_s=read(m.right_m_s))
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        return Errors()  # the stamps are corrected
+
+    def delays(self, time_s: float, p: Values) -> Delays:
+        return Delays(wheels_s=-time_s * number(p, "ppm"))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"ppm": sign * size} for size in (30e-6, 100e-6, 300e-6) for sign in (-1.0, 1.0)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # A crystal that drifts as it warms: time squared.
+        late_s = number(p, "ppm") * m.time_s**2 / m.end_s
+        left, right = m.left_m_s, m.right_m_s
+        return [Errors(left_m_s=m.delayed(left, -late_s) - left, right_m_s=m.delayed(right, -late_s) - right)]
+
+
+EFFECT = EncoderClockSkew()

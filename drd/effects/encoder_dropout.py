@@ -1,0 +1,48 @@
+"""One counter stands still while its wheel turns."""
+
+from drd.effects.effect import (
+    END,
+    SIDE,
+    SIDES,
+    START,
+    ActsOn,
+    Effect,
+    Errors,
+    Values,
+    number,
+    of_side,
+    on_side,
+    stand_in,
+    window,
+    windows,
+)
+from drd.effects.motion import Motion
+
+
+class EncoderDropout(Effect):
+    """For some time one counter stands still while its wheel turns; its travel is lost."""
+
+    id = "encoder_dropout"
+    acts_on = ActsOn.READOUT
+    formula = "reading = 0 for t0 <= t < t1"
+    source = "definition"
+    parameters = (SIDE, START, END)
+    driver = "time"
+    manoeuvre = "none: look at cable and connector"
+    irreversible = "the travel is in no count; the gyro and the other wheel stand in for it"
+    remainder = 0.3
+    lasting = False
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        inside = window(m.time_s, number(p, "t0"), number(p, "t1"))
+        return on_side(p, -inside * of_side(m, p))
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        inside = window(m.time_s, number(p, "t0"), number(p, "t1"))
+        return on_side(p, -inside * stand_in(m, p))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"side": side, **stretch} for side in SIDES for stretch in windows(m, 20)]
+
+
+EFFECT = EncoderDropout()

@@ -1,0 +1,42 @@
+"""A pure delay of the encoders' samples."""
+
+from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.motion import Motion
+
+
+class EncoderLatency(Effect):
+    """The encoders' samples are older than their stamps by a constant time."""
+
+    id = "encoder_latency"
+    acts_on = ActsOn.TIMING
+    formula = "travel read at t = travel at t - delay"
+    source = "definition; drives sum up, filter and send their counts in turns"
+    parameters = (Parameter("delay", "s", "age of a sample at its stamp", 0.001, 0.5, signed=False, linear=False),)
+    driver = "acceleration"
+    manoeuvre = "hard starts and stops, turns that begin and end sharply"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        delay_s = number(p, "delay")
+        return Errors(
+            left_m_s=m.delayed(m.left_m_s, delay_s) - m.left_m_s,
+            right_m_s=m.delayed(m.right_m_s, delay_s) - m.right_m_s,
+        )
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        return Errors()  # the stamps are corrected, which needs no future sample
+
+    def delays(self, time_s: float, p: Values) -> Delays:
+        return Delays(wheels_s=number(p, "delay"))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # One wheel's frame after the other's; a filter's lag, in what it differs from a delay.
+        left, right, delay_s = m.left_m_s, m.right_m_s, max(number(p, "delay"), 1e-12)
+        left_late, right_late = m.delayed(left, delay_s), m.delayed(right, delay_s)
+        lag = Errors(left_m_s=m.lagged(left, delay_s) - left_late, right_m_s=m.lagged(right, delay_s) - right_late)
+        return [Errors(left_m_s=left_late - left, right_m_s=right - right_late), lag]
+
+
+EFFECT = EncoderLatency()

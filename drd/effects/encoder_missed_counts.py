@@ -1,0 +1,56 @@
+"""An encoder loses counts above a speed."""
+
+from drd.effects.effect import (
+    SIDE,
+    SIDES,
+    ActsOn,
+    Effect,
+    Errors,
+    Parameter,
+    Values,
+    largest,
+    np,
+    number,
+    of_side,
+    on_side,
+    stand_in,
+)
+from drd.effects.motion import Motion
+
+
+class EncoderMissedCounts(Effect):
+    """One counter loses a share of its counts while its wheel turns faster than it can follow."""
+
+    id = "encoder_missed_counts"
+    acts_on = ActsOn.WHEELS
+    formula = "reading = travel (1 - fraction) where the wheel is faster than speed"
+    source = "limit frequency of a quadrature counter"
+    parameters = (
+        SIDE,
+        Parameter("fraction", "1", "share of the counts that is lost", 1e-4, 0.2, signed=False),
+        Parameter("speed", "m/s", "of the wheel, above which it happens", 0.05, 5.0, signed=False, linear=False),
+    )
+    driver = "speed"
+    manoeuvre = "straight lines at several speeds"
+    remainder = 0.1  # with the right tread, since the gyro and the other wheel decide at the edge
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        speed = of_side(m, p)
+        return on_side(p, np.where(np.abs(speed) > number(p, "speed"), -number(p, "fraction") * speed, 0.0))
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        fast = np.abs(stand_in(m, p)) > number(p, "speed")
+        return on_side(p, np.where(fast, -number(p, "fraction") * of_side(m, p), 0.0))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        top = max(largest(m.left_m_s), largest(m.right_m_s))
+        return [{"side": side, "speed": top * k / 10} for side in SIDES for k in range(2, 10)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # More and more above the speed; no sharp edge.
+        speed, above = of_side(m, p), number(p, "speed")
+        beyond = np.abs(speed) - above
+        return [on_side(p, -speed * x) for x in (np.maximum(beyond, 0.0), 0.5 + 0.5 * np.tanh(10.0 * beyond))]
+
+
+EFFECT = EncoderMissedCounts()

@@ -1,0 +1,38 @@
+"""The Shupe effect: the gyro's bias follows the rate of temperature."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, number
+from drd.effects.motion import Motion
+from drd.units import RAD_PER_DEG
+
+
+class GyroBiasTemperatureRate(Effect):
+    """While the gyro warms or cools, the gradient across its coil shifts the bias."""
+
+    id = "gyro_bias_temperature_rate"
+    acts_on = ActsOn.GYRO
+    formula = "e = b dT/dt, behind the coil's first-order lag"
+    source = "Shupe, Appl. Opt. 19 (1980) 654"
+    parameters = (
+        Parameter("b", "deg/s per degC/s", "bias per rate of temperature", 1e-3, 1.0, RAD_PER_DEG),
+        Parameter("coil_lag_s", "s", "time constant of the coil", 5.0, 300.0, signed=False, linear=False),
+    )
+    driver = "temperature_rate"
+    manoeuvre = "any drive while the temperature rises and falls again"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return Errors(gyro_rad_s=number(p, "b") * m.temperature_rate_c_s(number(p, "coil_lag_s")))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"coil_lag_s": lag_s} for lag_s in (15.0, 40.0, 100.0)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # A faster or slower coil; heat that passes two layers.
+        lag_s = number(p, "coil_lag_s")
+        twice = m.lagged(m.temperature_rate_c_s(lag_s), lag_s)
+        return [
+            Errors(gyro_rad_s=e)
+            for e in (m.temperature_rate_c_s(lag_s / 3.0), m.temperature_rate_c_s(3.0 * lag_s), twice)
+        ]
+
+
+EFFECT = GyroBiasTemperatureRate()

@@ -1,0 +1,36 @@
+"""The gyro does not see small rates."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.motion import Motion
+from drd.units import RAD_PER_DEG
+
+
+class GyroDeadband(Effect):
+    """The gyro reads zero while the rate, bias included, is below a threshold."""
+
+    id = "gyro_deadband"
+    acts_on = ActsOn.READOUT
+    formula = "w_g = 0 for |w| < band"
+    source = "IEEE Std 528-2001, dead band"
+    parameters = (Parameter("band", "deg/s", "threshold", 1e-3, 2.0, RAD_PER_DEG, signed=False, linear=False),)
+    driver = "yaw_rate"
+    manoeuvre = "creeping turns of long duration, both ways"
+    irreversible = "below the threshold every rate reads zero"
+    remainder = 1.0
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return Errors(gyro_rad_s=np.where(np.abs(m.rate_rad_s) < number(p, "band"), -m.rate_rad_s, 0.0))
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        return Errors()
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"band": band_deg_s * RAD_PER_DEG} for band_deg_s in (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.4, 0.8)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # No sharp edge; a threshold that is lost from larger rates too.
+        rate, band = m.rate_rad_s, max(number(p, "band"), 1e-9)
+        return [Errors(gyro_rad_s=e) for e in (-rate * np.exp(-((rate / band) ** 2)), -np.clip(rate, -band, band))]
+
+
+EFFECT = GyroDeadband()

@@ -1,0 +1,40 @@
+"""The gyro's output clips."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, largest, np, number
+from drd.effects.motion import Motion
+from drd.units import RAD_PER_DEG
+
+
+class GyroSaturation(Effect):
+    """Beyond a limit the gyro's reading stays at the limit: part of each fast turn is missing."""
+
+    id = "gyro_saturation"
+    acts_on = ActsOn.READOUT
+    formula = "|w_g| <= limit"
+    source = "IEEE Std 528-2001, input limits"
+    parameters = (
+        Parameter("limit", "deg/s", "the largest reading", 5.0, 720.0, RAD_PER_DEG, signed=False, linear=False),
+    )
+    driver = "yaw_rate"
+    manoeuvre = "the fastest turns"
+    irreversible = "beyond the limit every rate reads the same"
+    remainder = 1.0
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        limit = number(p, "limit")
+        return Errors(gyro_rad_s=np.clip(m.rate_rad_s, -limit, limit) - m.rate_rad_s)
+
+    def correction(self, m: Motion, p: Values) -> Errors:
+        return Errors()
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        top = largest(m.rate_rad_s)
+        return [{"limit": share * top} for share in (0.98, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4)]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Soft; another limit to the left than to the right.
+        rate, limit = m.rate_rad_s, max(number(p, "limit"), 1e-9)
+        return [Errors(gyro_rad_s=e) for e in (limit * np.tanh(rate / limit) - rate, -np.maximum(rate - limit, 0.0))]
+
+
+EFFECT = GyroSaturation()

@@ -1,0 +1,48 @@
+"""The gyro's scale factor depends on the rate."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, largest, np, number
+from drd.effects.motion import Motion
+from drd.units import RAD_PER_DEG
+
+
+class GyroScaleNonlinearity(Effect):
+    """The gyro's scale factor depends on the rate: fast turns are read differently from slow ones."""
+
+    id = "gyro_scale_nonlinearity"
+    acts_on = ActsOn.GYRO
+    formula = "e = a2 u^2 + a3 u^3, u = w / largest_rate"
+    source = "(2); Lefevre, The Fiber-Optic Gyroscope (2014): the sine of the Sagnac phase"
+    parameters = (
+        Parameter("a2", "deg/s", "even error at the largest rate", 1e-3, 2.0, RAD_PER_DEG),
+        Parameter("a3", "deg/s", "odd error at the largest rate", 1e-3, 2.0, RAD_PER_DEG),
+        Parameter(
+            "largest_rate",
+            "deg/s",
+            "where a2 and a3 hold",
+            1.0,
+            400.0,
+            RAD_PER_DEG,
+            signed=False,
+            linear=False,
+            fixed=True,
+        ),
+    )
+    driver = "yaw_rate"
+    manoeuvre = "turns both ways at several rates, from slow to the fastest"
+    beside_scale = True
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        u = m.rate_rad_s / number(p, "largest_rate")
+        return Errors(gyro_rad_s=u**2 * (number(p, "a2") + number(p, "a3") * u))
+
+    def variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"largest_rate": max(largest(m.rate_rad_s), RAD_PER_DEG)}]
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Optics: the sine's next term; a modulator that is off: a sine of the rate less its straight line, or kinks.
+        u = m.rate_rad_s / number(p, "largest_rate")
+        wave = np.sin(2.0 * np.pi * u) + 1.5 / np.pi * u
+        return [Errors(gyro_rad_s=e) for e in (u**5, wave, u * np.abs(u), u**4)]
+
+
+EFFECT = GyroScaleNonlinearity()

@@ -1,0 +1,63 @@
+"""What a robot does and feels, as physical effects see it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class Motion:
+    """Time series of shape (n,), SI and radians, REP-103; live they have shape (1,) and are written over.
+
+    `time_s` counts from the gyro's power-on (else: the recording's start). `rate_rad_s` is what the gyro, and
+    `left_m_s`, `right_m_s` what the wheels' counters should say; effects that come before in the chain are in it.
+    Speed, heading and acceleration are the body's. The wheels' angles count from the start. `temperature_c` is the
+    gyro's (NaN: unknown), `still_c` its mean during the standstill in which the bias is measured. `end_s`: when the
+    run ends.
+    """
+
+    time_s: Array
+    rate_rad_s: Array
+    speed_m_s: Array
+    acceleration_m_s2: Array
+    heading_rad: Array
+    left_m_s: Array
+    right_m_s: Array
+    left_wheel_rad: Array
+    right_wheel_rad: Array
+    temperature_c: Array
+    still_c: float
+    tread_m: float
+    end_s: float
+
+    def temperature_change_c(self) -> Array:
+        """Since the standstill; 0 where the temperature is not known."""
+        return np.nan_to_num(self.temperature_c - self.still_c)
+
+    def temperature_rate_c_s(self, lag_s: float) -> Array:
+        """Rate of the temperature behind a first-order lag of `lag_s`; 0 where it is not known."""
+        temperature_c = self.temperature_change_c()
+        if len(temperature_c) < 2:
+            return np.zeros_like(temperature_c)
+        return (temperature_c - self.lagged(temperature_c, lag_s)) / lag_s
+
+    def lagged(self, values: Array, lag_s: float) -> Array:
+        """`values` behind a first-order lag; the line between two samples is passed through it exactly."""
+        step_s = np.diff(self.time_s)
+        kept = np.exp(-step_s / lag_s)
+        # Of a ramp from a to b over h the lag makes y k + a (r - k) + b (1 - r), k = exp(-h/lag), r = lag (1 - k)/h.
+        share = lag_s * (1.0 - kept) / step_s
+        driven = values[:-1] * (share - kept) + values[1:] * (1.0 - share)
+        y = float(values[0])
+        result = [y]
+        for k, u in zip(kept.tolist(), driven.tolist(), strict=True):
+            y = y * k + u
+            result.append(y)
+        return np.array(result)
+
+    def delayed(self, values: Array, delay_s: Array | float) -> Array:
+        """What `values` were `delay_s` ago (each sample its own, or all the same); the ends are held."""
+        return np.interp(self.time_s - delay_s, self.time_s, values)

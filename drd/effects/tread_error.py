@@ -1,0 +1,27 @@
+"""The effective tread is not the one believed."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, apart, np, number
+from drd.effects.motion import Motion
+
+
+class TreadError(Effect):
+    """The robot turns about wheels that stand, in effect, further apart or nearer than believed."""
+
+    id = "tread_error"
+    acts_on = ActsOn.WHEELS
+    formula = "reading = v -+ (1 + k) B w / 2"
+    source = "Borenstein and Feng, UMBmark (1996): E_b"
+    parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3),)
+    driver = "yaw_rate"
+    manoeuvre = "turns on the spot, both ways"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return apart(m, number(p, "k"))
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Tyres that scrub more in fast, in hard, or in left turns.
+        speed, rate = np.abs(m.speed_m_s), m.rate_rad_s
+        return [apart(m, x) for x in (speed, np.abs(speed * rate), np.sign(rate))]
+
+
+EFFECT = TreadError()

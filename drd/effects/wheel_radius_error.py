@@ -1,0 +1,30 @@
+"""The wheels' radii are not those believed."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.motion import Motion
+
+
+class WheelRadiusError(Effect):
+    """Each wheel's radius is its own, not the one believed: a larger wheel reads too little."""
+
+    id = "wheel_radius_error"
+    acts_on = ActsOn.WHEELS
+    formula = "reading = travel (1 - left), travel (1 - right)"
+    source = "Borenstein and Feng, UMBmark (1996): E_d"
+    parameters = (
+        Parameter("left", "1", "what the left radius is larger than believed", 1e-5, 0.1),
+        Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1),
+    )
+    driver = "speed"
+    manoeuvre = "long straight lines, with a position reference"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return Errors(left_m_s=-number(p, "left") * m.left_m_s, right_m_s=-number(p, "right") * m.right_m_s)
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Load moves from wheel to wheel with speed and in turns.
+        loads = (np.abs(m.speed_m_s), m.rate_rad_s)
+        return [e for x in loads for e in (Errors(left_m_s=x * m.left_m_s), Errors(right_m_s=x * m.right_m_s))]
+
+
+EFFECT = WheelRadiusError()

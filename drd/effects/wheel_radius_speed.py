@@ -1,0 +1,27 @@
+"""Tyres grow with speed."""
+
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, both, np, number
+from drd.effects.motion import Motion
+
+
+class WheelRadiusSpeed(Effect):
+    """Tyres grow with speed, so that fast metres turn the wheels less than slow ones."""
+
+    id = "wheel_radius_speed"
+    acts_on = ActsOn.WHEELS
+    formula = "reading = travel (1 - k v^2)"
+    source = "a tyre's centrifugal load is in proportion to v^2"
+    parameters = (Parameter("k", "(m/s)^-2", "relative growth per speed squared", 1e-5, 0.02),)
+    driver = "speed"
+    manoeuvre = "straight lines at several speeds, with a position reference"
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        return both(m, -number(p, "k") * m.speed_m_s**2)
+
+    def shapes(self, m: Motion, p: Values) -> list[Errors]:
+        # Other powers.
+        speed = np.abs(m.speed_m_s)
+        return [both(m, x) for x in (speed, speed**3)]
+
+
+EFFECT = WheelRadiusSpeed()
