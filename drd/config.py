@@ -396,6 +396,17 @@ class CalibrationFile:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModelFile:
+    """Physical effects beyond the nominal robot, which are taken off the samples."""
+
+    file: str | None = key(
+        None,
+        "Model file (effects of drd's catalogue with their parameters), relative to this configuration; null = none",
+        "path",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Output:
     """Zenoh: where the pose is published."""
 
@@ -475,6 +486,7 @@ class Config:
     fog: Fog = section(Fog)
     encoders: Encoders = section(Encoders)
     calibration: CalibrationFile = section(CalibrationFile)
+    model: ModelFile = section(ModelFile)
     estimation: Estimation = section(Estimation)
     output: Output = section(Output)
     recording: Recording = section(Recording)

@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 from drd import __version__, realtime
 from drd.config import Config
+from drd.inputs import Inputs
 from drd.output.messages import Refused, pose_dict
 from drd.output.zenoh_link import ZenohLink
 from drd.pipeline import Pipeline
-from drd.ports.can_port import CanPort
-from drd.ports.serial_port import SerialPort
-from drd.samples import CanFrame, Pose
+from drd.samples import Pose
 from drd.schema import Loaded
 from drd.service import Notifier
 from drd.units import NS_PER_MS, S_PER_NS
@@ -81,7 +80,7 @@ class Daemon:
         self._pose_wall_ns = 0
         self._started_ns = time.monotonic_ns()
         self._traffic = Traffic()
-        self._ports: dict[str, SerialPort | CanPort] = {}
+        self._inputs: Inputs | None = None
         self._unreported: set[str] = set()
         self._ready = False
 
@@ -119,43 +118,13 @@ class Daemon:
         return closed
 
     def _work(self) -> list[Coroutine[Any, Any, None]]:
-        config, pipeline = self._config, self.pipeline
-        bus = CanPort(config.encoders, pipeline.encoders.can_ids, self._on_frames, self._state_of("encoders.port"))
-        self._ports = {"encoders.port": bus}
-        if pipeline.fog is not None:
-            self._ports["fog.port"] = SerialPort(config.fog, pipeline.on_fog_bytes, self._state_of("fog.port"))
-        self._unreported = set(self._ports)
-        work = [port.run() for port in self._ports.values()] + [self._keep_time()]
-        if pipeline.encoders.cyclic is not None:
-            work.append(self._send_cyclic(bus, *pipeline.encoders.cyclic))
-        return work
+        self._inputs = Inputs(self._config, self.pipeline, self._on_port_state)
+        self._unreported = set(self._inputs.ports)
+        return [*self._inputs.work(), self._keep_time()]
 
-    # ---- inputs ------------------------------------------------------------------------------------------------
-
-    def _on_frames(self, frames: Any) -> None:
-        self.pipeline.on_frames(frames)
-        self._send(self.pipeline.encoders.take_replies())
-
-    def _send(self, frames: Any) -> None:
-        bus = self._ports["encoders.port"]
-        assert isinstance(bus, CanPort)
-        for frame in frames:
-            bus.send(frame.can_id, frame.data, frame.extended)
-
-    async def _send_cyclic(self, bus: CanPort, frame: CanFrame, period_s: float) -> None:
-        while True:
-            bus.send(frame.can_id, frame.data, frame.extended)
-            await asyncio.sleep(period_s)
-
-    def _state_of(self, source: str) -> Any:
-        def on_state(text: str | None) -> None:
-            log.log(logging.INFO if text is None else logging.WARNING, "%s=%s", source, text or "open")
-            self.pipeline.port_state(source, text, time.monotonic_ns())
-            if source == "encoders.port" and text is None:
-                self._send(self.pipeline.encoders.start_frames())
-            self._unreported.discard(source)
-
-        return on_state
+    def _on_port_state(self, source: str, text: str | None) -> None:
+        log.log(logging.INFO if text is None else logging.WARNING, "%s=%s", source, text or "open")
+        self._unreported.discard(source)
 
     async def _keep_time(self) -> None:
         """The estimator's own beat: silence is noticed, the watchdog fed, the health published."""
@@ -206,7 +175,8 @@ class Daemon:
         health["monotonic_ns"], health["wall_ns"] = now_ns, time.time_ns()
         health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
         health |= self._traffic.last
-        health["counters"] |= {name: dict(port.counters) for name, port in self._ports.items()}
+        if self._inputs is not None:
+            health["counters"] |= self._inputs.counters()
         assert self._link is not None
         health["counters"]["zenoh"] = dict(self._link.counters)
         # Of its own: a full disk is no reason to trust the pose less.

@@ -6,6 +6,7 @@ import numpy as np
 
 from drd.calibration import Calibration
 from drd.config import Config
+from drd.effects.compensation import Compensation
 from drd.filter import Filter, Outcome, Sigmas
 from drd.health import Reasons
 from drd.noise import make_noise
@@ -35,12 +36,19 @@ HEADING_LOST_RAD = 1.5
 class Estimator:
     """The pose from wheel and gyro samples, with validity and reasons.
 
-    `resolution_m`: wheel travel of one encoder count, which decides what a standstill is.
+    `resolution_m`: wheel travel of one encoder count, which decides what a standstill is. `compensation` takes a
+    model's effects off the samples, behind the gyro's calibration.
     """
 
-    def __init__(self, config: Config, calibration: Calibration | None = None, resolution_m: float = 1e-4):
+    def __init__(
+        self,
+        config: Config,
+        calibration: Calibration | None = None,
+        resolution_m: float = 1e-4,
+        compensation: Compensation | None = None,
+    ):
         e, i = config.estimation, config.estimation.initial
-        self._config, self._calibration = config, calibration
+        self._config, self._calibration, self._compensation = config, calibration, compensation
         self._has_gyro = config.fog.protocol != "none"
         self.estimates_gyro_scale = e.gyro_scale == "yes" or (e.gyro_scale == "auto" and calibration is None)
         tread_m = config.robot.tread_m
@@ -69,8 +77,11 @@ class Estimator:
         self._silence = Silence(config, self.reasons)
         self.counters = dict.fromkeys(
             ("poses", "accepted", "rejected", "released", "not_finite", "resets", "late_gyro", "late_wheels",
-             "gyro_gaps", "wheel_gaps", "outside_calibration", "bias_measured"), 0)  # fmt: skip
-        self._gyro_wait_ns = round(e.reorder_s * NS_PER_S)
+             "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
+             "bias_measured"), 0)  # fmt: skip
+        self._reorder_ns = self._gyro_wait_ns = round(e.reorder_s * NS_PER_S)
+        # What the model takes off the stamps, at most, and when it was last outside the range in which it was seen.
+        self._late_ns = self._outside_ns = 0
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
         self._rejections, self._rejected_ns = 0, 0
@@ -90,35 +101,38 @@ class Estimator:
         """Take a gyro sample; a pose where the configuration or silent wheels ask for one here."""
         self._silence.begin(sample.t_ns)
         self._gyro_interval_s = sample.interval_s
-        rate = self._calibrated(sample)
+        rate = self._compensated(self._calibrated(sample), sample.temperature_c)
         if self.bias.active:
             self.bias.gyro(rate)
-            self._silence.gyro_ns = max(self._silence.gyro_ns, sample.t_ns)
+            self._silence.gyro_ns = max(self._silence.gyro_ns, rate.t_ns)
         else:
             self._add_rate(rate)
         self._advance()
-        self._watch(sample.t_ns)
-        silent = self._silence.wheels(sample.t_ns)
+        now_ns = sample.t_ns - self._late_ns
+        self._watch(now_ns)
+        silent = self._silence.wheels(now_ns)
         # A gyro may be much faster than poses are wanted.
-        soon = sample.t_ns - self._gyro_pose_ns < 0.9 / self._config.encoders.rate_hz * NS_PER_S
+        soon = now_ns - self._gyro_pose_ns < 0.9 / self._config.encoders.rate_hz * NS_PER_S
         if not self._track.t_ns or soon or not (silent or self._config.output.publish_on == "gyro"):
             return None
-        self._gyro_pose_ns = sample.t_ns
-        return self._pose(sample.t_ns if silent else self._silence.wheels_ns)
+        self._gyro_pose_ns = now_ns
+        return self._pose(now_ns if silent else self._silence.wheels_ns)
 
     def add_wheels(self, sample: WheelSample) -> Pose | None:
         """Take a wheel sample; a pose at its time unless the configuration publishes on the gyro only."""
         self._silence.begin(sample.t_ns)
+        still = self.standstill.feed(sample)  # whole counts
+        sample = self._without_effects(sample)
         if not self._track.t_ns:
             self._track.t_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
-        still = self.standstill.feed(sample)
         if self.bias.active and self._has_gyro:
             self.bias.wheels(sample, still)
             self._bias_progress(sample.t_ns)
         if sample.lost_s > 0.0:
             self.counters["wheel_gaps"] += 1
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
-        if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns):
+        own_m_s = self._compensation.lateral_m_s if self._compensation is not None else 0.0
+        if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns, own_m_s):
             self.counters["late_wheels"] += 1
             return None
         self._silence.wheels_ns, self._wheel_interval_s = sample.t_ns, sample.interval_s
@@ -140,6 +154,7 @@ class Estimator:
         stalled, self._tick_ns = now_ns - self._tick_ns > STALL_NS, now_ns
         if stalled:
             return None
+        now_ns -= self._late_ns
         self._watch(now_ns)
         self._advance(now_ns)
         newest_ns = max(self._silence.wheels_ns, self._silence.gyro_ns if self._track.t_ns else 0)
@@ -155,6 +170,41 @@ class Estimator:
         text = None if inside else "rate or temperature outside the range of the gyro's calibration"
         self.reasons.update("calibration", text, sample.t_ns)
         return calibration.correct(sample)
+
+    def _compensated(self, rate: CalibratedRate, temperature_c: float) -> CalibratedRate:
+        """The rate without the model's effects."""
+        model = self._compensation
+        if model is None:
+            return rate
+        standing = self.bias.active and not self.counters["bias_measured"]
+        found = model.gyro(rate, temperature_c, self._heading_rad(rate.t_ns), standing)
+        self._tell_model(model, rate.t_ns)
+        return found
+
+    def _without_effects(self, sample: WheelSample) -> WheelSample:
+        """The travel without the model's effects."""
+        model = self._compensation
+        if model is None:
+            return sample
+        found = model.wheels(sample, self._heading_rad(sample.t_ns))
+        self._tell_model(model, sample.t_ns)
+        return found
+
+    def _heading_rad(self, t_ns: int) -> float:
+        """Of the robot at the middle of a sample that ends now, near enough."""
+        track = self._track
+        return track.kf.nominal.heading_rad + track.rate_rad_s * (t_ns - track.t_ns) * S_PER_NS if track.t_ns else 0.0
+
+    def _tell_model(self, model: Compensation, t_ns: int) -> None:
+        """After each sample: the model's delays into the waits, its range into the health."""
+        self._late_ns = max(model.gyro_delay_ns, model.wheel_delay_ns)
+        self._gyro_wait_ns = self._reorder_ns + max(0, model.gyro_delay_ns - model.wheel_delay_ns)
+        if model.outside:
+            self.counters["outside_model"] += 1
+            self._outside_ns = t_ns
+            self.reasons.set("model", "outside the range in which the model's effects were seen", t_ns)
+        elif t_ns - self._outside_ns > AGREEMENT_NS:
+            self.reasons.clear("model")
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns

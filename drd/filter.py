@@ -136,11 +136,18 @@ class Filter:
         np.copyto(self.P, other.P)
 
     def predict(
-        self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float | None, rate_sigma_rad_s: float = 0.0
+        self,
+        dt_s: float,
+        left_m: float,
+        right_m: float,
+        rate_rad_s: float | None,
+        rate_sigma_rad_s: float = 0.0,
+        lateral_m: float = 0.0,
     ) -> None:
         """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
 
-        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise.
+        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own way to its
+        left, which no sensor tells.
         """
         n, h, f = self.nominal, self._half, self._f
         D = n.tread_m
@@ -149,6 +156,8 @@ class Filter:
         middle = n.heading_rad + h * turn
         c, s = math.cos(middle), math.sin(middle)
         step_x, step_y = U * c, U * s
+        if lateral_m:
+            step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
         n.x_m += step_x  # (7)
         n.y_m += step_y  # (7)
         n.heading_rad += turn  # (7)

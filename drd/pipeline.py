@@ -1,21 +1,42 @@
 """Bytes and frames in, poses out: the daemon without its ports, publishers and clock. Replay runs this same object."""
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from drd.calibration import Calibration, load_calibration
 from drd.config import Config
+from drd.effects.compensation import Compensation
 from drd.encoders.stream import EncoderStream
 from drd.estimator import Estimator
 from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
 from drd.fog.stream import FogStream
-from drd.samples import CanFrame, Pose, Side
+from drd.model import Model, check_geometry, load_model
+from drd.samples import CanFrame, GyroSample, Pose, Side, WheelSample
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
-if TYPE_CHECKING:  # a daemon that does not record need not load it
-    from drd.recording.recorder import Recorder
+log = logging.getLogger(__name__)
+
+
+class Observer(Protocol):
+    """Who is told of each input and decoded sample before the estimator has it: the recorder, the wiring check."""
+
+    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
+        """Bytes from the gyro's serial line."""
+
+    def frames(self, frames: Sequence[CanFrame]) -> None:
+        """Frames from the bus."""
+
+    def gyro(self, sample: GyroSample) -> None:
+        """A gyro sample."""
+
+    def wheels(self, sample: WheelSample) -> None:
+        """A sample of both wheels."""
+
+    def event(self, name: str, now_ns: int, **values: Any) -> None:
+        """Any other call that can change the estimate."""
 
 
 class Pipeline:
@@ -23,21 +44,39 @@ class Pipeline:
 
     `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
     configuration start from. `recorder` is handed every call that can change the estimate, in order, and the decoded
-    samples: a replay makes the same calls. Raises ConfigError where a file that the configuration names cannot be used.
+    samples: a replay makes the same calls. `recording`: what the model's provenance calls the run, where it is known.
+    Raises ConfigError where a file that the configuration names cannot be used.
     """
 
     def __init__(
-        self, config: Config, base: Path, on_pose: Callable[[Pose, int], None], recorder: "Recorder | None" = None
+        self,
+        config: Config,
+        base: Path,
+        on_pose: Callable[[Pose, int], None],
+        recorder: Observer | None = None,
+        recording: str | None = None,
     ):
         self._config, self._on_pose, self._recorder = config, on_pose, recorder
         file = config.calibration.file
         self.calibration: Calibration | None = load_calibration(base / file) if file else None
         has_gyro = config.fog.protocol != "none"
+        self.model: Model | None = load_model(base / config.model.file) if config.model.file else None
+        self.model_notes: list[str] = []
+        compensation = self._compensation(recording) if self.model else None
         self.fog = FogStream(config.fog, config.robot.max_acceleration_deg_s2 * RAD_PER_DEG) if has_gyro else None
         self.encoders = EncoderStream(config.encoders, config.robot, base)
-        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m)
+        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m, compensation)
         self.reasons = self.estimator.reasons
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
+
+    def _compensation(self, recording: str | None) -> Compensation | None:
+        """What takes off the model's effects that hold in this run."""
+        assert self.model is not None
+        check_geometry(self.model, self._config)
+        terms, self.model_notes = self.model.holds_in(recording)
+        for note in self.model_notes:
+            log.warning("%s: %s", self._config.model.file, note)
+        return Compensation(terms, self._config.robot, self._config.fog.protocol != "none") if terms else None
 
     def on_fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's serial line."""

@@ -13,13 +13,15 @@ KEPT = 4096
 class Segment(NamedTuple):
     """A stretch of time in which a sensor's output is constant.
 
-    Wheels: `a`, `b` are left and right speed (m/s). Gyro: `a` is the yaw rate, `b` its calibration sigma (rad/s).
+    Wheels: `a`, `b` are left and right speed, `c` the body's own speed to its left (m/s). Gyro: `a` is the yaw rate,
+    `b` its sigma from calibration and model (rad/s).
     """
 
     start_ns: int
     end_ns: int
     a: float
     b: float
+    c: float = 0.0
 
 
 class Piece(NamedTuple):
@@ -38,7 +40,7 @@ class Stream:
         self.segments: deque[Segment] = deque(maxlen=KEPT)
         self.end_ns = 0
 
-    def add(self, end_ns: int, interval_s: float, a: float, b: float, used_until_ns: int) -> bool:
+    def add(self, end_ns: int, interval_s: float, a: float, b: float, used_until_ns: int, c: float = 0.0) -> bool:
         """Append the segment of `interval_s` seconds that ends at `end_ns`. False: too late, nothing of it is left.
 
         Stamps are filtered and intervals are tracked, so that neighbours may miss each other by some jitter: a
@@ -51,7 +53,7 @@ class Stream:
         start_ns = max(start_ns, used_until_ns)
         if start_ns >= end_ns:
             return False
-        self.segments.append(Segment(start_ns, end_ns, a, b))
+        self.segments.append(Segment(start_ns, end_ns, a, b, c))
         self.end_ns = end_ns
         return True
 

@@ -54,7 +54,8 @@ class Track:
             kf.add_heading_variance(self.rejected_rad**2, both=True)
             self.rejected_rad = 0.0
         left_m, right_m = (wheels.a * dt_s, wheels.b * dt_s) if wheels else (0.0, 0.0)
-        kf.predict(dt_s, left_m, right_m, gyro.a if gyro else None, gyro.b if gyro else 0.0)
+        lateral_m = wheels.c * dt_s if wheels else 0.0
+        kf.predict(dt_s, left_m, right_m, gyro.a if gyro else None, gyro.b if gyro else 0.0, lateral_m)
         if gyro:
             self.rate_rad_s = kf.nominal.gyro_scale * gyro.a + kf.nominal.gyro_bias_rad_s
             self.no_gyro_s = 0.0

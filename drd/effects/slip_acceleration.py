@@ -11,7 +11,7 @@ class SlipAcceleration(Effect):
     acts_on = ActsOn.WHEELS
     formula = "reading = travel + k a |travel|"
     source = "slip in proportion to drive force (linear tyre model)"
-    parameters = (Parameter("k", "s^2/m", "slip per acceleration", 1e-4, 0.3, signed=False),)
+    parameters = (Parameter("k", "s^2/m", "slip per acceleration", 1e-4, 0.2, signed=False),)
     driver = "acceleration"
     manoeuvre = "hard starts and soft stops, with a position reference: over a whole start and stop it cancels"
 

@@ -12,6 +12,7 @@ from drd.schema import ConfigError, Loaded
 AS_WRITTEN: Final = "configuration.yaml"
 IN_FORCE: Final = "configuration-in-force.yaml"
 CALIBRATION: Final = "calibration.yaml"
+MODEL: Final = "model.yaml"
 DBC: Final = "encoders.dbc"
 
 
@@ -22,6 +23,7 @@ def files_in_force(loaded: Loaded[Config], base: Path) -> dict[str, bytes]:
     named = {
         AS_WRITTEN: (loaded.file if loaded.file != "(text)" else None, ""),
         CALIBRATION: (config.calibration.file, "calibration.file"),
+        MODEL: (config.model.file, "model.file"),
         DBC: (config.encoders.dbc.file if config.encoders.layout == "dbc" else None, "encoders.dbc.file"),
     }
     for name, (file, path) in named.items():

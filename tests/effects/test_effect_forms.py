@@ -53,8 +53,8 @@ BY_HAND: list[tuple[str, dict[str, float | str], dict[str, tuple[float, float]]]
     ("gyro_vibration_bias", {"k": 0.02}, {"gyro": (0.02 * DEG, 0.005 * DEG)}),
     ("wheel_radius_error", {"left": 0.01, "right": -0.02}, {"left": (-0.0085, -0.0056), "right": (0.023, 0.0088)}),
     ("tread_error", {"k": 0.1}, {"left": (-0.015, 0.006), "right": (0.015, -0.006)}),
-    # 0.15 m/s across of 1.15, 0.06 of 0.56.
-    ("turn_scrub", {"k": 0.2}, {"left": (-0.0039130435, 0.0012857143), "right": (0.0039130435, -0.0012857143)}),
+    # 0.5 rad/s of 1.5, 0.2 of 0.7.
+    ("turn_scrub", {"k": 0.2}, {"left": (-0.01, 0.0034285714), "right": (0.01, -0.0034285714)}),
     ("slip_acceleration", {"k": 0.05}, {"left": (0.017, -0.028), "right": (0.023, -0.022)}),
     ("surface_slip", {**STRETCH, "left": 0.1, "right": 0.2}, {"left": (0.085, 0.0), "right": (0.23, 0.0)}),
     ("tyre_deflation", {"side": "right", "total": 0.04}, {"right": (0.0115, 0.0088)}),

@@ -128,7 +128,7 @@ def test_a_model_changes_the_nominal_robot(short: Recording, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("effects: [{id: gyro_lag, tau: 0.1}]\n", r"effects: expected an empty list, .*not supported yet.*gyro_lag"),
+        ("effects: [{id: gyro_lag, tau: 0.1}]\n", r"effects\[0\].id: expected one of effect, .*an unknown key"),
         ("track_m: 1\n", r"model.yaml:1: track_m: expected one of .*an unknown key"),
         ("tread_m: -1\n", r"model.yaml:1: tread_m: expected a number in m from 0.01"),
         (

@@ -9,7 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import REQUIRED, ConfigError, Loaded, key, load, section
+from drd.model import Term
+from drd.nominal import Nominal as Nominal  # noqa: PLC0414  # found here, too
+from drd.schema import ConfigError, Loaded, load
 from drd.units import RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
@@ -19,61 +21,6 @@ SPEEDS: Final = ("time_s", "left_rad_s", "right_rad_s")
 RATE: Final = ("time_s", "rate_deg_s")
 RATE_AND_TEMPERATURE: Final = (*RATE, "temperature_c")
 POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wheel:
-    """Both wheels, as believed."""
-
-    radius_m: float = key(REQUIRED, "Rolling radius", "m", low=0.001, high=5)
-    counts_per_revolution: float | None = key(
-        None, "Counts of one turn of the wheel; null where the drive reports speed only", "1", low=1e-3, high=1e9
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FogSheet:
-    """The gyro as its data sheet describes it."""
-
-    kind: str | None = key(None, "What kind of gyro, for people")
-    rate_hz: float | None = key(None, "Output rate", "Hz", low=1e-3, high=1e5)
-    range_deg_s: float | None = key(None, "Full scale", "deg/s", low=1e-3, high=1e5)
-    angle_random_walk_deg_per_sqrt_h: float | None = key(None, "Angle random walk", "deg/sqrt(h)", low=0, high=1e3)
-    bias_repeatability_deg_s: float | None = key(None, "Bias, switch-on to switch-on", "deg/s", low=0, high=1e3)
-    bias_random_walk_deg_per_h_per_sqrt_h: float | None = key(
-        None, "Rate random walk", "deg/h/sqrt(h)", low=0, high=1e6
-    )
-    resolution_deg_s: float | None = key(None, "Resolution", "deg/s", low=0, high=1e3)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EncoderSheet:
-    """The encoders and the ground, as believed."""
-
-    kind: str | None = key(None, "What kind of encoder, for people")
-    rate_hz: float | None = key(None, "Output rate", "Hz", low=1e-3, high=1e5)
-    slip_noise_m_per_sqrt_m: float | None = key(None, "Noise of each wheel's travel", "m/sqrt(m)", low=0, high=1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReferenceSheet:
-    """How good the reference is."""
-
-    position_sigma_m: float | None = key(None, "Standard deviation of each coordinate", "m", low=0, high=1e3)
-    heading_sigma_deg: float | None = key(None, "Standard deviation of the heading", "deg", low=0, high=180)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nominal:
-    """robot.yaml: what the robot's engineers believe."""
-
-    name: str = key("robot", "Name of the recording or robot")
-    wheel: Wheel = section(Wheel)
-    tread_m: float = key(REQUIRED, "Distance between left and right wheels", "m", low=0.01, high=50)
-    fog: FogSheet = section(FogSheet)
-    encoders: EncoderSheet = section(EncoderSheet)
-    reference: ReferenceSheet = section(ReferenceSheet)
-    standstill_at_start_s: float = key(0.0, "How long the robot stands at first", "s", low=0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -108,7 +55,11 @@ class ReferenceLog:
 
 @dataclass(frozen=True)
 class Recording:
-    """A whole folder. `sha256` has the hash of each file that was read."""
+    """A whole folder. `sha256` has the hash of each file that was read.
+
+    `model`: the model file that changed the nominal robot, `terms` the effects that it adds, `notes` sentences about
+    those that are left out.
+    """
 
     folder: Path
     nominal: Nominal
@@ -116,6 +67,9 @@ class Recording:
     fog: FogLog | None
     reference: ReferenceLog | None
     sha256: dict[str, str]
+    model: Path | None = None
+    terms: tuple[Term, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -143,7 +97,7 @@ def read_recording(folder: Path) -> Recording:
         if not (folder / name).exists():
             raise ConfigError(str(folder), name, "this file in the folder", "none")
     loaded = load(folder / "robot.yaml", Nominal)
-    sha256 = {name: _hash(folder / name) for name in names if (folder / name).exists()}
+    sha256 = {name: file_hash(folder / name) for name in names if (folder / name).exists()}
     return Recording(
         folder,
         loaded.value,
@@ -222,7 +176,8 @@ def _lines(file: Path) -> list[str]:
         raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
 
 
-def _hash(file: Path) -> str:
+def file_hash(file: Path) -> str:
+    """SHA-256 in hex. Raises ConfigError."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError as error:

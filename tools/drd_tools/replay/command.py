@@ -34,6 +34,7 @@ EXAMPLES = """\
 examples:
   drd replay run_07/ --output poses.csv
   drd replay run_07/ --config mybot.yaml --calibration gyro/calibration.yaml --output poses.csv
+  drd replay run_07/ --model model.yaml --output poses.csv
   drd replay run_07/ --start=-1.5,2,90 --output poses.csv      (with = where it begins with a minus)
 
 Exit code: 0 done, 1 the recording gives no pose, 2 bad usage or input.
@@ -47,8 +48,6 @@ def main(argv: list[str]) -> int:
     began_s = time.perf_counter()
     recording: Recording | None = None
     if chosen.recording.suffix == ".mcap" and not chosen.recording.is_dir():
-        if chosen.model is not None:
-            parser.error("--model goes with a recording folder; a .mcap file's robot is changed by --config")
         if chosen.start == "reference":
             parser.error("--start reference goes with a recording folder that has a reference.csv")
     else:
@@ -57,7 +56,7 @@ def main(argv: list[str]) -> int:
             recording = with_model(recording, chosen.model)
     _check_output(chosen.output, recording)
     if recording is None:
-        replayed = _replay_mcap(chosen.recording, chosen.config, chosen.calibration)
+        replayed = _replay_mcap(chosen)
     else:
         replayed = replay_folder(recording, chosen.config, chosen.calibration)
     if not replayed.poses:
@@ -98,7 +97,12 @@ def _parser() -> argparse.ArgumentParser:
     add("recording", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
     add("--config", type=Path, metavar="FILE", help="daemon configuration; what it states replaces the recording's")
     add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
-    add("--model", type=Path, metavar="FILE", help="YAML with keys of robot.yaml that replace the folder's")
+    add(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="model file: keys of robot.yaml that replace the folder's, and effects",
+    )
     add(
         "--start",
         type=_start,
@@ -134,7 +138,8 @@ def _check_output(output: Path | None, recording: Recording | None) -> None:
         raise ConfigError("--output", "", "a file that is not the recording's own", repr(str(output)))
 
 
-def _replay_mcap(file: Path, config: Path | None, calibration: Path | None) -> Replayed:
+def _replay_mcap(chosen: argparse.Namespace) -> Replayed:
+    file: Path = chosen.recording
     name = "drd_tools.replay.mcap_source"
     try:
         module = importlib.import_module(name)
@@ -144,5 +149,7 @@ def _replay_mcap(file: Path, config: Path | None, calibration: Path | None) -> R
         raise ConfigError(
             str(file), "", "a recording folder: .mcap files are not supported yet", "a .mcap file"
         ) from error
-    replayed: Replayed = module.replay_mcap(file, config=config, calibration=calibration)
+    replayed: Replayed = module.replay_mcap(
+        file, config=chosen.config, calibration=chosen.calibration, model=chosen.model
+    )
     return replayed

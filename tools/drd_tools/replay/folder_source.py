@@ -13,14 +13,17 @@ from tqdm import tqdm
 
 from drd.config import Config
 from drd.daemon import TICK_S
+from drd.effects.compensation import Compensation
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.estimator import Estimator
 from drd.fog.stream import OVER_RANGE
 from drd.samples import GyroSample, Pose, WheelSample
 from drd.schema import ConfigError
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording
-from drd_tools.replay.nominal import in_force
+from drd.wiring.judge import Geometry, judge
+from drd.wiring.table import sentences
+from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, file_hash
+from drd_tools.replay.nominal import in_force, with_configured_model
 from drd_tools.replay.result import Replayed
 
 Times = npt.NDArray[np.int64]
@@ -33,6 +36,8 @@ MISSING_ROWS: Final = 1.5
 # What whole ns in 64 bits hold; and a pause in which every tick gives a pose.
 LATEST_S: Final = 4e9
 LONGEST_GAP_S: Final = 86_400.0
+# A recording whose times begin so near to 0 counts them from a moment of its own, such as the gyro's power-on.
+ZERO_WITHIN_S: Final = 60.0
 
 
 def replay_folder(recording: Recording, config: Path | None = None, calibration: Path | None = None) -> Replayed:
@@ -41,13 +46,15 @@ def replay_folder(recording: Recording, config: Path | None = None, calibration:
     In force is what robot.yaml stands for, see `nominal`, overruled by what the two files state.
     """
     in_use, gyro_calibration = in_force(recording, config, calibration)
+    recording = with_configured_model(recording, in_use)
     zero_ns = FIRST_NS - min(int(stamps_ns(time_s[:1], 0)[0]) for time_s in _times(recording))
     wheels, began_ns, wheel_counters = wheel_samples(recording.encoders, in_use, zero_ns)
     gyro, gyro_counters = gyro_samples(recording.fog, in_use, zero_ns)
     counted = recording.encoders.left_counts is not None
     resolution_m = max(map(abs, metres_per_count(in_use))) if counted else UNCOUNTED_RESOLUTION_M
-    estimator = Estimator(in_use, gyro_calibration, resolution_m)
+    estimator = Estimator(in_use, gyro_calibration, resolution_m, compensation(recording, in_use, zero_ns))
     poses = run(estimator, gyro, wheels)
+    geometry = Geometry(in_use.robot.tread_m, resolution_m, in_use.fog.protocol != "none")
     return Replayed(
         recording.folder,
         poses,
@@ -57,7 +64,21 @@ def replay_folder(recording: Recording, config: Path | None = None, calibration:
         began_ns,
         {"gyro": len(gyro), "wheels": len(wheels)},
         {"fog": gyro_counters, "encoders": wheel_counters, "estimator": dict(estimator.counters)},
-        dict(recording.sha256),
+        recording.sha256 | ({str(recording.model): file_hash(recording.model)} if recording.model else {}),
+        [*recording.notes, *(sentences(judge(gyro, wheels, geometry)) if poses else [])],
+    )
+
+
+def compensation(recording: Recording, config: Config, zero_ns: int) -> Compensation | None:
+    """What takes off the recording's effects. Their time counts from the recording's 0, if it begins near it."""
+    if not recording.terms:
+        return None
+    times_s = _times(recording)
+    first_s, last_s = min(time_s[0] for time_s in times_s), max(time_s[-1] for time_s in times_s)
+    is_near = abs(first_s) <= ZERO_WITHIN_S
+    end_s = float(last_s if is_near else last_s - first_s)
+    return Compensation(
+        recording.terms, config.robot, config.fog.protocol != "none", zero_ns if is_near else FIRST_NS, end_s
     )
 
 

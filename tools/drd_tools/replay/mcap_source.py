@@ -12,13 +12,15 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from drd.config import CalibrationFile, Config
+from drd.config import CalibrationFile, Config, ModelFile
 from drd.config_file import load_config
 from drd.pipeline import Pipeline
-from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE
+from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
 from drd.schema import ConfigError, loads
+from drd.wiring.samples import Samples
+from drd.wiring.table import sentences
 from drd_tools.recordings.mcap_file import McapFile, Recorded, open_mcap, parts_before
 from drd_tools.replay.result import BITS, Replayed
 
@@ -26,10 +28,12 @@ NUMBERS: Final = 1 << 32
 SET_POSE: Final = ("x_m", "y_m", "heading_rad", "sigma_m", "sigma_rad")
 
 
-def replay_mcap(file: Path, *, config: Path | None = None, calibration: Path | None = None) -> Replayed:
+def replay_mcap(
+    file: Path, *, config: Path | None = None, calibration: Path | None = None, model: Path | None = None
+) -> Replayed:
     """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
 
-    The configuration and the calibration are those of the recording, or those in the files given. The notes say what
+    Configuration, calibration and model are those of the recording, or those in the files given. The notes say what
     is missing and, unless something else is in force, whether the poses are those of the live run, bit for bit.
     Raises ConfigError.
     """
@@ -38,14 +42,15 @@ def replay_mcap(file: Path, *, config: Path | None = None, calibration: Path | N
     parts = [*map(open_mcap, earlier), last]
     if IN_FORCE not in last.attachments:
         raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
-    replay = _Replay()
+    replay, kept = _Replay(), Samples()
     with tempfile.TemporaryDirectory() as folder:
-        in_force, base = _in_force(last, Path(folder), config, calibration)
-        pipeline = Pipeline(in_force, base, replay.on_pose)
+        in_force, base = _in_force(last, Path(folder), config, calibration, model)
+        pipeline = Pipeline(in_force, base, replay.on_pose, kept, file.stem if model is not None else None)
     replay.run(pipeline, parts)
     counters = pipeline.counters()
     began = last.information.get("started_monotonic_ns", "")
-    changed = config is not None or calibration is not None
+    changed = any(given is not None for given in (config, calibration, model))
+    wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
     return Replayed(
         file,
         replay.poses,
@@ -54,8 +59,13 @@ def replay_mcap(file: Path, *, config: Path | None = None, calibration: Path | N
         zero_ns=int(began) if began.isdecimal() else 0,
         samples={"gyro": counters["fog"].get("samples", 0), "wheels": counters["encoders"]["samples"]},
         counters=counters,
-        inputs={part.path.name: _sha256(part.path) for part in parts} | _inputs(config, calibration),
-        notes=[*_missing(parts, missing, replay.lost), *([] if changed or missing else [replay.comparison()])],
+        inputs={part.path.name: _sha256(part.path) for part in parts} | _inputs(config, calibration, model),
+        notes=[
+            *_missing(parts, missing, replay.lost),
+            *([] if changed or missing else [replay.comparison()]),
+            *pipeline.model_notes,
+            *wiring,
+        ],
     )
 
 
@@ -158,23 +168,29 @@ def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
     return BITS.pack(p.t_ns, p.sequence, *numbers), p.validity, p.reasons
 
 
-def _in_force(recording: McapFile, folder: Path, config: Path | None, calibration: Path | None) -> tuple[Config, Path]:
+def _in_force(
+    recording: McapFile, folder: Path, config: Path | None, calibration: Path | None, model: Path | None
+) -> tuple[Config, Path]:
     """The configuration and where its relative paths start from; `folder` takes the attached files."""
     if config is not None:
         found, base = load_config(config).value, config.parent
     else:
         where = f"{recording.path}, {IN_FORCE}"
         found, base = loads(recording.attachments[IN_FORCE].decode("utf-8", "replace"), Config, where).value, folder
-        for name in (CALIBRATION, DBC):
+        for name in (CALIBRATION, MODEL, DBC):
             if name in recording.attachments:
                 (folder / name).write_bytes(recording.attachments[name])
         if found.calibration.file is not None:
             found = dataclasses.replace(found, calibration=CalibrationFile(file=CALIBRATION))
+        if found.model.file is not None:
+            found = dataclasses.replace(found, model=ModelFile(file=MODEL))
         if found.encoders.dbc.file is not None:
             dbc = dataclasses.replace(found.encoders.dbc, file=DBC)
             found = dataclasses.replace(found, encoders=dataclasses.replace(found.encoders, dbc=dbc))
     if calibration is not None:
         found = dataclasses.replace(found, calibration=CalibrationFile(file=str(calibration.resolve())))
+    if model is not None:
+        found = dataclasses.replace(found, model=ModelFile(file=str(model.resolve())))
     return found, base
 
 

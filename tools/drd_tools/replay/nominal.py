@@ -1,20 +1,30 @@
 """From robot.yaml, the nominal model, to a configuration of the daemon; what files say instead of it."""
 
-import contextlib
 import dataclasses
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import yaml
 
 from drd.calibration import Calibration, load_calibration
-from drd.config import CalibrationFile, Config, Encoders, Estimation, Fog, Initial, Noise, Robot, StaticBias
+from drd.config import (
+    CalibrationFile,
+    Config,
+    Encoders,
+    Estimation,
+    Fog,
+    Initial,
+    ModelFile,
+    Noise,
+    Robot,
+    StaticBias,
+)
 from drd.config_file import load_config
-from drd.schema import ConfigError, Loaded, key, load, section
-from drd_tools.recordings.folder import FogSheet, Nominal, Recording, Wheel
+from drd.model import Model, check_geometry, load_model
+from drd.nominal import FogSheet
+from drd.schema import ConfigError, Loaded
+from drd_tools.recordings.folder import Recording
 
 T = TypeVar("T")
 # robot.yaml knows no top speed. No robot this is meant for is faster, and a counter that starts again at 0 is.
@@ -44,22 +54,6 @@ MEMS: Final = FogSheet(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ModelWheel(Wheel):
-    """Both wheels; nothing is required."""
-
-    radius_m: float = key(math.nan, "Rolling radius", "m", low=0.001, high=5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Model(Nominal):
-    """model.yaml: keys of robot.yaml to be changed. NaN stands for "not stated" and is never used."""
-
-    wheel: ModelWheel = section(ModelWheel)
-    tread_m: float = key(math.nan, "Distance between left and right wheels", "m", low=0.01, high=50)
-    effects: tuple[str, ...] = key((), "Physical effects beyond the nominal robot")
-
-
 def overlay(base: T, stated: Loaded[Any]) -> T:
     """`base` with every value that a file states, and none of the file's defaults."""
     return _overlay(base, stated.value, stated.origins, "")
@@ -76,25 +70,29 @@ def _overlay(base: T, stated: Any, origins: dict[str, str], path: str) -> T:
     return replace(base, **changes)  # type: ignore[type-var]  # the same
 
 
-def load_model(file: Path) -> Loaded[Model]:
-    """Read a model file. Raises ConfigError, also where it lists effects."""
-    content: Any = None
-    with contextlib.suppress(OSError, ValueError, OverflowError, RecursionError, yaml.YAMLError):  # said better below
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    if isinstance(content, dict) and (effects := content.get("effects")):
-        expected = "an empty list, since effects are not supported yet: a model can only change the nominal robot"
-        raise ConfigError(str(file), "effects", expected, " ".join(str(effects).split())[:80])
-    return load(file, Model)
-
-
 def with_model(recording: Recording, file: Path) -> Recording:
-    """The recording, its nominal model changed by the model file. Raises ConfigError."""
+    """The recording, its nominal model changed by the model file, with the file's effects. Raises ConfigError."""
     model = load_model(file)
-    nominal = overlay(recording.nominal, model)
+    nominal = overlay(recording.nominal, model.robot)
     if recording.encoders.left_counts is not None and nominal.wheel.counts_per_revolution is None:
         path = "wheel.counts_per_revolution"
-        raise ConfigError(model.place(path), path, "a number, since encoders.csv has counts", "null")
-    return replace(recording, nominal=nominal)
+        raise ConfigError(model.robot.place(path), path, "a number, since encoders.csv has counts", "null")
+    return _with_terms(replace(recording, nominal=nominal), model, file)
+
+
+def with_configured_model(recording: Recording, config: Config) -> Recording:
+    """The recording with the effects of the model that the configuration names, if any. Raises ConfigError."""
+    if config.model.file is None or recording.model is not None:
+        return recording
+    file = Path(config.model.file)
+    model = load_model(file)
+    check_geometry(model, config)
+    return _with_terms(recording, model, file)
+
+
+def _with_terms(recording: Recording, model: Model, file: Path) -> Recording:
+    terms, notes = model.holds_in(recording.name)
+    return replace(recording, model=file, terms=terms, notes=tuple(notes))
 
 
 def configuration(recording: Recording) -> Config:
@@ -173,6 +171,8 @@ def in_force(recording: Recording, file: Path | None, calibration: Path | None) 
             if config.estimation.heading == "gyro":
                 path, expected = "estimation.heading", "filter, since the recording has no gyro"
                 raise ConfigError(loaded.place(path), path, expected, "'gyro'")
+        if config.model.file is not None:
+            config = replace(config, model=ModelFile(file=str(file.parent / config.model.file)))
         if config.calibration.file is not None and calibration is None:
             calibration = file.parent / config.calibration.file
     if calibration is None or config.fog.protocol == "none":

@@ -1,0 +1,271 @@
+"""Effects taken off live: one sample at a time, the newest knowledge of everything else, no sample of the future."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from drd.config import Robot
+from drd.effects.effect import ActsOn, Effect, Values
+from drd.effects.live import Clip, LiveMotion, Trend, scalar
+from drd.effects.motion import Array
+from drd.model import Term
+from drd.samples import CalibratedRate, WheelSample
+from drd.units import NS_PER_S, S_PER_NS
+
+# Of an equation that is solved by iteration: rounds at most, and the error (rad/s, m/s) that is small enough.
+ROUNDS: Final = 4
+SOLVED: Final = 1e-9
+# The same for the speed that the wheels' effects depend on.
+PASSES, SPEED_SOLVED_M_S = 12, 1e-7
+# A sample's mean speed is this much of the speed at its end, and the rest of that at its begin. One half would be the
+# middle, but then an error would alternate for ever; so it more than halves in two samples.
+END_WEIGHT: Final = 0.6
+# m^2/s^2
+TINY: Final = 1e-12
+# No wheeled robot of this kind speeds up or brakes harder.
+FASTEST_M_S2: Final = 3.0
+# Slopes of an error over its channel that are believed; others are a step of the effect's, such as a window's begin.
+SLOPES: Final = (-0.9, 9.0)
+
+Errors = tuple[float, ...]
+
+
+class LiveTerm:
+    """One effect with its parameters in SI, its clip, and its parameters one standard deviation further."""
+
+    def __init__(self, m: LiveMotion, term: Term):
+        self.effect: Effect = term.effect
+        self.values: Values = term.values()
+        self.clip = Clip(m, term)
+        self.error: Errors = (0.0, 0.0)
+        self._m = m
+        stds = term.stds()
+        self._further: list[Values] = [{**self.values, q: float(self.values[q]) + std} for q, std in stds.items()]
+        for values in (self.values, *self._further):  # so that the memory of each lag begins with the run
+            self.effect.correction(m, values)
+
+    def gyro(self) -> Errors:
+        """rad/s"""
+        return (scalar(self.effect.correction(self._m, self.values).gyro_rad_s),)
+
+    def wheels(self) -> Errors:
+        """m/s, left and right"""
+        errors = self.effect.correction(self._m, self.values)
+        return scalar(errors.left_m_s), scalar(errors.right_m_s)
+
+    def lateral(self) -> Errors:
+        """m/s, to the left"""
+        return (scalar(self.effect.correction(self._m, self.values).lateral_m_s),)
+
+    def gyro_variance(self) -> float:
+        """(rad/s)^2, of the parameters' standard deviations; those of a file are taken as independent."""
+        if not self._further:
+            return 0.0
+        here = self.gyro()[0]
+        return sum((scalar(self.effect.correction(self._m, v).gyro_rad_s) - here) ** 2 for v in self._further)
+
+
+class Compensation:
+    """Takes a model's effects off the samples of one run.
+
+    `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
+    `outside`: a driver of the last sample was outside the range in which an effect was seen. `lateral_m_s`: the body's
+    own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples were.
+    """
+
+    def __init__(
+        self, terms: Sequence[Term], robot: Robot, has_gyro: bool, zero_ns: int | None = None, end_s: float = math.inf
+    ):
+        self._m = m = LiveMotion(robot.tread_m, end_s)
+        live = [LiveTerm(m, term) for term in reversed(in_order(terms))]
+        self._gyro = [t for t in live if t.effect.channel == "gyro"]
+        self._wheels = [t for t in live if t.effect.channel == "wheels"]
+        self._body = [t for t in live if t.effect.channel == "body"]
+        self._timing = [t for t in live if t.effect.acts_on is ActsOn.TIMING]
+        self._has_gyro, self._zero_ns = has_gyro, zero_ns
+        self._radius_m = robot.wheel_radius_m * robot.left_scale, robot.wheel_radius_m * robot.right_scale
+        self._speed, self._rate = Trend(), Trend()
+        self._end_m_s = 0.0
+        self._still_sum_c, self._still_count, self._still_known = 0.0, 0, False
+        self.outside = False
+        self.lateral_m_s = 0.0
+        self.gyro_delay_ns = self.wheel_delay_ns = 0
+
+    def gyro(self, rate: CalibratedRate, temperature_c: float, heading_rad: float, standing: bool) -> CalibratedRate:
+        """The true rate, at its true time. `standing`: the bias is being measured. (51), (52)"""
+        m, self.outside = self._m, False
+        end_ns, interval_s, time_s = self._timed(rate.t_ns, rate.interval_s, wheels=False)
+        self._temperature(time_s, temperature_c, standing)
+        m.time_s[0] = time_s = time_s - 0.5 * interval_s
+        m.heading_rad[0] = heading_rad
+        speed = self._speed.at(time_s)
+        m.speed_m_s[0] = 0.0 if speed is None else speed
+        true_rad_s, variance = rate.rate_rad_s, rate.sigma_rad_s**2
+        with np.errstate(all="ignore"):
+            for term in self._gyro:
+                true_rad_s = self._solve(term, term.gyro, (m.rate_rad_s,), (true_rad_s,))[0]
+                variance += self._variance(term)
+        m.rate_rad_s[0] = true_rad_s
+        self._rate.take(time_s, true_rad_s)
+        return CalibratedRate(end_ns, interval_s, true_rad_s, math.sqrt(variance))
+
+    def wheels(self, sample: WheelSample, heading_rad: float) -> WheelSample:
+        """The true travel, at its true time; `lateral_m_s` is the body's. (51)"""
+        m, self.outside = self._m, False
+        end_ns, interval_s, time_s = self._timed(sample.t_ns, sample.interval_s, wheels=True)
+        m.time_s[0] = time_s = time_s - 0.5 * interval_s
+        m.heading_rad[0] = heading_rad
+        reading = sample.left_m / interval_s, sample.right_m / interval_s
+        rate = self._rate.at(time_s) if self._has_gyro else None
+        angles = (m.left_wheel_rad, m.right_wheel_rad)
+        turned = sample.left_m / self._radius_m[0], sample.right_m / self._radius_m[1]
+        for angle, step in zip(angles, turned, strict=True):
+            angle[0] += 0.5 * step  # at the middle of the interval
+        with np.errstate(all="ignore"):
+            left, right = self._true_wheels(reading, time_s, interval_s, rate)
+            m.left_m_s[0], m.right_m_s[0] = left, right
+            self.lateral_m_s = sum(self._error(term, term.lateral)[0] for term in self._body)
+        for i, angle in enumerate(angles):
+            # The counter's angle, less what makes it uneven: a wheel that is too large does not turn the less for it.
+            ripple = sum(t.error[i] for t in self._wheels if t.effect.driver == "wheel_phase")
+            angle[0] += 0.5 * turned[i] - ripple * interval_s / self._radius_m[i]
+        return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, sample.lost_s)
+
+    # ---- one channel after the other ---------------------------------------------------------------------------
+
+    def _true_wheels(
+        self, reading: tuple[float, float], time_s: float, interval_s: float, rate: float | None
+    ) -> tuple[float, float]:
+        """Speeds from which the effects make the reading; the body's speed and acceleration are their mean's."""
+        m, left, right = self._m, *reading
+        x, old_x, old_off = 0.5 * (left + right), 0.0, 0.0
+        for i in range(PASSES):
+            m.rate_rad_s[0] = (right - left) / m.tread_m if rate is None else rate
+            self._ahead(interval_s, x)
+            left, right = reading
+            for term in self._wheels:
+                left, right = self._solve(term, term.wheels, (m.left_m_s, m.right_m_s), (left, right))
+            # Falls at least as fast as x grows: the more acceleration, the more slip to take off. So the root is near.
+            off = 0.5 * (left + right) - x
+            if abs(off) < SPEED_SOLVED_M_S:
+                break
+            if i == 0:
+                low, high = min(x, x + off), max(x, x + off)
+            else:
+                low, high = (max(x, low), high) if off > 0.0 else (low, min(x, high))
+            step = -off * (x - old_x) / (off - old_off) if i and off != old_off else off
+            old_x, old_off = x, off
+            x += step
+            if i and not low < x < high:
+                x = 0.5 * (low + high)
+        mean = 0.5 * (left + right)
+        self._end_m_s = self._ahead(interval_s, mean)
+        self._speed.take(time_s, mean)
+        if rate is None:
+            m.rate_rad_s[0] = (right - left) / m.tread_m
+        return left, right
+
+    def _ahead(self, interval_s: float, mean: float) -> float:
+        """Speed and acceleration if the mean of both wheels is `mean`; returns the speed at the sample's end.
+
+        The acceleration is such that speed times acceleration adds up to half the change of the squared speed: slip
+        at a start and in the stop after it cancel, as they do in truth, and no delay piles up. (51)
+        """
+        m, begin = self._m, self._end_m_s
+        end = (mean - (1.0 - END_WEIGHT) * begin) / END_WEIGHT
+        m.speed_m_s[0], changed = mean, end - begin
+        work = 0.5 * (end * abs(end) - begin * abs(begin))
+        share = abs(mean) * changed
+        weight = work / share if abs(share) > TINY else 0.0
+        acceleration = min(max(weight, 0.0), 2.0) * changed / interval_s
+        m.acceleration_m_s2[0] = min(max(acceleration, -FASTEST_M_S2), FASTEST_M_S2)
+        return end
+
+    def _solve(
+        self, term: LiveTerm, errors: Callable[[], Errors], channels: tuple[Array, ...], reading: Errors
+    ) -> Errors:
+        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (51)"""
+        x, off, old_x, old_off = reading, reading, reading, reading
+        for i in range(ROUNDS + 1):
+            for channel, value in zip(channels, x, strict=True):
+                channel[0] = value
+            error = self._error(term, errors)
+            off = tuple(a + b - c for a, b, c in zip(x, error, reading, strict=True))
+            if i == ROUNDS or max(map(abs, off)) < SOLVED:
+                break
+            steps = off if i == 0 else tuple(map(_secant, x, off, old_x, old_off))
+            old_x, old_off = x, off
+            x = tuple(a - b for a, b in zip(x, steps, strict=True))
+        if not all(map(math.isfinite, x)):
+            x, error = reading, (0.0,) * len(reading)
+        term.error = error
+        return x
+
+    def _error(self, term: LiveTerm, errors: Callable[[], Errors]) -> Errors:
+        """The error, its drivers clipped to where it was seen."""
+        if not term.clip.is_bounded:
+            return errors()
+        outside = term.clip.apply()
+        found = errors()
+        self.outside |= term.clip.undo() or outside
+        return found
+
+    def _variance(self, term: LiveTerm) -> float:
+        """What the parameters' spread adds, and, outside the range seen, what the clip left out. (52)"""
+        if not term.clip.is_bounded:
+            return term.gyro_variance()
+        free = term.gyro()[0]
+        term.clip.apply()
+        missing, variance = free - term.gyro()[0], term.gyro_variance()
+        term.clip.undo()
+        found = variance + missing * missing
+        return found if math.isfinite(found) else 0.0
+
+    # ---- time and temperature ----------------------------------------------------------------------------------
+
+    def _timed(self, t_ns: int, interval_s: float, wheels: bool) -> tuple[int, float, float]:
+        """A sample's true end, in ns and in s from the zero, and its true length."""
+        if self._zero_ns is None:
+            self._zero_ns = t_ns
+        end_s = (t_ns - self._zero_ns) * S_PER_NS
+        late_s, late_before_s = self._late_s(end_s, wheels), self._late_s(end_s - interval_s, wheels)
+        late_ns = round(late_s * NS_PER_S)
+        if wheels:
+            self.wheel_delay_ns = late_ns
+        else:
+            self.gyro_delay_ns = late_ns
+        return t_ns - late_ns, interval_s - (late_s - late_before_s), end_s - late_s
+
+    def _late_s(self, time_s: float, wheels: bool) -> float:
+        found = 0.0
+        for term in self._timing:
+            delays = term.effect.delays(time_s - found, term.values)
+            found += delays.wheels_s if wheels else delays.gyro_s
+        return found
+
+    def _temperature(self, time_s: float, temperature_c: float, standing: bool) -> None:
+        m = self._m
+        m.warm(time_s, temperature_c)
+        if self._still_known or math.isnan(temperature_c):
+            return
+        if self._still_count == 0:
+            m.still_c = temperature_c
+        elif not standing:
+            m.still_c = self._still_sum_c / self._still_count
+        self._still_known = not standing
+        self._still_sum_c += temperature_c
+        self._still_count += 1
+
+
+def in_order(terms: Sequence[Term]) -> list[Term]:
+    """In the order in which the effects act."""
+    acts = list(ActsOn)
+    return sorted(terms, key=lambda term: (acts.index(term.effect.acts_on), term.effect.id))
+
+
+def _secant(x: float, off: float, old_x: float, old_off: float) -> float:
+    """The step to be taken back: Newton's, with the slope between the last two points."""
+    slope = (off - old_off) / (x - old_x) - 1.0 if x != old_x else 0.0
+    return off / (1.0 + slope) if SLOPES[0] < slope < SLOPES[1] else off

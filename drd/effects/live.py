@@ -1,0 +1,150 @@
+"""What is known live of a motion: one sample of it, smoothed where it must be, and clipped where an effect was seen."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from drd.effects.motion import Array, Motion
+from drd.model import DRIVERS, Term
+
+# A sensor that was not heard for longer does not speak for the present.
+STALE_S: Final = 0.5
+
+
+class Trend:
+    """The newest value of a sampled signal, and its slope."""
+
+    def __init__(self) -> None:
+        self._t_s, self._step_s = -math.inf, 0.0
+        self._value = self._slope = 0.0
+
+    def take(self, t_s: float, value: float) -> None:
+        """What came."""
+        step_s = t_s - self._t_s
+        self._step_s = step_s if 0.0 < step_s <= STALE_S else 0.0
+        self._slope = (value - self._value) / step_s if self._step_s else 0.0
+        self._t_s, self._value = t_s, value
+
+    def at(self, t_s: float) -> float | None:
+        """The value at a time up to one sample away; None where the last one is too old."""
+        ahead_s = t_s - self._t_s
+        if ahead_s > STALE_S:
+            return None
+        return self._value + self._slope * min(max(ahead_s, -self._step_s), self._step_s)
+
+
+class LiveMotion(Motion):
+    """A motion of one sample, written over; the temperature's lags have a memory."""
+
+    __slots__ = ("_lags", "_lowest", "_t_s", "_warmest", "temperature_rate_outside")
+
+    def __init__(self, tread_m: float, end_s: float):
+        time, rate, speed, acceleration, heading, left, right, left_wheel, right_wheel = np.zeros((9, 1))
+        unknown = np.full(1, math.nan)
+        super().__init__(
+            time,
+            rate,
+            speed,
+            acceleration,
+            heading,
+            left,
+            right,
+            left_wheel,
+            right_wheel,
+            unknown,
+            math.nan,
+            tread_m,
+            end_s,
+        )
+        self._lags: dict[float, float] = {}
+        self._t_s = math.nan
+        self.limit_temperature_rate(-math.inf, math.inf)
+
+    def limit_temperature_rate(self, low: float, high: float) -> None:
+        """What `temperature_rate_c_s` is clipped to; `temperature_rate_outside` then says whether it was."""
+        self._lowest, self._warmest, self.temperature_rate_outside = low, high, False
+
+    def warm(self, t_s: float, temperature_c: float) -> None:
+        """The gyro's temperature at a time; NaN changes nothing."""
+        if math.isnan(temperature_c):
+            return
+        before_c, step_s = float(self.temperature_c[0]), t_s - self._t_s
+        for lag_s, lagged_c in self._lags.items():
+            if step_s > 0.0:  # as Motion.lagged
+                kept = math.exp(-step_s / lag_s)
+                share = lag_s * (1.0 - kept) / step_s
+                driven = before_c * (share - kept) + temperature_c * (1.0 - share)
+                self._lags[lag_s] = temperature_c if math.isnan(lagged_c) else lagged_c * kept + driven
+            elif math.isnan(lagged_c):
+                self._lags[lag_s] = temperature_c
+        self.temperature_c[0], self._t_s = temperature_c, t_s
+
+    def temperature_rate_c_s(self, lag_s: float) -> Array:
+        """Behind a lag that is remembered from its first use on."""
+        lagged_c = self._lags.setdefault(lag_s, float(self.temperature_c[0]))
+        rate = float(np.nan_to_num((self.temperature_c[0] - lagged_c) / lag_s))
+        clipped = min(max(rate, self._lowest), self._warmest)
+        self.temperature_rate_outside |= clipped != rate
+        return np.full(1, clipped)
+
+
+def scalar(value: Array | float) -> float:
+    """The value of one sample."""
+    return value if type(value) is float else float(np.asarray(value).reshape(-1)[0])
+
+
+class Clip:
+    """Puts the drivers of one effect back into the range in which it was seen, and back again."""
+
+    def __init__(self, m: LiveMotion, term: Term):
+        self._m = m
+        self._ends = {
+            name: (low * DRIVERS[name].si, high * DRIVERS[name].si) for name, (low, high) in term.seen.items()
+        }
+        self._arrays = (m.time_s, m.rate_rad_s, m.speed_m_s, m.acceleration_m_s2, m.left_m_s, m.right_m_s,
+                        m.temperature_c)  # fmt: skip
+        self._kept = [0.0] * len(self._arrays)
+        self._rate_ends = self._ends.pop("temperature_rate", (-math.inf, math.inf))
+        self.is_bounded = bool(term.seen)
+
+    def apply(self) -> bool:
+        """Clip; True where a driver was outside. `undo` must follow."""
+        for i, array in enumerate(self._arrays):
+            self._kept[i] = array[0]
+        self._m.limit_temperature_rate(*self._rate_ends)
+        # Not `any`: each one is to be clipped.
+        return sum(self._clip(name, low, high) for name, (low, high) in self._ends.items()) > 0
+
+    def undo(self) -> bool:
+        """The motion as it was; True where the rate of temperature was outside."""
+        outside = self._m.temperature_rate_outside
+        for array, value in zip(self._arrays, self._kept, strict=True):
+            array[0] = value
+        self._m.limit_temperature_rate(-math.inf, math.inf)
+        return outside
+
+    def _clip(self, name: str, low: float, high: float) -> bool:
+        m = self._m
+        if name in ("time", "acceleration", "temperature"):
+            array = {"time": m.time_s, "acceleration": m.acceleration_m_s2, "temperature": m.temperature_c}[name]
+            value = array[0]
+            array[0] = min(max(value, low), high)
+            return not low <= value <= high  # an unknown temperature is outside, too
+        v, w = float(m.speed_m_s[0]), float(m.rate_rad_s[0])
+        bend = abs(w) / max(abs(v), 1e-9)
+        value = {"speed": v, "yaw_rate": w, "lateral_acceleration": v * w, "curvature": bend}[name]
+        clipped = min(max(value, low), high)
+        if clipped == value:
+            return False
+        ahead, half_turn = 0.0, 0.0  # what is to be added to the wheels' speeds
+        if name == "curvature":
+            m.speed_m_s[0] = math.copysign(abs(w) / max(clipped, 1e-9), v)
+        elif name == "speed":
+            m.speed_m_s[0], ahead = clipped, clipped - v
+        elif name == "yaw_rate" or abs(v) > 1e-6:
+            turn = clipped if name == "yaw_rate" else clipped / v
+            m.rate_rad_s[0], half_turn = turn, 0.5 * m.tread_m * (turn - w)
+        m.left_m_s[0] += ahead - half_turn
+        m.right_m_s[0] += ahead + half_turn
+        return True

@@ -1,0 +1,1 @@
+"""Is the robot wired as the configuration says? Judged from samples; the running daemon does not load it."""

@@ -1,0 +1,68 @@
+"""All ways to wire a gyro and two encoders wrongly, and which of them agree with what was seen."""
+
+from dataclasses import dataclass
+from itertools import product
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What is wrong, each on its own; sides are those of the configuration."""
+
+    gyro: bool = False
+    swapped: bool = False
+    left: bool = False
+    right: bool = False
+
+    @property
+    def changes(self) -> int:
+        """Mistakes that it takes; the wrong idea of what is forward, on both sides, is one."""
+        return self.gyro + self.swapped + (self.left or self.right)
+
+    def words(self) -> str:
+        """What is wrong."""
+        wheels = {
+            (True, True): "both wheels count backwards",
+            (True, False): "the left wheel counts backwards",
+            (False, True): "the right wheel counts backwards",
+        }
+        parts = ["the gyro's sign is wrong"] * self.gyro + ["left and right are swapped"] * self.swapped
+        return " and ".join([*parts, *([wheels[self.left, self.right]] if self.left or self.right else [])])
+
+    def coefficients(self) -> tuple[int, int, int, int]:
+        """Of speed and yaw rate in the wheels' difference (right - left), then in their sum."""
+        left, right = ((1, 1), (1, -1)) if self.swapped else ((1, -1), (1, 1))
+        l, r = -1 if self.left else 1, -1 if self.right else 1  # noqa: E741
+        return tuple((r * right[k] + s * l * left[k]) // 2 for s in (-1, 1) for k in (0, 1))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was seen; None: not known.
+
+    `one_inverted`: the wheels' sum goes with the turning instead of their difference. `opposite`: gyro against that.
+    `gyro_turn`, `wheel_turn`, `wheel_travel`: sign of each while the user says he turned left, or drove forward.
+    """
+
+    one_inverted: bool | None = None
+    opposite: bool | None = None
+    gyro_turn: int | None = None
+    wheel_turn: int | None = None
+    wheel_travel: int | None = None
+
+    def agrees(self, wiring: Wiring) -> bool:
+        """Whether this wiring would have looked so."""
+        turn_v, turn_w, sum_v, sum_w = wiring.coefficients()
+        inverted = turn_w == 0
+        gyro = -1 if wiring.gyro else 1
+        wheels_w, wheels_v = (sum_w, turn_v) if inverted else (turn_w, sum_v)
+        expected = (inverted, gyro * wheels_w < 0, gyro, wheels_w, wheels_v)
+        found = (self.one_inverted, self.opposite, self.gyro_turn, self.wheel_turn, self.wheel_travel)
+        return all(f is None or f == e for f, e in zip(found, expected, strict=True))
+
+
+def explanations(seen: Seen, has_gyro: bool = True) -> list[Wiring]:
+    """The wirings with fewest mistakes that agree with what was seen; `Wiring()` alone where all is right."""
+    every = [Wiring(*flags) for flags in product((False, True), repeat=4)]
+    fit = [wiring for wiring in every if seen.agrees(wiring) and (has_gyro or not wiring.gyro)]
+    least = min((wiring.changes for wiring in fit), default=0)
+    return [wiring for wiring in fit if wiring.changes == least]

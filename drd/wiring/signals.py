@@ -1,0 +1,112 @@
+"""Each sensor on its own: an encoder that is dead, a value that is held, a gyro that says nothing."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.samples import GyroSample, Side, WheelSample
+from drd.units import DEG_PER_RAD, RAD_PER_DEG
+from drd.wiring.findings import Finding, Statement, fault, good, unknown
+from drd.wiring.windows import Windows
+
+# A dead counter may catch a stray pulse: below this share of the other side's way it stands still.
+STILL_SHARE: Final = 0.01
+ENOUGH_M: Final = 0.5
+ENOUGH_TREADS: Final = 2.0
+TURNED_RAD: Final = 45.0 * RAD_PER_DEG
+# A wheel that stands while the other runs is the centre of the circle: so much of the motion must then be turning, and
+# the gyro must see so much of it. Turning on the spot with a dead counter would show twice the turn.
+PIVOT_EXPLAINED: Final = 0.9
+PIVOT_RATIO: Final = (0.7, 2.0)
+SAMPLES: Final = 20
+# Counts of one sample from which on a step of zero is no slow motion.
+FAST_COUNTS: Final = 5.0
+HELD_SHARE: Final = 0.3
+LONGEST_HELD: Final = 10
+# Windows of the wheels' turn that differ so much cannot have one rate; a rate below the other is no turning.
+CHANGE_DEG: Final = 20.0
+STILL_DEG_S: Final = 1.0
+
+
+def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool) -> Finding:
+    """Whether both counters count; a dead one told from a parked robot and from a turn about the wheel that stands."""
+    sides = {Side.LEFT: windows.left_m, Side.RIGHT: windows.right_m}
+    way_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
+    reach_m = {side: float(np.ptp(np.cumsum(np.append(0.0, steps)))) for side, steps in sides.items()}
+    still = [side for side in Side if reach_m[side] <= max(still_m, STILL_SHARE * max(reach_m.values()))]
+    ways = f"left moved {way_m[Side.LEFT]:.2f} m, right {way_m[Side.RIGHT]:.2f} m"
+    if not still:
+        return good("encoders", f"{ways}, forward and backward added")
+    if len(still) == 2:
+        return _parked(windows, ways, said)
+    side, other = still[0], Side(1 - still[0].value)
+    name = side.name.lower()
+    text = f"{ways}: the {name} counter stands still"
+    remedy = f"Look at the {name} encoder's supply, cable and shaft, and at encoders.{name}."
+    if said.drove:
+        return fault("encoders", f"{text} although you drove", remedy)
+    if way_m[other] < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
+        return unknown("encoders", text, "Drive straight ahead, a few metres, and say so: --drove forward.")
+    turn, gyro = sides[other] / tread_m, np.abs(windows.gyro_rad)
+    ratio = float(gyro @ np.abs(turn)) / float(gyro @ gyro + 1e-12)
+    explained = 1.0 - float(((np.abs(turn) - ratio * gyro) ** 2).sum()) / float(turn @ turn)
+    gyro_deg, turn_deg = float(gyro.sum()) * DEG_PER_RAD, float(np.abs(turn).sum()) * DEG_PER_RAD
+    told = f"the wheels alone would say {turn_deg:.0f} deg of turning, the gyro saw {gyro_deg:.0f} deg"
+    if explained > PIVOT_EXPLAINED and PIVOT_RATIO[0] < ratio < PIVOT_RATIO[1]:
+        pivot = f"{text}; {told}, which a turn about the {name} wheel would give, too"
+        return unknown("encoders", pivot, "Drive straight ahead, a few metres.")
+    return fault("encoders", f"{text} while the robot moves: {told}", remedy)
+
+
+def _parked(windows: Windows, ways: str, said: Statement) -> Finding:
+    turned_deg = float(np.abs(windows.gyro_rad).sum()) * DEG_PER_RAD
+    if turned_deg * RAD_PER_DEG < TURNED_RAD and not (said.drove or said.turned):
+        told = f"{ways}, the gyro turned {turned_deg:.0f} deg: the robot is parked"
+        return unknown("encoders", told, "Push or drive it: straight ahead, then to the left.")
+    text = f"{ways}, while the gyro turned {turned_deg:.0f} deg"
+    remedy = "Both counters stand still: are the encoders powered, do their frames change?"
+    if said.drove or said.turned:
+        return fault("encoders", f"{text} and you say that it moved", remedy)
+    return unknown("encoders", f"{text}: both are dead, or the robot was turned with its wheels still", remedy)
+
+
+def held(side: Side, samples: Sequence[WheelSample], resolution_m: float) -> Finding:
+    """Whether the counter's value is the same in several samples while its wheel turns."""
+    check = f"{side.name.lower()} values"
+    column = 2 + side.value
+    steps = np.abs(np.array([sample[column] for sample in samples]))
+    moved = np.flatnonzero(steps > 0.01 * resolution_m)
+    before, after, pause = steps[moved[:-1]], steps[moved[1:]], np.diff(moved) - 1
+    # Around a held value the steps are alike and large; before and after a stop they are small.
+    least, most = np.minimum(before, after), np.maximum(before, after)
+    fast = (least >= FAST_COUNTS * resolution_m) & (least >= 0.5 * most) & (pause <= LONGEST_HELD)
+    if fast.sum() < SAMPLES:
+        return unknown(check, "the wheel hardly moved", "Drive for ten seconds or more.")
+    share = float(pause[fast].sum() / (pause[fast] + 1).sum())
+    text = f"{100.0 * share:.0f} % of the samples repeat the one before while the wheel turns"
+    if share < HELD_SHARE:
+        return good(check, text)
+    remedy = (
+        "The device sends more often than it measures: let it measure faster, or send (encoders.rate_hz) less often."
+    )
+    return fault(check, text, remedy)
+
+
+def gyro_alive(samples: Sequence[GyroSample], windows: Windows, said: Statement, tread_m: float) -> Finding:
+    """Whether the gyro's reading varies at all."""
+    rates: npt.NDArray[np.float64] = np.array([sample.rate_rad_s for sample in samples]) * DEG_PER_RAD
+    low, high = float(rates.min()), float(rates.max())
+    if len(rates) < SAMPLES:
+        return unknown("gyro", f"only {len(rates)} samples", "Watch for longer.")
+    if low < high:
+        return good("gyro", f"rates from {low:+.3g} to {high:+.3g} deg/s")
+    text = f"each of its {len(rates)} samples says {low:.4g} deg/s"
+    turns_deg = (windows.right_m - windows.left_m) / tread_m * DEG_PER_RAD
+    # A robot on a steady circle, with a gyro that has little noise, does not show it.
+    if float(np.ptp(turns_deg)) > CHANGE_DEG or (said.turned and abs(low) < STILL_DEG_S):
+        remedy = "The gyro is dead, or fog.protocol or fog.axis reads something else."
+        wheels_deg = float(np.abs(turns_deg).sum())
+        return fault("gyro", f"{text}, while the wheels turned {wheels_deg:.0f} deg, not evenly", remedy)
+    return unknown("gyro", text, "Turn the robot: does it change?")

@@ -1,0 +1,151 @@
+"""Both sensors' motion on common windows of time, and how much later one tells it than the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.samples import GyroSample, WheelSample
+from drd.units import RAD_PER_DEG, S_PER_NS
+
+Array = npt.NDArray[np.float64]
+
+WINDOW_S: Final = 2.0
+# Time missing between two samples, in parts of an interval, that is a hole: stamps jitter.
+HOLE: Final = 0.5
+# The largest bias that a standstill may show; what is more is no bias of a gyro, but a robot that turns.
+MAX_BIAS_RAD_S: Final = 1.0 * RAD_PER_DEG
+# Rates for the comparison in time are means over RATE_S, each GRID_S.
+GRID_S: Final = 0.1
+RATE_S: Final = 0.2
+LARGEST_LAG_S: Final = 1.0
+# A turn's beginning and end must show in the rates for the lag to be seen.
+LAG_CORRELATION: Final = 0.7
+LAG_WINDOWS: Final = 5
+LAG_SIGMA_S: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Motion summed up over time: knots, shape (n,), sums of m quantities, (n, m), and holes before each knot, (n,)."""
+
+    time_s: Array
+    sums: Array
+    holes: Array
+
+    def between(self, edges_s: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Motion from each edge to the next, shape (k - 1, m), and whether all of it was seen, shape (k - 1,)."""
+        at = np.column_stack([np.interp(edges_s, self.time_s, column) for column in self.sums.T])
+        holes = np.interp(edges_s, self.time_s, self.holes)
+        return np.diff(at, axis=0), np.diff(holes) == 0.0
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Motion in windows in which all was seen, shape (n,) each; `gyro_rad` has the bias taken off."""
+
+    gyro_rad: Array
+    left_m: Array
+    right_m: Array
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How much later the gyro tells the motion than the wheels (negative: earlier), s."""
+
+    lag_s: float
+    sigma_s: float
+
+
+def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve | None:
+    """Turned angle over time since `zero_ns`; None without samples."""
+    if not samples:
+        return None
+    t_ns, interval_s, rate_rad_s, _ = zip(*samples, strict=True)
+    span_s = np.array(interval_s)
+    return _curve(t_ns, zero_ns, span_s, np.array(rate_rad_s)[:, None] * span_s[:, None])
+
+
+def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve | None:
+    """Travel of the left and of the right wheel over time since `zero_ns`; None without samples."""
+    if not samples:
+        return None
+    t_ns, interval_s, left_m, right_m, _ = zip(*samples, strict=True)
+    return _curve(t_ns, zero_ns, np.array(interval_s), np.column_stack([left_m, right_m]))
+
+
+def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
+    end_s = (np.array(t_ns, dtype=np.int64) - zero_ns) * S_PER_NS
+    begin_s = end_s - span_s
+    after = np.flatnonzero(begin_s[1:] - end_s[:-1] > HOLE * span_s[1:]) + 1
+    first = np.concatenate([[0], after])  # samples before which nothing was seen
+    return Curve(
+        np.insert(end_s, first, begin_s[first]),
+        np.cumsum(np.insert(steps, first, 0.0, axis=0), axis=0),
+        np.cumsum(np.insert(np.zeros(len(end_s)), first, 1.0)),
+    )
+
+
+def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: float = 0.0) -> Windows:
+    """Cut the time that both have seen into windows of WINDOW_S; the gyro's times are taken `lag_s` earlier.  # (43)
+
+    The bias is the median rate where neither wheel moved by more than `still_m`. Without a gyro its angles are 0.
+    """
+    begin_s, end_s = wheels.time_s[0], wheels.time_s[-1]
+    if gyro is not None:
+        begin_s, end_s = max(begin_s, gyro.time_s[0] - lag_s), min(end_s, gyro.time_s[-1] - lag_s)
+    edges_s = np.arange(begin_s, end_s + 1e-9, WINDOW_S)
+    if len(edges_s) < 2:
+        return Windows(*np.zeros((3, 0)))
+    travel_m, seen = wheels.between(edges_s)
+    if gyro is None:
+        return Windows(np.zeros(int(seen.sum())), *travel_m[seen].T)
+    turned, gyro_seen = gyro.between(edges_s + lag_s)
+    seen &= gyro_seen
+    gyro_rad, travel_m = turned[seen, 0], travel_m[seen]
+    still = np.abs(travel_m).max(axis=1) <= still_m if len(travel_m) else np.zeros(0, dtype=bool)
+    if still.any():
+        bias_rad = float(np.median(gyro_rad[still]))
+        if abs(bias_rad) <= MAX_BIAS_RAD_S * WINDOW_S:
+            gyro_rad = gyro_rad - bias_rad
+    return Windows(gyro_rad, *travel_m.T)
+
+
+def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
+    """The gyro's lag behind `left` times left plus `right` times right travel; None where it cannot be seen.  # (46)
+
+    The shift with the largest correlation of the two rates, between shifts by a parabola.
+    """
+    begin_s = max(gyro.time_s[0], wheels.time_s[0]) + LARGEST_LAG_S
+    end_s = min(gyro.time_s[-1], wheels.time_s[-1]) - LARGEST_LAG_S - RATE_S
+    grid_s = np.arange(begin_s, end_s, GRID_S)
+    if len(grid_s) < LAG_WINDOWS * WINDOW_S / GRID_S:
+        return None
+    seen = np.ones(len(grid_s), dtype=bool)
+
+    def rate(curve: Curve, sums: Array, shift_s: float) -> Array:
+        nonlocal seen
+        ends = [np.interp(grid_s + shift_s + d, curve.time_s, sums) for d in (0.0, RATE_S)]
+        holes = [np.interp(grid_s + shift_s + d, curve.time_s, curve.holes) for d in (0.0, RATE_S)]
+        seen = seen & (holes[0] == holes[1])
+        return np.asarray((ends[1] - ends[0]) / RATE_S, dtype=np.float64)
+
+    shifts_s = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + GRID_S / 2.0, GRID_S)
+    wheel_rate = rate(wheels, wheels.sums @ np.array([left, right]), 0.0)
+    rates = np.array([rate(gyro, gyro.sums[:, 0], float(shift_s)) for shift_s in shifts_s])
+    wheel_rate, rates = wheel_rate[seen], rates[:, seen]
+    if wheel_rate.size < 2 or min(np.ptp(wheel_rate), np.ptp(rates, axis=1).min()) == 0.0:
+        return None
+    match = np.abs([np.corrcoef(wheel_rate, shifted)[0, 1] for shifted in rates])
+    k = int(match.argmax())
+    if k in (0, len(match) - 1) or match[k] < LAG_CORRELATION:
+        return None
+    bend = match[k - 1] - 2.0 * match[k] + match[k + 1]
+    part = 0.5 * (match[k - 1] - match[k + 1]) / bend if bend < 0.0 else 0.0
+    slope = np.gradient(wheel_rate, GRID_S)
+    left_over = wheel_rate.std() * np.sqrt(1.0 - match[k] ** 2)
+    # What differs (unequal wheels, slip) stays for seconds: only windows count as independent.
+    sigma_s = float(left_over / (slope.std() * np.sqrt(wheel_rate.size * GRID_S / WINDOW_S))) + 1e-3
+    return Lag(float(shifts_s[k] + part * GRID_S), sigma_s) if sigma_s <= LAG_SIGMA_S else None
