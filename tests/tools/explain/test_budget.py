@@ -1,0 +1,255 @@
+"""The budget mirrors the filter: sums to rounding, increments, and the parts that the comparisons reveal."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drd.config import Noise
+from drd.filter import GYRO_HEADING, HEADING, Filter, N, Outcome, Sigmas
+from drd.noise import NoiseProfile, make_noise
+from drd.track import Track
+from drd_tools.explain import causes
+from drd_tools.explain.budget import Budget
+from drd_tools.explain.parts import Parts
+from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.tap import TappedFilter
+
+Array = npt.NDArray[np.float64]
+
+SIGMAS = Sigmas(
+    position_m=0.02, heading_rad=0.01, wheel_scale=0.003, tread_m=0.01, gyro_scale=0.004, gyro_bias_rad_s=2e-4
+)
+PHYSICAL = replace(make_noise("physical", Noise(), 0.6, 1e-3), gyro_bias_restart_rad2_s2=1e-9)
+STEP_S = 0.05
+
+
+def tapped(noise: NoiseProfile = PHYSICAL, from_s: float | None = None, keep_s: tuple[float, ...] = (1e6,)) -> Any:
+    """A tapped filter with a clock of its own, and its stretch."""
+    stretch = Stretch(0, from_s, None, keep_s)
+    stretch.clock = cast(Track, SimpleNamespace(t_ns=0))
+    return TappedFilter(stretch, 0.6, SIGMAS, noise, 50.0), stretch
+
+
+def assert_equal(found: Array, P: Array) -> None:
+    """Two covariances, to rounding, on the scale of their own standard deviations."""
+    sigma = np.sqrt(np.maximum(np.diag(P), 1e-30))
+    assert np.abs((found - P) / np.outer(sigma, sigma)).max() < 1e-6
+
+
+def assert_mirrored(kf: Filter, stretch: Stretch) -> None:
+    parts = stretch.budget.parts
+    assert parts is not None
+    assert_equal(stretch.budget.P.sum(axis=0), kf.P)
+    assert_equal(parts.covariance.reshape(len(causes.GROUPS), N, -1, N).sum(axis=(0, 2)), kf.P)
+    sigma = np.sqrt(np.maximum(np.diag(kf.P), 1e-30))
+    assert np.abs(parts.mean.sum(axis=0) / sigma).max() < 1e-5
+    for P in stretch.budget.P:
+        assert np.linalg.eigvalsh(P / np.outer(sigma, sigma))[0] > -1e-7
+
+
+DRIVE = st.tuples(st.just("drive"), st.integers(1, 60), st.floats(-1.0, 1.5), st.floats(-1.0, 1.0))
+BLIND = st.tuples(st.just("blind"), st.floats(0.0, 2.0), st.booleans())
+ODOMETRY = st.tuples(st.just("odometry"), st.integers(1, 20), st.floats(0.0, 1.0))
+ONCE = st.sampled_from([("slip",), ("bias",), ("silence",), ("set_pose",), ("restart",), ("hole",)])
+
+
+def act(kf: Filter, event: tuple[Any, ...]) -> None:
+    """What estimator and track do with the filter."""
+    match event:
+        case ("drive", steps, speed_m_s, rate_rad_s):
+            half = 0.3 * rate_rad_s * STEP_S
+            for k in range(steps):
+                kf.predict(STEP_S, speed_m_s * STEP_S - half, speed_m_s * STEP_S + half, rate_rad_s + 1e-4, 1e-4)
+                if k % 2:
+                    kf.update(rate_rad_s)
+        case ("odometry", steps, speed_m_s):
+            for _ in range(steps):
+                kf.predict(STEP_S, speed_m_s * STEP_S, 1.1 * speed_m_s * STEP_S, None)
+                kf.anchor_gyro()
+        case ("blind", variance, is_blind):
+            kf.predict(STEP_S, 0.0, 0.0, None if is_blind else 0.3)
+            kf.add_position_variance(variance)
+            if is_blind:
+                kf.add_heading_variance(variance, both=True)
+            else:
+                kf.anchor_wheels()
+        case (name,):
+            once(kf, name)
+
+
+def once(kf: Filter, name: str) -> None:
+    match name:
+        case "slip":
+            kf.add_heading_variance(0.01)
+            kf.update(0.1)
+        case "hole":
+            kf.anchor_wheels()
+            kf.add_heading_variance(0.01, both=True)
+        case "bias":
+            kf.set_gyro_bias(1e-3, 1e-5)
+        case "silence":
+            kf.add_gyro_bias_variance(1e-9)
+        case "set_pose":
+            kf.set_pose(1.0, 2.0, 0.5, np.diag([0.04, 0.04, 1e-4]))
+        case "restart":
+            kf.restart(0.6, SIGMAS)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(st.one_of(DRIVE, DRIVE, BLIND, ODOMETRY, ONCE), min_size=1, max_size=12), st.booleans())
+def test_the_causes_add_up_to_the_filters_covariance_whatever_happens(events: list[Any], paper: bool) -> None:
+    kf, stretch = tapped(make_noise("paper", Noise(), 0.6) if paper else PHYSICAL)
+    for event in events:
+        act(kf, event)
+        assert_mirrored(kf, stretch)
+
+
+def test_each_source_goes_to_its_own_cause() -> None:
+    for field, cause in (
+        ("wheel_m2_per_m", causes.SLIP_TRAVEL),
+        ("turn_rad2_per_rad", causes.SLIP_HEADING),
+        ("lateral_m2_per_m", causes.SLIP_SIDEWAYS),
+        ("position_m2_per_rad", causes.SLIP_POSITION),
+        ("wheel_scale_per_m", causes.WHEEL_SCALE_WALK),
+        ("tread_m2_per_rad", causes.TREAD_WALK),
+        ("gyro_rad2_per_s", causes.GYRO_NOISE),
+        ("gyro_scale_per_s", causes.GYRO_SCALE_WALK),
+        ("gyro_bias_rad2_s2_per_s", causes.BIAS_WALK),
+        ("timing_s2", causes.TIMING),
+        ("comparison_rad2", causes.COMPARISON),
+    ):
+        kf, stretch = tapped(NoiseProfile(**({"comparison_rad2": 0.0} | {field: 1e-6})))
+        stretch.budget.forget(*range(N))
+        kf.P[:] = np.diag([0.0] * 3 + [1e-30] * 6)  # nothing is known badly; the comparison must have some variance
+        kf.predict(STEP_S, 0.04, 0.06, 0.6)
+        if cause in (causes.TIMING, causes.COMPARISON):
+            kf.P[HEADING, HEADING] = 1e-9
+            assert kf.update(0.4) is Outcome.ACCEPTED
+        brought = np.flatnonzero(np.abs(stretch.budget.P).max(axis=(1, 2)) > 0.0)
+        assert brought.tolist() == [cause], field
+
+
+def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
+    """(48) against a state that is augmented by a copy of the pose: exact, whatever was known badly by then."""
+    start_ns, at = 4_000_000_000, 80
+    kf, stretch = tapped(from_s=start_ns * 1e-9)
+    A = np.zeros((N + 3, N + 3))
+    pose = np.zeros(3)
+    H = np.zeros(N + 3)
+    H[HEADING], H[GYRO_HEADING] = 1.0, -1.0
+    for k in range(200):
+        n = kf.nominal
+        if k == at:
+            A = np.zeros((N + 3, N + 3))
+            A[:N, :N] = kf.P
+            A[N:, :N], A[:N, N:], A[N:, N:] = kf.P[:3], kf.P[:, :3], kf.P[:3, :3]
+            pose = np.array([n.x_m, n.y_m, n.heading_rad])
+        stretch.clock.t_ns = round(k * STEP_S * 1e9)
+        rate = 0.5 * math.sin(0.05 * k)
+        kf.predict(STEP_S, 0.05 - 0.3 * rate * STEP_S, 0.05 + 0.3 * rate * STEP_S, rate)
+        F = np.eye(N + 3)
+        F[:N, :N] = kf._FT.T
+        A = F @ A @ F.T
+        A[:N, :N] += kf._Q
+        if k % 2:
+            K = np.zeros(N + 3)
+            K[:N] = kf.P[HEADING] - kf.P[GYRO_HEADING]
+            assert kf.update(rate) is Outcome.ACCEPTED
+            K /= kf.S
+            M = np.eye(N + 3) - np.outer(K, H)
+            R = PHYSICAL.comparison_rad2 + PHYSICAL.timing_s2 * rate * rate
+            A = M @ A @ M.T + R * np.outer(K, K)
+    n = kf.nominal
+    J = np.hstack([np.eye(3), np.zeros((3, N - 3)), -np.eye(3)])
+    J[0, -1], J[1, -1] = n.y_m - pose[1], -(n.x_m - pose[0])
+    # The corrections move the nominal a little between the steps: the lever is that of the linearisation.
+    assert np.allclose(stretch.budget.P.sum(axis=0)[:3, :3], J @ A @ J.T, rtol=1e-3, atol=1e-9)
+    assert stretch.budget.P.sum() != pytest.approx(kf.P.sum(), rel=1e-3)
+
+
+def test_parts_are_the_conditional_means_of_a_dense_gaussian() -> None:
+    """(49) against one large Gaussian of all that is random, conditioned on the comparisons at once."""
+    random = np.random.default_rng(5)
+    first, second = causes.TREAD_START, causes.GYRO_SCALE_START  # two groups; a third brings the comparisons' noise
+    budget, parts = Budget(), Parts()
+    budget.parts = parts
+    steps, sources = 4, 2 * N + 4 * (2 * N + 1)
+    x = np.zeros((3, N, sources))  # each group's state in terms of the sources, which are independent and of variance 1
+    kept, z_rows, column = [], [], 2 * N
+    for group, cause in enumerate((first, second)):
+        root = random.normal(size=(N, N))
+        x[group, :, group * N : (group + 1) * N] = root
+        for i in range(N):
+            for j in range(N):
+                budget.add(cause, i, j, float((root @ root.T)[i, j]))
+    H = np.zeros(N)
+    H[HEADING], H[GYRO_HEADING] = 1.0, -1.0
+    observed = random.normal(size=steps)
+    for step in range(steps):
+        F = np.eye(N) + 0.3 * random.normal(size=(N, N))
+        Q = np.zeros((len(causes.CAUSES), N, N))
+        x = F @ x
+        for group, cause in enumerate((first, second)):
+            root = 0.5 * random.normal(size=(N, N))
+            Q[cause] = root @ root.T
+            x[group, :, column : column + N] += root
+            column += N
+        budget.predict(F.T, Q, 0.0)
+        R = np.zeros(len(causes.CAUSES))
+        R[causes.TIMING] = 0.7
+        noise = np.zeros(sources)
+        noise[column] = math.sqrt(0.7)
+        column += 1
+        total = budget.P.sum(axis=0)
+        K = total @ H / (H @ total @ H + 0.7)
+        z_rows.append(H @ x.sum(axis=0) + noise)
+        x = x - np.multiply.outer(K, np.ones(sources))[None] * (np.einsum("i,gis->gs", H, x))[:, None, :]
+        x[2] -= np.outer(K, noise)
+        budget.update(K, R, float(observed[step]))
+        if step in (1, 3):
+            kept.append(x[:, :3].copy())
+            parts.keep()
+    Z = np.array(z_rows)
+    gain = np.linalg.inv(Z @ Z.T)
+    groups = [causes.GROUPS.index(name) for name in ("tread", "gyro scale", "latency")]
+    y = np.concatenate([pose.reshape(-1, sources) for pose in kept])
+    mean = (y @ Z.T @ gain @ observed).reshape(2, 3, 3)
+    covariance = (y @ y.T - y @ Z.T @ gain @ Z @ y.T).reshape(2, 3, 3, 2, 3, 3)
+    size = len(causes.GROUPS)
+    found = parts.kept_covariance.reshape(2, size, 3, 2, size, 3)[:, groups][:, :, :, :, groups]
+    assert np.allclose(parts.kept_mean[:, groups], mean, atol=1e-9)
+    assert np.allclose(found, covariance, atol=1e-9)
+
+
+def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
+    """The same drive with a gyro that is 10 ms late, less the drive without: what the linearisation says, (47)."""
+
+    def heading(t_s: float) -> float:
+        return 0.8 * (1.0 - math.cos(0.6 * t_s))
+
+    def drive(delay_s: float) -> tuple[Array, Array, float]:
+        kf, stretch = tapped(keep_s=())
+        poses, foretold = [], []
+        for k in range(600):
+            t_s = k * STEP_S
+            turn = heading(t_s + STEP_S) - heading(t_s)
+            rate = (heading(t_s + STEP_S - delay_s) - heading(t_s - delay_s)) / STEP_S
+            kf.predict(STEP_S, 0.05 - 0.3 * turn, 0.05 + 0.3 * turn, rate)
+            assert kf.update(rate) is Outcome.ACCEPTED
+            poses.append([kf.nominal.x_m, kf.nominal.y_m, kf.nominal.heading_rad])
+            foretold.append(stretch.budget.delay[:3].copy())
+        return np.array(poses), np.array(foretold), stretch.delay_s
+
+    poses, foretold, delay_s = drive(0.0)
+    late = drive(delay_s)[0] - poses
+    for k in range(3):
+        assert np.abs(late[:, k]).max() > 3e-3
+        # The rate is known as means over steps: the effect is foretold half a step late.
+        assert np.abs(late - foretold)[:, k].max() < 0.2 * np.abs(late[:, k]).max()

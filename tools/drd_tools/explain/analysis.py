@@ -1,0 +1,175 @@
+"""From a recording to its explanation: the budget at the end and on the way, and the actual error beside it."""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.schema import ConfigError
+from drd.units import DEG_PER_RAD
+from drd_tools.evaluate.trajectory import Reference
+from drd_tools.explain.actual import actual_error
+from drd_tools.explain.causes import CAUSES, GROUPS, by_group
+from drd_tools.explain.results import Actual, Delay, Explanation, Line
+from drd_tools.explain.source import Source
+from drd_tools.explain.stretch import Snapshot, Stretch
+from drd_tools.replay.result import Replayed
+
+Array = npt.NDArray[np.float64]
+
+DRAWN: Final = 600
+KEPT: Final = 8  # times on the way at which the actual error is looked at
+DIGITS: Final = 6
+
+
+class Plan(NamedTuple):
+    """Beginning and end of the stretch in s (None: of the recording), and the times at which poses are kept."""
+
+    from_s: float | None
+    to_s: float | None
+    keep_s: tuple[float, ...]
+    notes: list[str]
+
+
+def explain(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Explanation:
+    """Replay and explain. Raises ConfigError, also where the stretch has no pose."""
+    plan = make_plan(source, from_s, to_s, reference)
+    stretch = Stretch(source.zero_ns, plan.from_s, plan.to_s, plan.keep_s)
+    replayed = source.run(stretch)
+    if len(stretch.snapshots) < 2:
+        table = stretch.table()
+        poses = f"steps from {table[0, 0]:.6g} to {table[-1, 0]:.6g} s" if len(table) else "no step of the filter"
+        raise ConfigError(str(source.path), "--from, --to", "a stretch with steps of the filter", poses)
+    notes = [*plan.notes, *replayed.notes, *_rejections(replayed)]
+    actual = None
+    if reference is not None and plan.keep_s:
+        if stretch.set_at_s:
+            notes.append("A pose was set on the way: the reference is not used.")
+        else:
+            actual = actual_error(stretch, reference, plan.keep_s, plan.from_s or 0.0)
+    if stretch.set_at_s:
+        at = ", ".join(f"{t_s:.1f}" for t_s in stretch.set_at_s)
+        notes.append(f"The pose was set from outside at {at} s.")
+    return _explanation(source, replayed, stretch, plan, actual, notes)
+
+
+def _rejections(replayed: Replayed) -> list[str]:
+    counters = replayed.counters.get("estimator", {})
+    rejected, released = counters.get("rejected", 0), counters.get("released", 0)
+    if not rejected:
+        return []
+    return [
+        f"Of {rejected + counters['accepted']} comparisons of the headings in the whole recording {rejected} were "
+        f"beyond the gate and not used; {released} times that was taken for slip. The budget has no cause for what "
+        "was wrong then."
+    ]
+
+
+def make_plan(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Plan:
+    """With a reference the stretch begins and ends with a row of it, since only there the error is known."""
+    low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
+    for name, value_s in (("--from", from_s), ("--to", to_s)):
+        if value_s is not None and not source.first_s <= value_s <= source.last_s:
+            expected = f"a time within {source.first_s:.6g} to {source.last_s:.6g} s"
+            raise ConfigError(str(source.path), name, expected, f"{value_s:g} s")
+    if not low < high:
+        raise ConfigError("--from, --to", "", "a stretch of time", f"{low:g} to {high:g} s")
+    if reference is None:
+        return Plan(from_s, to_s, (), [])
+    low, high = max(low, source.first_s), min(high, source.last_s)
+    rows = reference.time_s[(reference.time_s >= low) & (reference.time_s <= high)]
+    if len(rows) < 2:
+        return Plan(
+            from_s,
+            to_s,
+            (),
+            [f"Of the reference {reference.name}, {len(rows)} rows lie in the stretch: it is not used."],
+        )
+    near = np.searchsorted(rows, np.linspace(rows[0], rows[-1], KEPT + 1)[1:]).clip(1, len(rows) - 1)
+    notes = []
+    if rows[0] - low > 1.0 or high - rows[-1] > 1.0:
+        notes.append(f"The stretch is that of the reference's rows, {rows[0]:.2f} to {rows[-1]:.2f} s.")
+    return Plan(float(rows[0]), float(rows[-1]), tuple(rows[np.unique(near)].tolist()), notes)
+
+
+def turned(covariance: Array, heading_rad: float) -> Array:
+    """Covariances (..., 3, 3) in axes along and across the heading."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    result: Array = T @ covariance @ T.T
+    return result
+
+
+def _explanation(
+    source: Source, replayed: Replayed, stretch: Stretch, plan: Plan, actual: Actual | None, notes: list[str]
+) -> Explanation:
+    snapshots = stretch.snapshots
+    rows = np.unique(np.linspace(0, len(snapshots) - 1, DRAWN).round().astype(int))
+    drawn = [snapshots[row] for row in rows]
+    last = snapshots[-1]
+    causes = turned(last.covariance, last.heading_rad)
+    groups = by_group(causes)
+    total = groups.sum(axis=0)
+    variances = np.array([by_group(s.covariance)[:, range(3), range(3)] for s in drawn])
+    return Explanation(
+        recording=str(source.path),
+        sha256=dict(replayed.inputs),
+        digest=replayed.digest(),
+        counts_from=_counts_from(stretch, plan),
+        from_s=round(snapshots[0].time_s, 6),
+        to_s=round(last.time_s, 6),
+        way_m=last.way_m,
+        groups=[_line(name, "", P, total) for name, P in zip(GROUPS, groups, strict=True)],
+        causes=[_line(cause.group, cause.part, P, total) for cause, P in zip(CAUSES, causes, strict=True)],
+        total=_line("all", "", total, total),
+        delay=None if replayed.config.fog.protocol == "none" else _delay(snapshots, stretch.delay_s),
+        actual=actual,
+        notes=notes,
+        time_s=rounded(np.array([s.time_s for s in drawn])),
+        way_series_m=rounded(np.array([s.way_m for s in drawn])),
+        position_m2=rounded(variances[:, :, 0] + variances[:, :, 1]),
+        heading_deg2=rounded(variances[:, :, 2] * DEG_PER_RAD**2),
+    )
+
+
+def _counts_from(stretch: Stretch, plan: Plan) -> str:
+    if stretch.set_at_s:
+        return f"the pose that was set at {stretch.set_at_s[-1]:.1f} s"
+    return "the filter's own start" if plan.from_s is None else "the pose at the stretch's beginning"
+
+
+def _line(group: str, part: str, P: Array, total: Array) -> Line:
+    along, across, heading = np.maximum(np.diag(P), 0.0).tolist()
+    position_total, heading_total = float(total[0, 0] + total[1, 1]), float(total[2, 2])
+    return Line(
+        group,
+        part,
+        math.sqrt(along),
+        math.sqrt(across),
+        math.sqrt(along + across),
+        math.sqrt(heading) * DEG_PER_RAD,
+        (along + across) / position_total if position_total > 0.0 else 0.0,
+        heading / heading_total if heading_total > 0.0 else 0.0,
+    )
+
+
+def _delay(snapshots: list[Snapshot], delay_s: float) -> Delay:
+    errors = np.array([s.delay for s in snapshots])
+    heading = snapshots[-1].heading_rad
+    c, s = math.cos(heading), math.sin(heading)
+    x, y, turn = errors[-1].tolist()
+    return Delay(
+        delay_s,
+        c * x + s * y,
+        c * y - s * x,
+        turn * DEG_PER_RAD,
+        float(np.hypot(*errors[:, :2].T).max()),
+        float(np.abs(errors[:, 2]).max()) * DEG_PER_RAD,
+    )
+
+
+def rounded(values: Array) -> Any:
+    """As nested lists of DIGITS significant digits."""
+    flat = [float(f"{v:.{DIGITS}g}") for v in values.ravel().tolist()]
+    return np.reshape(flat, values.shape).tolist()

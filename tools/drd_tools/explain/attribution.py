@@ -1,0 +1,97 @@
+"""Which causes an actual error is most likely due to: the conditional mean of each cause's part, given the error."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+Array = npt.NDArray[np.float64]
+
+REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are rounding
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """Parts of the last pose's error. With g groups, the reference's own noise being the last of them:
+
+    `mean` (g, 3), the parts of x, y, heading, which add up to the error; `covariance` (g, g, 3, 3), of part i with
+    part j. `chi2` of the whole error with `dof` degrees of freedom, and `p`, how likely one as large is by the budget.
+    """
+
+    mean: Array
+    covariance: Array
+    chi2: float
+    dof: int
+    p: float
+
+
+def attribute(mean: Array, covariance: Array, own: Array, error: Array) -> Attribution:
+    """Share the error out. (49)
+
+    `mean` (m, g - 1, 3) and `covariance` (3 m (g - 1), 3 m (g - 1)) of the groups' parts in m poses, by the filter's
+    comparisons; `own` (3 m, 3 m) of the reference; `error` (3 m,). Where their sum is singular, only the directions
+    count in which an error is expected at all.
+    """
+    m, groups = mean.shape[:2]
+    blocks = covariance.reshape(m, groups, 3, m, groups, 3)
+    S = blocks.sum(axis=(1, 4)).reshape(3 * m, 3 * m) + own
+    inverse, dof = _inverse(S)
+    surprise = error - mean.sum(axis=1).ravel()
+    last = np.zeros((groups + 1, 3, 3 * m))  # of the parts of the last pose with the whole error
+    last[:-1] = blocks[-1].sum(axis=3).reshape(groups, 3, 3 * m)
+    last[-1] = own[-3:]
+    gain = last @ inverse
+    parts = gain @ surprise
+    parts[:-1] += mean[-1]
+    after = -np.einsum("gij,hkj->ghik", gain, last)
+    after[:-1, :-1] += blocks[-1, :, :, -1].transpose(0, 2, 1, 3)
+    after[-1, -1] += own[-3:, -3:]
+    chi2 = float(surprise @ inverse @ surprise)
+    return Attribution(parts, after, chi2, dof, float(stats.chi2.sf(chi2, dof)) if dof else 1.0)
+
+
+def _inverse(S: Array) -> tuple[Array, int]:
+    """The pseudo-inverse, found on the correlations, and the rank."""
+    sigma = np.sqrt(np.maximum(np.diag(S), 0.0))
+    scale = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
+    values, vectors = np.linalg.eigh(S * np.outer(scale, scale))
+    good = values > REGULAR
+    inverse: Array = (vectors[:, good] / values[good]) @ vectors[:, good].T * np.outer(scale, scale)
+    return inverse, int(good.sum())
+
+
+def along(attribution: Attribution, direction: Array) -> tuple[Array, Array]:
+    """Each group's part in one direction of the pose, unit vector (3,): values and their covariance, (g,), (g, g)."""
+    covariance = np.einsum("ghij,i,j->gh", attribution.covariance, direction, direction)
+    return attribution.mean @ direction, covariance
+
+
+def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: float) -> Array:
+    """Covariance of the reference's own noise in errors that count from its first row, shape (3 m, 3 m).
+
+    `xy_m` (m, 2): the poses, seen from where the errors count from. Each row has its own noise; that of the first row
+    shifts and turns all that follow.
+    """
+    R = np.diag([position_sigma_m**2, position_sigma_m**2, heading_sigma_rad**2])
+    J = np.tile(np.eye(3), (len(xy_m), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
+    J = J.reshape(-1, 3)
+    total: Array = np.kron(np.eye(len(xy_m)), R) + J @ R @ J.T
+    return total
+
+
+def inseparable(covariance: Array, limit: float = -0.7) -> list[tuple[int, int]]:
+    """Pairs of parts that the error cannot tell apart: where one is larger, the other is smaller. `covariance` (g, g).
+
+    Parts of less than a tenth of the largest one's standard deviation are left out.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    matters = np.flatnonzero(sigma > 0.1 * sigma.max(initial=0.0))
+    return [
+        (int(i), int(j))
+        for n, i in enumerate(matters)
+        for j in matters[n + 1 :]
+        if covariance[i, j] < limit * sigma[i] * sigma[j]
+    ]

@@ -1,0 +1,72 @@
+"""The causes of the pose's error that the filter knows, in groups, and what would make each smaller."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Cause(NamedTuple):
+    """One source of variance: its group, and what it is within it."""
+
+    group: str
+    part: str
+
+
+CAUSES: Final = (
+    Cause("gyro noise", "angle random walk"),
+    Cause("gyro bias", "at the start, or as measured at rest"),
+    Cause("gyro bias", "walk"),
+    Cause("gyro bias", "after a silence of the gyro"),
+    Cause("gyro scale", "at the start"),
+    Cause("gyro scale", "walk"),
+    Cause("calibration", "what it leaves of the rate's error"),
+    Cause("wheel scales", "at the start"),
+    Cause("wheel scales", "walk"),
+    Cause("tread", "at the start"),
+    Cause("tread", "walk"),
+    Cause("slip noise", "each wheel's travel"),
+    Cause("slip noise", "heading, in turns"),
+    Cause("slip noise", "position, in turns"),
+    Cause("slip noise", "sideways"),
+    Cause("slip noise", "wheels and gyro disagreed"),
+    Cause("latency", "the sensors' times against each other"),
+    Cause("quantisation", "floor of the comparison of the headings"),
+    Cause("quantisation", "encoder counts"),
+    Cause("motion not seen", "silent sensors"),
+    Cause("start pose", "as configured or set"),
+)
+(
+    GYRO_NOISE, BIAS_START, BIAS_WALK, BIAS_SILENCE, GYRO_SCALE_START, GYRO_SCALE_WALK, CALIBRATION,
+    WHEEL_SCALE_START, WHEEL_SCALE_WALK, TREAD_START, TREAD_WALK, SLIP_TRAVEL, SLIP_HEADING, SLIP_POSITION,
+    SLIP_SIDEWAYS, SLIP_FOUND, TIMING, COMPARISON, COUNTS, NOT_SEEN, START_POSE,
+) = range(len(CAUSES))  # fmt: skip
+GROUPS: Final = tuple(dict.fromkeys(cause.group for cause in CAUSES))
+
+HELP: Final = {
+    "gyro noise": "a gyro with a smaller angle random walk; `drd calibrate noise` measures it, if the data sheet's is "
+    "only a limit",
+    "gyro bias": "a longer standstill before the mission (estimation.static_bias.duration_s), or drd/calibrate_bias at "
+    "stops; `drd calibrate noise` measures the walk",
+    "gyro scale": "`drd calibrate gyro`, on a rate table",
+    "calibration": "more rates and temperatures in `drd calibrate gyro`, and temperatures inside its range",
+    "wheel scales": "`drd calibrate wheels`, which gives the scales and how well they are known",
+    "tread": "`drd calibrate wheels` with turns to both sides, on the ground where the robot drives",
+    "slip noise": "no calibration: gentler turns and accelerations, better ground; or, if the robot slips less than "
+    "estimation.noise says, a smaller number there",
+    "latency": "time stamps nearer to the measurement: a low-latency serial port (udev rule), a smaller "
+    "estimation.noise.timing_s once it is measured",
+    "quantisation": "encoders with more counts, a gyro with a finer resolution (estimation.noise.comparison_deg)",
+    "motion not seen": "sensors that are not silent: see the reasons in `drd replay` and the health",
+    "start pose": "a start pose that is better known (estimation.initial, or the sigmas of drd/set_pose)",
+}
+
+
+def by_group(values: Array) -> Array:
+    """Sums over the causes of each group: shape (causes, ...) to (groups, ...)."""
+    summed = np.zeros((len(GROUPS), *values.shape[1:]))
+    for cause, part in zip(CAUSES, values, strict=True):
+        summed[GROUPS.index(cause.group)] += part
+    return summed

@@ -1,0 +1,125 @@
+"""`drd explain`: the error budget of a stretch of a recording, by cause."""
+
+import argparse
+import math
+from pathlib import Path
+
+from drd.schema import ConfigError
+from drd_tools.evaluate.trajectory import Reference, read_reference
+from drd_tools.explain.analysis import explain
+from drd_tools.explain.report import print_explanation, write_report
+from drd_tools.explain.results import FILE, Explanation
+from drd_tools.explain.source import open_source
+
+DESCRIPTION = """\
+Say where the pose's uncertainty comes from: gyro noise, bias, scale and calibration, wheel scales, tread, slip noise,
+latency, quantisation, in metres and degrees.
+
+RECORDING is replayed as by `drd replay` (a .mcap file of the daemon or a recording folder). Each step of the filter,
+with its own F, H, K, Q and R, is repeated on a covariance for each cause; their sum is the filter's covariance, so the
+budget is exactly what the filter believes. It holds no physics that the filter does not know.
+
+With --from S or a reference, errors count from the pose at the stretch's beginning; what was known badly by then
+(scales, tread, bias) stays with its cause. Without either, from the filter's own start.
+
+A reference (the folder's reference.csv, or --reference) shows the actual error: whether the budget covers it, and if so
+which causes brought it most likely, by the error's course and by what the comparisons of the two headings showed.
+"""
+EXAMPLES = """\
+examples:
+  drd explain run_07/
+  drd explain run_07/ --from 120 --to 180 --output out/explain
+  drd explain /var/lib/drd-mybot/recordings/20260102T100000Z-001.mcap --calibration gyro/calibration.yaml
+  drd explain --draw out/explain
+
+DIR gets results.json, report.html and pictures; --draw makes report and pictures again from results.json. Times are
+those of the recording's time_s, or of the poses that `drd replay` writes.
+Exit code: 0 done, 2 bad usage or input.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Explain or draw, print, and return the exit code. Raises ConfigError on bad input."""
+    parser = _parser()
+    chosen = parser.parse_args(argv)
+    if (chosen.recording is None) == (chosen.draw is None):
+        parser.error("give a RECORDING, or --draw DIR")
+    folder: Path | None = chosen.draw or chosen.output
+    try:
+        if chosen.draw is not None:
+            explanation = Explanation.load(chosen.draw)
+        else:
+            explanation = _explain(chosen, parser)
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                explanation.save(folder)
+                explanation = Explanation.load(folder)  # what is shown is what was saved
+        print_explanation(explanation)
+        if folder is not None:
+            files = [folder / FILE, *write_report(explanation, folder)]
+            print("\nfiles: " + ", ".join(map(str, files)))
+    except BrokenPipeError:
+        raise  # not the folder: whoever read the output has left
+    except OSError as error:
+        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+    return 0
+
+
+def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
+    source = open_source(chosen.recording, chosen.config, chosen.calibration, chosen.model)
+    return explain(source, chosen.begin, chosen.to, _reference(chosen, parser, source.has_reference))
+
+
+def _reference(chosen: argparse.Namespace, parser: argparse.ArgumentParser, has_own: bool) -> Reference | None:
+    path: Path | None = chosen.reference or (chosen.recording if has_own else None)
+    if path is None:
+        if chosen.reference_sigma is not None:
+            parser.error("--reference-sigma: there is no reference")
+        return None
+    return read_reference(path, *(chosen.reference_sigma or (None, None)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd explain",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("recording", nargs="?", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
+    add("--from", dest="begin", type=_number, metavar="S", help="the stretch's beginning (default: the recording's)")
+    add("--to", type=_number, metavar="S", help="its end (default: the recording's)")
+    add("--config", type=Path, metavar="FILE", help="daemon configuration; what it states replaces the recording's")
+    add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
+    add(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="model file: keys of robot.yaml that replace the folder's, and effects",
+    )
+    add("--reference", type=Path, metavar="PATH", help="recording folder, or CSV with time_s,x_m,y_m,heading_deg")
+    add(
+        "--reference-sigma",
+        nargs=2,
+        type=_not_negative,
+        metavar=("M", "DEG"),
+        help="standard deviations of the reference's coordinates and heading (default: robot.yaml's)",
+    )
+    add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
+    add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
+    return parser
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = _number(text)
+    if value < 0.0:
+        raise ValueError(text)
+    return value

@@ -1,0 +1,67 @@
+"""From a saved explanation to the terminal, the pictures and the HTML page."""
+
+from pathlib import Path
+
+from drd_tools.explain import text
+from drd_tools.explain.pictures import budget_picture, parts_picture
+from drd_tools.explain.results import Explanation
+from drd_tools.report.page import Page
+
+
+def print_explanation(e: Explanation) -> None:
+    """Sentences and tables."""
+    print(f"{e.recording}\n")
+    for sentence in text.lead(e):
+        print(f"- {sentence}")
+    print("\nError budget at the end (1 sigma, in the robot's axes there)\n")
+    text.print_table(text.HEADER, text.budget_rows(e))
+    for sentence in (text.silent_groups(e), text.delay_sentence(e)):
+        if sentence:
+            print(f"\n{sentence}")
+    if e.actual is not None and text.fits(e.actual):
+        print(f"\n{text.parts_caption(e.actual)}\n")
+        text.print_table(text.PARTS_HEADER, text.parts_rows(e.actual))
+    for note in e.notes:
+        print(f"\n{note}")
+
+
+def write_report(e: Explanation, folder: Path) -> list[Path]:
+    """Draw everything into `folder`; return the files. Raises OSError."""
+    name = Path(e.recording).name
+    page = Page(f"Error budget of {name}", list(text.lead(e)))
+    files = [folder / "report.html", folder / "budget.png"]
+    budget_picture(files[1], e)
+    actual = " Black: the actual error against the reference." if e.actual is not None else ""
+    page.picture(
+        files[1],
+        "The whole height is one sigma of the error counted from the stretch's beginning, by the filter's own account; "
+        f"each colour has its cause's share of the variance.{actual}",
+    )
+    caption = "Error budget at the end, 1 sigma, in the robot's axes there"
+    page.table(text.HEADER, text.budget_rows(e), caption, chosen=(0,))
+    page.text(" ".join((text.silent_groups(e), text.delay_sentence(e))))
+    page.heading("Each cause")
+    page.table(text.HEADER, text.budget_rows(e, detailed=True), "The same, with each group's parts")
+    if e.actual is not None:
+        page.heading("The actual error")
+        if not text.fits(e.actual):
+            page.text(
+                "The known causes cannot bring this error, so the table below shares it out among the wrong ones: it "
+                "is given for completeness."
+            )
+        files.append(folder / "parts.png")
+        parts_picture(files[2], e.actual)
+        page.picture(files[2], "Most likely part of each cause in the actual error; bars are two sigma.")
+        page.table(text.PARTS_HEADER, text.parts_rows(e.actual), text.parts_caption(e.actual))
+        if e.actual.inseparable:
+            pairs = "; ".join(" and ".join(pair) for pair in e.actual.inseparable)
+            page.text(f"Not told apart by this error (where one is larger the other is smaller): {pairs}.")
+    else:
+        (folder / "parts.png").unlink(missing_ok=True)  # of an earlier explanation
+    page.heading("What it was made from")
+    for note in e.notes:
+        page.text(note)
+    page.table(("input", "SHA-256"), [[file, digest] for file, digest in e.sha256.items()], text_columns=(1,))
+    page.text(f"Digest of the poses: {e.digest}.")
+    page.save(files[0])
+    return files

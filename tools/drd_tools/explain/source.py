@@ -1,0 +1,60 @@
+"""The recording that is explained, replayed by the daemon's own classes, whatever its form."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.tap import tapped
+from drd_tools.recordings.folder import read_recording
+from drd_tools.recordings.mcap_file import open_mcap
+from drd_tools.replay.folder_source import FIRST_NS, replay_folder, stamps_ns
+from drd_tools.replay.mcap_source import replay_mcap
+from drd_tools.replay.nominal import with_model
+from drd_tools.replay.result import Replayed
+
+
+@dataclass(frozen=True)
+class Source:
+    """Its time 0 on the filter's clock, first and last time of its wheels (infinite: not known yet), its replay."""
+
+    path: Path
+    zero_ns: int
+    first_s: float
+    last_s: float
+    has_reference: bool
+    replay: Callable[[], Replayed]
+
+    def run(self, stretch: Stretch) -> Replayed:
+        """Replay, telling `stretch` each step of the filter. Raises ConfigError."""
+        with tapped(stretch):
+            replayed = self.replay()
+        assert replayed.zero_ns == self.zero_ns
+        if stretch.clock is not None:
+            stretch.finish(stretch.clock.kf.nominal)
+        return replayed
+
+
+def open_source(path: Path, config: Path | None, calibration: Path | None, model: Path | None) -> Source:
+    """As `drd replay` takes them. Raises ConfigError."""
+    if path.suffix == ".mcap" and not path.is_dir():
+        began = open_mcap(path).information.get("started_monotonic_ns", "")
+        zero_ns = int(began) if began.isdecimal() else 0
+        replay = partial(replay_mcap, path, config=config, calibration=calibration, model=model)
+        return Source(path, zero_ns, -math.inf, math.inf, False, replay)
+    recording = read_recording(path)
+    if model is not None:
+        recording = with_model(recording, model)
+    logs = [recording.encoders.time_s, *([recording.fog.time_s] if recording.fog is not None else [])]
+    zero_ns = FIRST_NS - min(int(stamps_ns(time_s[:1], 0)[0]) for time_s in logs)
+    reference = recording.reference
+    return Source(
+        path,
+        zero_ns,
+        float(recording.encoders.time_s[0]),
+        float(recording.encoders.time_s[-1]),
+        reference is not None and len(reference.time_s) > 1,
+        partial(replay_folder, recording, config, calibration),
+    )

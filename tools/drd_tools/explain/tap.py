@@ -1,0 +1,202 @@
+"""The daemon's own filter, with every step of it repeated on the budget."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+import drd.estimator
+from drd.filter import (
+    GYRO_BIAS,
+    GYRO_HEADING,
+    GYRO_SCALE,
+    HEADING,
+    HH,
+    SCALE_L,
+    SCALE_R,
+    TREAD,
+    XX,
+    YY,
+    Filter,
+    Matrix,
+    N,
+    Outcome,
+    Sigmas,
+    X,
+    Y,
+    _elements,
+)
+from drd.noise import NoiseProfile
+from drd.track import Track
+from drd_tools.explain import causes
+from drd_tools.explain.budget import COUNT
+from drd_tools.explain.process_noise import Step, fill
+from drd_tools.explain.stretch import Stretch
+
+
+@contextmanager
+def tapped(stretch: Stretch) -> Iterator[None]:
+    """The first estimator that is made inside has a filter that tells `stretch` its steps.
+
+    The daemon's code has no hook for it, so the names of the two classes are exchanged where the estimator finds them.
+    """
+
+    def make_filter(*args: Any) -> Filter:
+        # The estimator's first filter is the track's; its second one only looks ahead.
+        return Filter(*args) if stretch.clock is not None else TappedFilter(stretch, *args)
+
+    def make_track(kf: Filter, *args: Any) -> Track:
+        track = Track(kf, *args)
+        if isinstance(kf, TappedFilter):
+            stretch.clock = track
+        return track
+
+    vars(drd.estimator).update(Filter=make_filter, Track=make_track)
+    try:
+        yield
+    finally:
+        vars(drd.estimator).update(Filter=Filter, Track=Track)
+
+
+class TappedFilter(Filter):
+    """Does what the filter does, and the same to the covariance of each cause."""
+
+    def __init__(
+        self,
+        stretch: Stretch,
+        tread_m: float,
+        sigmas: Sigmas,
+        noise: NoiseProfile,
+        gate_sigma: float = 5.0,
+        midpoint: bool = True,
+    ):
+        self._stretch, self._budget = stretch, stretch.budget
+        self._Q_causes: Matrix = np.zeros((COUNT, N, N))
+        self._q_causes = _elements(self._Q_causes)
+        self._R = np.zeros(COUNT)
+        self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (20)
+        self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
+        stretch.reading_m2 = noise.count_m2
+        self._rate_rad_s: float | None = None
+        self._unseen = False
+        super().__init__(tread_m, sigmas, noise, gate_sigma, midpoint)
+
+    def restart(self, tread_m: float, s: Sigmas) -> None:
+        """As the filter's; each standard deviation is a cause of its own."""
+        super().restart(tread_m, s)
+        self._rate_rad_s = None
+        if self._stretch.done:
+            return
+        self._budget.forget(*range(N))
+        for cause, i, sigma in (
+            (causes.START_POSE, X, s.position_m),
+            (causes.START_POSE, Y, s.position_m),
+            (causes.WHEEL_SCALE_START, SCALE_R, s.wheel_scale),
+            (causes.WHEEL_SCALE_START, SCALE_L, s.wheel_scale),
+            (causes.TREAD_START, TREAD, s.tread_m),
+            (causes.GYRO_SCALE_START, GYRO_SCALE, s.gyro_scale),
+            (causes.BIAS_START, GYRO_BIAS, s.gyro_bias_rad_s),
+        ):
+            self._budget.add(cause, i, i, sigma**2)
+        for i in (HEADING, GYRO_HEADING):
+            for j in (HEADING, GYRO_HEADING):
+                self._budget.add(causes.START_POSE, i, j, s.heading_rad**2)
+
+    def predict(
+        self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float | None, *args: Any, **kwargs: Any
+    ) -> None:
+        """As the filter's."""
+        self._unseen = False
+        self._stretch.before_step(self.nominal)
+        n = self.nominal
+        x_m, y_m = n.x_m, n.y_m
+        super().predict(dt_s, left_m, right_m, rate_rad_s, *args, **kwargs)
+        self._stretch.moved(n.x_m - x_m, n.y_m - y_m)
+        before, self._rate_rad_s = self._rate_rad_s, rate_rad_s
+        if not self._stretch.done:
+            change = 0.0 if before is None or rate_rad_s is None else n.gyro_scale * (rate_rad_s - before)
+            self._budget.predict(self._FT, self._Q_causes, -self._stretch.delay_s * change)
+
+    def _process_noise(
+        self,
+        dt_s: float,
+        left_m: float,
+        right_m: float,
+        turn_rad: float,
+        rate_sigma: float,
+        c: float,
+        s: float,
+        bend: float,
+    ) -> None:
+        super()._process_noise(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend)
+        if not self._stretch.done:
+            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, self.nominal.tread_m)
+            fill(self._q_causes, self._noise, step, self._estimate_gyro_scale)
+
+    def update(self, rate_rad_s: float) -> Outcome:
+        """As the filter's."""
+        PH = self.P[HEADING] - self.P[GYRO_HEADING]
+        outcome = super().update(rate_rad_s)
+        if outcome is Outcome.ACCEPTED and not self._stretch.done:
+            self._R[causes.TIMING] = self._noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
+            self._budget.update(PH / self.S, self._R, self.z)  # (17)
+        return outcome
+
+    def anchor_gyro(self) -> None:
+        """As the filter's."""
+        super().anchor_gyro()
+        self._unseen = False
+        if not self._stretch.done:
+            self._budget.copy_error(HEADING, GYRO_HEADING)
+
+    def anchor_wheels(self) -> None:
+        """As the filter's."""
+        super().anchor_wheels()
+        self._unseen = False
+        if not self._stretch.done:
+            self._budget.copy_error(GYRO_HEADING, HEADING)
+
+    def add_position_variance(self, variance_m2: float) -> None:
+        """As the filter's: motion that was not seen."""
+        xx, yy = self._p[XX], self._p[YY]
+        super().add_position_variance(variance_m2)
+        self._unseen = True
+        if not self._stretch.done:
+            self._budget.add(causes.NOT_SEEN, X, X, self._p[XX] - xx)
+            self._budget.add(causes.NOT_SEEN, Y, Y, self._p[YY] - yy)
+
+    def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
+        """As the filter's: slip, or, right after the position's, a turn that was not seen."""
+        hh = self._p[HH]
+        super().add_heading_variance(variance_rad2, both)
+        cause = causes.NOT_SEEN if self._unseen and both else causes.SLIP_FOUND
+        if not self._stretch.done:
+            for i in (HEADING, GYRO_HEADING) if both else (HEADING,):
+                for j in (HEADING, GYRO_HEADING) if both else (HEADING,):
+                    self._budget.add(cause, i, j, self._p[HH] - hh)
+
+    def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
+        """As the filter's."""
+        super().add_gyro_bias_variance(variance_rad2_s2)
+        if not self._stretch.done:
+            self._budget.add(causes.BIAS_SILENCE, GYRO_BIAS, GYRO_BIAS, variance_rad2_s2)
+
+    def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
+        """As the filter's."""
+        super().set_pose(x_m, y_m, heading_rad, covariance)
+        if self._stretch.done:
+            return
+        self._stretch.pose_was_set()
+        self._budget.forget(X, Y, HEADING, GYRO_HEADING)
+        for i in (X, Y, HEADING):
+            for j in (X, Y, HEADING):
+                self._budget.add(causes.START_POSE, i, j, float(covariance[i, j]))
+        self._budget.copy_error(HEADING, GYRO_HEADING)
+
+    def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
+        """As the filter's."""
+        super().set_gyro_bias(bias_rad_s, sigma_rad_s)
+        if not self._stretch.done:
+            self._budget.forget(GYRO_BIAS)
+            self._budget.add(causes.BIAS_START, GYRO_BIAS, GYRO_BIAS, sigma_rad_s**2)

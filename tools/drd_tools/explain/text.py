@@ -1,0 +1,212 @@
+"""The explanation as sentences and table rows, for the terminal and the page."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from drd_tools.explain.causes import HELP
+from drd_tools.explain.results import Actual, Explanation, Line, Part
+
+HEADER: Final = (
+    "cause", "along / m", "across / m", "position / m", "% of var.", "heading / deg", "% of var.",
+)  # fmt: skip
+PARTS_HEADER: Final = ("cause", "position / m", "1 sigma", "heading / deg", "1 sigma")
+UNLIKELY: Final = 0.01
+ROUGH_DEG: Final = 10.0
+
+
+def lead(e: Explanation) -> Iterator[str]:
+    """The few sentences for a reader in a hurry."""
+    yield (
+        f"From {e.from_s:.2f} to {e.to_s:.2f} s, {e.way_m:.4g} m of way, the position's error grows to "
+        f"{metres(e.total.position_m)} and the heading's to {e.total.heading_deg:.3g} deg (1 sigma), by the filter's "
+        f"own account, counted from {e.counts_from}."
+    )
+    if max(map(sum, e.heading_deg2)) > ROUGH_DEG**2:
+        yield (
+            f"The heading is uncertain by more than {ROUGH_DEG:g} deg on the way, which is too much for a linear "
+            "account: the metres are rough."
+        )
+    yield _largest(e)
+    yield from _help(e)
+    if e.actual is not None:
+        yield from _verdict(e.actual)
+
+
+def _largest(e: Explanation) -> str:
+    if e.way_m == 0.0 and e.total.heading_deg == 0.0:
+        return "The robot has not moved."
+    place = max(e.groups, key=lambda line: line.position_share)
+    heading = max(e.groups, key=lambda line: line.heading_share)
+    position = (
+        f"Largest cause of the position's: {_named(e, place, 'position')}, {metres(place.position_m)}, "
+        f"{100.0 * place.position_share:.3g} % of its variance"
+    )
+    if e.total.heading_deg == 0.0:
+        return f"{position}."
+    same = ", too" if heading is place else ""
+    return (
+        f"{position}. Largest cause of the heading's: {_named(e, heading, 'heading')}{same}, "
+        f"{heading.heading_deg:.3g} deg, {100.0 * heading.heading_share:.3g} %."
+    )
+
+
+def _named(e: Explanation, group: Line, what: str) -> str:
+    """The group, with the part of it that brings most."""
+    share = "position_share" if what == "position" else "heading_share"
+    parts = [line for line in e.causes if line.group == group.group]
+    most = max(parts, key=lambda line: float(getattr(line, share)))
+    return group.group if len(parts) == 1 else f"{group.group} ({most.part})"
+
+
+def _help(e: Explanation) -> Iterator[str]:
+    names = [max(e.groups, key=lambda line: line.position_share), max(e.groups, key=lambda line: line.heading_share)]
+    for name in dict.fromkeys(line.group for line in names if line.position_share + line.heading_share > 0.0):
+        yield f"What would help against {name}: {HELP[name]}."
+
+
+def _verdict(a: Actual) -> Iterator[str]:
+    off_m = math.hypot(a.along_m, a.across_m)
+    yield (
+        f"The actual error is {metres(off_m)} (along {metres(a.along_m, '+')}, to the left "
+        f"{metres(a.across_m, '+')}) and {a.heading_deg:+.3g} deg against {a.reference}; expected are "
+        f"{metres(a.sigma_m)} and {a.sigma_deg:.3g} deg (1 sigma, with the reference's own noise)."
+    )
+    if a.p < UNLIKELY:
+        yield (
+            f"That is {_times(a)}: by the budget an error as large has a chance of {_chance(a.p)}. The budget expects "
+            f"{_share(off_m, a.sigma_m)} of the position's squared error and {_share(a.heading_deg, a.sigma_deg)} of "
+            "the heading's. Something is at work that the filter does not know, or its sigmas are too small."
+        )
+    else:
+        yield f"That is within the budget (chance of an error at least as large: {_chance(a.p)})."
+    if a.poses > 1 and a.course_p < UNLIKELY:
+        yield (
+            f"But the course of the error, at {a.poses} times on the way and beside what the headings' comparisons "
+            f"showed, does not fit what the known causes can do (chance {_chance(a.course_p)}): something is at work "
+            "that the filter does not know."
+            if a.p >= UNLIKELY
+            else f"Nor does the error's course at {a.poses} times on the way fit what the known causes can do (chance "
+            f"{_chance(a.course_p)})."
+        )
+    if not fits(a):
+        yield "What it may be: `drd diagnose`. How the known causes would share the error is then no explanation."
+        return
+    yield _most_likely(a)
+
+
+def fits(a: Actual) -> bool:
+    """Whether the budget can bring such an error, so that sharing it out has a meaning."""
+    return a.p >= UNLIKELY and a.course_p >= UNLIKELY
+
+
+def _times(a: Actual) -> str:
+    ratios = []
+    if a.sigma_m > 0.0:
+        ratios.append(f"{math.hypot(a.along_m, a.across_m) / a.sigma_m:.2g} times in position")
+    if a.sigma_deg > 0.0:
+        ratios.append(f"{abs(a.heading_deg) / a.sigma_deg:.2g} times in heading")
+    return " and ".join(ratios)
+
+
+def _share(error: float, sigma: float) -> str:
+    return f"{100.0 * min(1.0, (sigma / error) ** 2):.2g} %" if error else "all"
+
+
+def _chance(p: float) -> str:
+    return f"{100.0 * p:.2g} %" if p >= 1e-6 else "less than 1e-6"
+
+
+def _most_likely(a: Actual) -> str:
+    off_m = math.hypot(a.along_m, a.across_m)
+    part = max(a.parts, key=lambda p: p.position_m)
+    clear = part.position_m > 2.0 * part.position_sigma_m
+    text = (
+        f"Most likely {part.group} brought {metres(part.position_m)} of the {metres(off_m)}, give or take "
+        f"{metres(part.position_sigma_m)} (1 sigma)"
+    )
+    if not clear:
+        text += ", which is not certain: it is less than two sigma from nothing"
+    pairs = [" and ".join(pair) for pair in a.inseparable if part.group in pair]
+    return text + (f"; this error does not tell apart {'; nor '.join(pairs)}." if pairs else ".")
+
+
+def budget_rows(e: Explanation, detailed: bool = False) -> list[list[str]]:
+    """Of HEADER, largest first, then the sum; `detailed`: each cause."""
+    lines = [line for line in (e.causes if detailed else e.groups) if line.position_m or line.heading_deg]
+    lines.sort(key=lambda line: -(line.position_share + line.heading_share))
+    return [_row(line, detailed) for line in (*lines, e.total)]
+
+
+def _row(line: Line, detailed: bool) -> list[str]:
+    name = f"{line.group}: {line.part}" if detailed and line.part else line.group
+    return [
+        name,
+        f"{line.along_m:.4f}",
+        f"{line.across_m:.4f}",
+        f"{line.position_m:.4f}",
+        f"{100.0 * line.position_share:.1f}",
+        f"{line.heading_deg:.4f}",
+        f"{100.0 * line.heading_share:.1f}",
+    ]
+
+
+def silent_groups(e: Explanation) -> str:
+    """Which groups have no part in it."""
+    names = [line.group for line in e.groups if not line.position_m and not line.heading_deg]
+    return f"No part in it: {', '.join(names)}." if names else ""
+
+
+def parts_rows(a: Actual) -> list[list[str]]:
+    """Of PARTS_HEADER, then the sum, which is the actual error."""
+    parts = [p for p in a.parts if p.position_sigma_m or p.heading_sigma_deg]
+    rows = [
+        [p.group, *(f"{v:{form}}" for v, form in zip(_figures(p), ("+.4f", ".4f", "+.4f", ".4f"), strict=True))]
+        for p in sorted(parts, key=lambda p: -abs(p.position_m))
+    ]
+    total_m, total_deg = sum(p.position_m for p in a.parts), sum(p.heading_deg for p in a.parts)
+    return [*rows, ["all", f"{total_m:+.4f}", "", f"{total_deg:+.4f}", ""]]
+
+
+def parts_caption(a: Actual) -> str:
+    """What the table of the parts says."""
+    text = (
+        "Most likely part of each cause in the actual error, given the error "
+        + (f"at {a.poses} times " if a.poses > 1 else "at the end ")
+        + "and what the comparisons of the two headings showed. The position's parts count in its error's direction."
+    )
+    if a.poses == 1:
+        text += " The way is not used, since the reference does not say how good it is (--reference-sigma)."
+    return text
+
+
+def _figures(part: Part) -> tuple[float, float, float, float]:
+    return part.position_m, part.position_sigma_m, part.heading_deg, part.heading_sigma_deg
+
+
+def delay_sentence(e: Explanation) -> str:
+    """What a late gyro would do; empty where there is none."""
+    if e.delay is None:
+        return ""
+    d = e.delay
+    return (
+        f"If the gyro were {1000.0 * d.delay_s:.0f} ms late (not in the budget): {metres(d.along_m, '+')} along, "
+        f"{metres(d.across_m, '+')} to the left and {d.heading_deg:+.2g} deg at the end, at most "
+        f"{metres(d.largest_m)} and {d.largest_deg:.2g} deg on the way; other delays in proportion."
+    )
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """In columns as wide as their widest cell: text to the left, figures to the right; a line before the sum."""
+    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
+    for number, row in enumerate((header, *rows)):
+        if number == len(rows):
+            print("  " + "-" * (sum(widths) + 2 * (len(widths) - 1)))
+        cells = [f"{c:<{w}}" if k == 0 else f"{c:>{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True))]
+        print("  " + "  ".join(cells).rstrip())
+
+
+def metres(value_m: float, sign: str = "") -> str:
+    """A length with its unit: mm below 10 cm."""
+    value_m = value_m if abs(value_m) > 5e-7 else 0.0  # no "-0 mm"
+    return f"{1000.0 * value_m:{sign}.3g} mm" if abs(value_m) < 0.0995 else f"{value_m:{sign}.2f} m"
