@@ -1,0 +1,86 @@
+"""What `drd import` refuses, each time in a sentence and without a folder left behind."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from import_data import Traps, drive
+from import_files import ROBOT, write_bag
+
+from drd_tools.importing.command import main
+
+CONFIG = """\
+robot: {name: scout, wheel_radius_m: 0.1, tread_m: 0.5, left_scale: 1.01}
+fog: {protocol: dsp3000, rate_hz: 10, positive: clockwise, full_scale_deg_s: 375}
+encoders: {layout: agilex, rate_hz: 20}
+"""
+TRAPS = Traps(axis=1, gyro_sign=-1.0, has_gravity=True, wheels_offset_s=0.2, seconds=60.0)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bag") / "run.bag", drive(1, TRAPS))
+
+
+def run(*words: Any) -> int:
+    return main([str(word) for word in words])
+
+
+def test_auto_is_refused_with_the_reason(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = write_bag(tmp_path / "both.bag", drive(2, Traps(left_sign=-1.0, right_sign=-1.0, seconds=60.0)))
+    words = ("--wheels", "/joints", *ROBOT, "--output", tmp_path / "out")
+    assert run(both, *words, "--reference", "/truth", "--swap", "auto") == 2
+    assert "both wheels' signs are wrong" in capsys.readouterr().err
+    assert run(both, *words, "--reference", "/truth", "--swap", "auto", "--reverse", "both") == 0
+    # The gyro's z is not the vertical one: there is nothing to see in it, and that is said.
+    assert run(bag, *words, "--gyro", "/imu", "--shift-wheels", "auto") == 2
+    assert "the vertical axis is y" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--gyro", "/imu"), "--output"),
+        (("--gyro", "/nothing", "--output", "o"), "one of /imu"),
+        (("--gyro", "/odom", "--output", "o"), "TOPIC:FIELD"),
+        (("--gyro", "/odom:twist.nothing", "--output", "o"), "a number in nav_msgs/msg/Odometry"),
+        (("--wheels", "/odom", "--output", "o"), "--wheel-radius"),
+        (("--wheels", "/odom", "--wheel-radius", "0.1", "--output", "o"), "--tread"),
+        (("--wheels", "/imu", *ROBOT, "--output", "o"), "sensor_msgs/msg/JointState"),
+        (("--wheels", "/left,/right", *ROBOT, "--output", "o"), "--wheels-unit"),
+        (("--wheels", "/left,/right", "--wheels-unit", "counts", *ROBOT, "--output", "o"), "--counts-per-revolution"),
+        (("--wheels", "/joints", "--joints", "a:b", *ROBOT, "--output", "o"), "wheel_left, wheel_right"),
+        (("--reference", "/imu", "--output", "o"), "PoseStamped"),
+        (("--wheels", "/odom", *ROBOT, "--gyro", "/imu", "--shift-wheels", "1e6", "--output", "o"), "overlap"),
+    ],
+)
+def test_bad_requests_say_what_is_wrong(
+    words: tuple[str, ...],
+    expected: str,
+    bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(bag, *words) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("drd import: ")
+    assert expected in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a.blf", "a.asc", "a.csv", "a.log.gz", "a.trc", "a.bin"])
+@pytest.mark.parametrize("content", [b"", b"\0\1\2rubbish\xff" * 50, b"1,2,3\n4,5\n", b"\x1f\x8b\x08"])
+def test_rubbish_is_refused_in_a_sentence(
+    name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "config.yaml"
+    config.write_text(CONFIG)
+    (tmp_path / name).write_bytes(content)
+    kind = {".bin": ("--gyro", "fog"), ".csv": ("--gyro", "2", "--gyro-unit", "rad_s", "--time", "1")}
+    words = kind.get(
+        Path(name).suffix, ("--wheels", "can" if name.startswith(("a.blf", "a.asc", "a.trc")) else "/odom")
+    )
+    assert run(tmp_path / name, *words, "--config", config, "--output", tmp_path / "out") == 2
+    assert capsys.readouterr().err.startswith("drd import: ")

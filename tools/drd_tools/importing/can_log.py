@@ -1,0 +1,140 @@
+"""CAN logs (candump, ASC, BLF, TRC, by python-can), decoded by the daemon's own layouts."""
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import can
+import numpy as np
+from tqdm import tqdm
+
+from drd.config import Config
+from drd.config_file import load_config
+from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
+from drd.samples import CanFrame, WheelSample
+from drd.schema import ConfigError
+from drd.units import NS_PER_S
+from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, aligned, in_order
+
+SUFFIXES: Final = (".asc", ".blf", ".trc")
+
+
+class CanLog:
+    """A log of frames; `config` says how they are laid out and on what robot. Raises ConfigError."""
+
+    def __init__(self, path: Path, config: Path | None, channel: str | None):
+        self._path, self._file, self._channel = path, config, channel
+
+    def listing(self) -> list[str]:
+        """Each identifier, how often it comes, and which of its bytes change."""
+        count: Counter[tuple[str, int, bool]] = Counter()
+        first: dict[tuple[str, int, bool], bytes] = {}
+        changed: dict[tuple[str, int, bool], set[int]] = {}
+        begin, end = None, 0
+        for channel, frame in self._frames():
+            name = (channel, frame.can_id, frame.extended)
+            count[name] += 1
+            before = first.setdefault(name, frame.data)
+            changed.setdefault(name, set()).update(
+                k for k, b in enumerate(frame.data) if before[k : k + 1] != bytes([b])
+            )
+            begin, end = frame.t_ns if begin is None else begin, frame.t_ns
+        if begin is None:
+            raise ConfigError(str(self._path), "", "a log with data frames", "none")
+        seconds = (end - begin) / NS_PER_S
+        rows = [["channel", "id", "frames", "Hz", "bytes", "that change"]]
+        for (channel, can_id, extended), n in sorted(count.items()):
+            rate = f"{n / seconds:.1f}" if seconds > 0.0 else "-"
+            name = (channel, can_id, extended)
+            moving = ",".join(map(str, sorted(changed[name]))) or "none"
+            text = f"{can_id:08X}" if extended else f"{can_id:03X}"
+            rows.append([channel, text, str(n), rate, str(len(first[name])), moving])
+        words = f"drd import {self._path} --config CONFIG --wheels can --output DIR"
+        return [f"{self._path}: {count.total()} frames, {seconds:.1f} s", *aligned(rows, right=(1, 2, 3, 4)), "",
+                "CONFIG is a configuration of the daemon whose `encoders` and `robot` describe these frames:",
+                f"  {words}"]  # fmt: skip
+
+    def gyro(self, name: str) -> tuple[Gyro, Origin]:
+        """None is on the bus as the daemon knows it. Raises ConfigError always."""
+        raise ConfigError(str(self._path), "--gyro", "another file for the gyro (--gyro-file)", repr(name))
+
+    def reference(self, name: str) -> tuple[Reference, Origin]:
+        """The same."""
+        raise ConfigError(str(self._path), "--reference", "another file for it (--reference-file)", repr(name))
+
+    def wheels(self, name: str) -> tuple[Wheels, Origin]:
+        """The daemon's wheel samples, as travel in m: cumulative, paired in time, wraps and losses taken care of."""
+        if name != "can":
+            raise ConfigError("command line", "--wheels", "can, for a CAN log", repr(name))
+        config, base = self._config()
+        stream = EncoderStream(config.encoders, config.robot, base)
+        samples: list[WheelSample] = []
+        for _, frame in self._frames():
+            samples += stream.feed(frame)
+        if not samples:
+            seen = ", ".join(f"{n} {value}" for n, value in stream.counters.items() if value)
+            ids = ", ".join(f"{can_id:X}" for can_id, _ in stream.can_ids)
+            raise ConfigError(str(self._path), "--wheels", f"frames of {ids} that make wheel samples", seen or "none")
+        origin = Origin("can", f"{config.encoders.layout}, decoded with {self._file}", "the frames' own")
+        told = ", ".join(f"{n} {value}" for n, value in stream.counters.items() if value)
+        origin.notes.append(f"decoded as by the daemon: {told}")
+        return in_order(_travel(samples, stream.resolution_m, origin), origin)
+
+    def _config(self) -> tuple[Config, Path]:
+        if self._file is None:
+            raise ConfigError("command line", "--config", "a configuration that describes the frames", "nothing")
+        config = load_config(self._file).value
+        # Counts are what the wheels did: factors of a calibration are applied when the recording is replayed.
+        return replace(config, robot=replace(config.robot, left_scale=1.0, right_scale=1.0)), self._file.parent
+
+    def _frames(self) -> Iterator[tuple[str, CanFrame]]:
+        """Data frames with the channel's name."""
+        try:
+            with can.LogReader(self._path, **_absolute(self._path)) as reader:
+                for message in tqdm(reader, "frames", unit=" frames", disable=None, leave=False, delay=1.0):
+                    if message.is_error_frame or message.is_remote_frame or not message.is_rx:
+                        continue
+                    channel = "" if message.channel is None else str(message.channel)
+                    if self._channel is not None and channel != self._channel:
+                        continue
+                    whole = int(message.timestamp)
+                    t_ns = whole * NS_PER_S + round((message.timestamp - whole) * NS_PER_S)
+                    data = bytes(message.data)
+                    yield channel, CanFrame(t_ns, message.arbitration_id, message.is_extended_id, data)
+        except (OSError, EOFError, ValueError, IndexError, struct.error, can.CanError, KeyError) as error:
+            expected = "a CAN log (candump -L or -l, ASC, BLF, TRC)"
+            raise ConfigError(str(self._path), "", expected, f"{type(error).__name__}: {error}") from error
+        except Exception as error:  # BLF's own error type is not public
+            got = f"{type(error).__name__}: {error}"
+            raise ConfigError(str(self._path), "", "a CAN log that can be read", got) from error
+
+
+def _absolute(path: Path) -> dict[str, bool]:
+    """ASC's times count from the file's start; with the start's date they go with other files."""
+    return {"relative_timestamp": False} if path.suffix.lower() == ".asc" else {}
+
+
+def _travel(samples: list[WheelSample], resolution_m: float, origin: Origin) -> Wheels:
+    """Cumulative travel in m at each sample's ends; the time lost before a sample stays a hole between rows."""
+    rows: list[tuple[int, float, float]] = []
+    left_m = right_m = 0.0
+    lost = 0
+    for sample in samples:
+        begin_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
+        if not rows or begin_ns > rows[-1][0] + 1000:  # 1 us: rounding of the interval
+            lost += bool(rows)
+            rows.append((begin_ns, left_m, right_m))
+        left_m, right_m = left_m + sample.left_m, right_m + sample.right_m
+        rows.append((sample.t_ns, left_m, right_m))
+    if lost:
+        origin.notes.append(f"{lost} times the travel is not known for a while; it is missing, not guessed")
+    time_ns = np.array([row[0] for row in rows], dtype=np.int64)
+    left, right = (np.array([row[k] for row in rows]) for k in (1, 2))
+    if resolution_m != UNCOUNTED_RESOLUTION_M:
+        origin.notes.append(f"one count is {resolution_m * 1e3:.6g} mm; counts begin at 0")
+        counts = np.round(left / resolution_m), np.round(right / resolution_m)
+        return Wheels(time_ns, *counts, "counts", count_m=resolution_m)
+    return Wheels(time_ns, left, right, "m")

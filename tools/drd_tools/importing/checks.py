@@ -1,0 +1,207 @@
+"""The usual traps of other systems' recordings, looked for in the data: each finding has its evidence in numbers.
+
+Wheels, reference and gyro are compared as yaw rates. What two of them disagree about is the fault of one of the two;
+which one, only a third tells: the reference, or gravity in the accelerometer, which shows the gyro's true axis.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from drd.units import DEG_PER_RAD
+from drd_tools.importing.matching import Array, Match, match
+
+OK: Final = "ok"
+WRONG: Final = "wrong"
+UNKNOWN: Final = "cannot be determined"
+# How far a gain may be from one of the known factors: a skid-steer robot's tread alone makes up to 1.9.
+SPREAD: Final = 2.5
+FACTORS: Final = {
+    1.0: "",
+    DEG_PER_RAD: "degrees were taken for radians",
+    1.0 / DEG_PER_RAD: "radians were taken for degrees",
+}
+STANDARD_GRAVITY_M_S2: Final = 9.80665
+# Full scale of the fastest of the gyros that drd reads (DSP-1750); no wheeled robot turns so fast.
+FASTEST_DEG_S: Final = 1000.0
+# Delays below this are within what the stamps of a robot's sensors mean.
+LEAST_OFFSET_S: Final = 0.01
+# Mean specific force, as part of gravity, that the vertical axis must show at least (cos 25 deg).
+UPRIGHT: Final = 0.9
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One check's outcome. `proposal`: the options that would set it right, and their values."""
+
+    check: str
+    verdict: str
+    text: str
+    numbers: dict[str, float] = field(default_factory=dict)
+    proposal: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether the data cannot tell."""
+        return self.verdict == UNKNOWN
+
+
+@dataclass(frozen=True)
+class Turning:
+    """An angle about the vertical over time, shape (n,) each."""
+
+    time_s: Array
+    angle_rad: Array
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """What the accelerometer says of the vertical: axis, its sign (+1: the axis points up), how far it is off."""
+
+    axis: int
+    sign: int
+    tilt_rad: float
+    force_m_s2: float
+
+
+def against(truth: Turning, other: Turning, max_lag_s: float) -> Match | None:
+    """`other` as gain, lag and correlation of `truth`."""
+    return match(truth.time_s, truth.angle_rad, other.time_s, other.angle_rad, max_lag_s)
+
+
+def gravity(acceleration_m_s2: Array | None) -> Gravity | None:
+    """The vertical from the mean specific force, shape (n, 3); None where it is absent or no gravity."""
+    if acceleration_m_s2 is None or not len(acceleration_m_s2):
+        return None
+    mean = acceleration_m_s2.mean(axis=0)
+    force = float(np.linalg.norm(mean))
+    if not 0.8 < force / STANDARD_GRAVITY_M_S2 < 1.2:
+        return None
+    axis = int(np.argmax(np.abs(mean)))
+    upright = abs(float(mean[axis])) / force
+    if upright < UPRIGHT:
+        return None
+    return Gravity(axis, 1 if mean[axis] > 0.0 else -1, math.acos(min(1.0, upright)), force)
+
+
+def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, felt: Gravity | None) -> Finding:
+    """Which of the gyro's axes is the vertical one: by its likeness to `other`'s turning, and by gravity.
+
+    `matches`: of each axis with `other`; all None where there is nothing to compare with.
+    """
+    numbers = {f"correlation_{n}": m.correlation for n, m in zip(names, matches, strict=True) if m is not None}
+    strength = np.array([abs(m.correlation) if m is not None else 0.0 for m in matches])
+    best = int(np.argmax(strength))
+    chosen, told = matches[best], _list(names, [m.correlation if m is not None else math.nan for m in matches])
+    rest = np.delete(strength, best)
+    if chosen is not None and chosen.is_clear and (not len(rest) or strength[best] - rest.max() > 0.2):
+        text = f"the vertical axis is {names[best]}: correlation with the {other} {told}"
+        if felt is not None:
+            numbers |= {"gravity_axis": float(felt.axis), "tilt_deg": felt.tilt_rad * DEG_PER_RAD}
+            if felt.axis != best:
+                text = (
+                    f"the {other} say the vertical axis is {names[best]} (correlation {told}), gravity says "
+                    f"{names[felt.axis]}: look at both by hand"
+                )
+                return Finding("axis", UNKNOWN, text, numbers)
+            text += f"; gravity agrees ({_felt(felt, names)})"
+        return Finding("axis", OK, text, numbers, {"axis": names[best]})
+    if felt is not None:
+        numbers |= {"gravity_axis": float(felt.axis), "tilt_deg": felt.tilt_rad * DEG_PER_RAD}
+        text = f"the vertical axis is {names[felt.axis]}, by gravity alone: {_felt(felt, names)}"
+        return Finding("axis", OK, text, numbers, {"axis": names[felt.axis]})
+    why = f"no axis goes clearly with the {other} (correlation {told})" if numbers else "nothing to compare with"
+    return Finding("axis", UNKNOWN, why, numbers)
+
+
+def most_turning(rates_rad_s: Array, names: tuple[str, ...]) -> Finding:
+    """The axis that turned by far the most, shape (n, 3); a hint, where there is neither wheel nor reference."""
+    spread = rates_rad_s.std(axis=0)
+    best = int(np.argmax(spread))
+    numbers = {f"rms_deg_s_{n}": float(s) * DEG_PER_RAD for n, s in zip(names, spread, strict=True)}
+    told = _list(names, [s * DEG_PER_RAD for s in spread])
+    if spread[best] > 3.0 * float(np.delete(spread, best).max()):
+        text = f"{names[best]} turned by far the most (rms deg/s {told}); nothing shows that it is the vertical one"
+        return Finding("axis", UNKNOWN, text, numbers, {"axis": names[best]})
+    return Finding("axis", UNKNOWN, f"no axis turned much more than the others (rms deg/s {told})", numbers)
+
+
+def check_unit(found: Match | None, what: str, other: str) -> Finding:
+    """Whether a gain is that of degrees taken for radians, or the other way round."""
+    check = f"unit, {what} against {other}"
+    if found is None or not found.is_clear:
+        return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")
+    # By least squares on the one, and on the other: the noise of each pulls its own result, the truth lies between.
+    low, high = abs(found.gain), abs(found.gain) / found.correlation**2
+    numbers = {"gain": found.gain, "gain_sigma": found.gain_sigma, "gain_at_most": math.copysign(high, found.gain)}
+    told = f"turning of {what} over {other}: {low:.4g} to {high:.4g}, by whose noise is larger"
+    for factor, meaning in FACTORS.items():
+        if low < factor * SPREAD and high > factor / SPREAD:
+            if not meaning:
+                return Finding(check, OK, told, numbers)
+            return Finding(check, WRONG, f"{meaning} in one of the two: {told}", numbers)
+    text = f"{told}: neither 1 nor degrees for radians; look at wheel radius, counts per revolution, tread and units"
+    return Finding(check, WRONG, text, numbers)
+
+
+def check_peak(rate_rad_s: Array) -> Finding | None:
+    """Whether the gyro's rates, shape (n,), are beyond what a robot does; None where they are not."""
+    peak_deg_s = float(np.abs(rate_rad_s).max()) * DEG_PER_RAD
+    if peak_deg_s <= FASTEST_DEG_S:
+        return None
+    text = f"the gyro reaches {peak_deg_s:.4g} deg/s, no robot does: degrees taken for radians, or a fault"
+    return Finding("unit, gyro", WRONG, text, {"peak_deg_s": peak_deg_s})
+
+
+def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) -> Finding | None:
+    """Whether a wheel is faster than a replay believes; travels since the start, shape (n,). None where it is not."""
+    step_s = np.diff(time_s)
+    # As in a replay: rows that were written in bunches may carry a whole period's travel each.
+    step_s = np.maximum(step_s, np.median(step_s))
+    speed_m_s = np.maximum(np.abs(np.diff(left_m)), np.abs(np.diff(right_m))) / step_s
+    fast = int((speed_m_s > limit_m_s).sum())
+    if not fast:
+        return None
+    text = (
+        f"in {fast} of {len(speed_m_s)} rows a wheel is faster than {limit_m_s:g} m/s (fastest {speed_m_s.max():.4g}): "
+        "counters that jumped, a wrong unit, wheel radius or counts per revolution; a replay leaves them out, unless "
+        "its --config says a higher robot.max_speed_m_s"
+    )
+    return Finding("speed", WRONG, text, {"rows": float(fast), "fastest_m_s": float(speed_m_s.max())})
+
+
+def check_offset(found: Match | None, what: str, other: str, option: str) -> Finding:
+    """How much later `what` shows the motion than `other` does; `option` shifts the stamps of `what`."""
+    check = f"clock, {what} against {other}"
+    if found is None or not found.is_clear:
+        return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")
+    numbers = {"lag_s": found.lag_s, "lag_sigma_s": found.lag_sigma_s}
+    told = f"{abs(found.lag_s):.3f} +- {found.lag_sigma_s:.3f} s"
+    if abs(found.lag_s) <= max(3.0 * found.lag_sigma_s, LEAST_OFFSET_S):
+        return Finding(check, OK, f"no delay beyond its uncertainty ({found.lag_s:+.3f} +- {found.lag_sigma_s:.3f} s)",
+                       numbers)  # fmt: skip
+    later = "later" if found.lag_s > 0.0 else "earlier"
+    text = f"the motion is {told} {later} in {what} than in {other} (a clock offset, or a delay of one of them)"
+    return Finding(check, WRONG, text, numbers, {option: f"{-found.lag_s:.4f}"})
+
+
+def _felt(felt: Gravity, names: tuple[str, ...]) -> str:
+    up = "up" if felt.sign > 0 else "down"
+    return (
+        f"{felt.force_m_s2:.2f} m/s2, +{names[felt.axis]} points {up}, "
+        f"{felt.tilt_rad * DEG_PER_RAD:.1f} deg off the mean force"
+    )
+
+
+def _list(names: tuple[str, ...], values: list[float]) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
+
+
+def _weak(found: Match | None) -> str:
+    if found is None:
+        return ": too short a common time, or one of them does not turn at a changing rate"
+    if found.at_edge:
+        return f": the best delay ({found.lag_s:.2f} s) is at the limit of those tried (--max-lag)"
+    return f" (correlation {found.correlation:.2f} +- {found.correlation_sigma:.2f})"

@@ -1,0 +1,174 @@
+"""All checks of one import: the streams in SI units in, findings out."""
+
+from dataclasses import dataclass, replace
+
+from drd_tools.importing.checks import (
+    WRONG,
+    Finding,
+    Turning,
+    against,
+    check_offset,
+    check_peak,
+    check_speed,
+    check_unit,
+    find_axis,
+    gravity,
+    most_turning,
+)
+from drd_tools.importing.matching import Array, Match, angle_of
+from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
+from drd_tools.replay.nominal import MAX_SPEED_M_S
+
+
+@dataclass(frozen=True)
+class GyroRates:
+    """Rates about each axis, shape (n, k), with the accelerometer's readings, shape (n, 3), where there are some."""
+
+    time_s: Array
+    rate_rad_s: Array
+    axes: tuple[str, ...]
+    acceleration_m_s2: Array | None = None
+
+
+@dataclass(frozen=True)
+class WheelTravel:
+    """Travel of each side since the first row, shape (n,), and the tread that makes a turn of their difference."""
+
+    time_s: Array
+    left_m: Array
+    right_m: Array
+    tread_m: float
+
+
+@dataclass(frozen=True)
+class ReferencePoses:
+    """Poses, shape (n,) each; the heading is continuous."""
+
+    time_s: Array
+    x_m: Array
+    y_m: Array
+    heading_rad: Array
+
+
+@dataclass(frozen=True)
+class Examined:
+    """The findings, and the axis on which those of sign, unit and clock rest (None: no gyro, or no axis known)."""
+
+    findings: list[Finding]
+    axis: int | None
+
+
+def examine(
+    gyro: GyroRates | None,
+    wheels: WheelTravel | None,
+    reference: ReferencePoses | None,
+    *,
+    axis: str | None,
+    sign: int,
+    max_lag_s: float,
+) -> Examined:
+    """Look for all traps in the data as the options have them. `axis`: None where the data shall tell.
+
+    `sign` (+1 or -1) is the gyro's in force. Findings on units and clocks hold whatever the signs are.
+    """
+    turned = None if wheels is None else Turning(wheels.time_s, (wheels.right_m - wheels.left_m) / wheels.tread_m)
+    truth = None if reference is None else Turning(reference.time_s, reference.heading_rad)
+    findings: list[Finding] = []
+    chosen, gyro_turned, felt = None, None, None
+    if gyro is not None:
+        felt = gravity(gyro.acceleration_m_s2) if len(gyro.axes) == 3 else None
+        names = gyro.axes
+        turnings = [Turning(gyro.time_s, sign * angle_of(gyro.time_s, rate)) for rate in gyro.rate_rad_s.T]
+        if len(names) == 1:
+            chosen = 0
+        else:
+            found = _axis(gyro, turnings, turned, truth, max_lag_s)
+            wanted = axis if axis is not None else found.proposal.get("axis")
+            if axis is not None and found.proposal.get("axis", axis) != axis:
+                found = replace(found, verdict=WRONG)
+            findings.append(found)
+            chosen = names.index(wanted) if wanted is not None else None
+        gyro_turned = turnings[chosen] if chosen is not None else None
+    seen = Witnesses(
+        _match(turned, gyro_turned, max_lag_s),
+        _match(truth, gyro_turned, max_lag_s),
+        _match(truth, turned, max_lag_s),
+        sign * felt.sign if felt is not None and felt.axis == chosen else None,
+        _forward(wheels, reference),
+    )
+    if gyro is not None and chosen is not None:
+        findings.append(check_sign(seen))
+        findings += [found for found in [check_peak(gyro.rate_rad_s[:, chosen])] if found is not None]
+    if wheels is not None and (gyro_turned is not None or truth is not None):
+        findings += _wheels(wheels, seen, truth, gyro_turned, max_lag_s)
+    if wheels is not None:
+        fast = check_speed(wheels.time_s, wheels.left_m, wheels.right_m, MAX_SPEED_M_S)
+        findings += [fast] if fast is not None else []
+    findings += _units_and_clocks(seen, truth, turned, gyro_turned)
+    return Examined(findings, chosen)
+
+
+def _units_and_clocks(
+    seen: Witnesses, truth: Turning | None, turned: Turning | None, gyro_turned: Turning | None
+) -> list[Finding]:
+    findings: list[Finding] = []
+    if gyro_turned is not None and truth is not None:
+        findings.append(check_unit(seen.gyro_reference, "gyro", "reference"))
+        findings.append(check_offset(_turned_round(seen.gyro_reference), "reference", "gyro", "shift-reference"))
+    if gyro_turned is not None and turned is not None:
+        findings.append(check_unit(seen.gyro_wheels, "gyro", "wheels"))
+        findings.append(check_offset(_turned_round(seen.gyro_wheels), "wheels", "gyro", "shift-wheels"))
+    if turned is not None and truth is not None:
+        findings.append(check_unit(seen.wheels_reference, "wheels", "reference"))
+        # Where there is a gyro, its clock is the one to which both are set.
+        if gyro_turned is None:
+            findings.append(check_offset(seen.wheels_reference, "wheels", "reference", "shift-wheels"))
+    return findings
+
+
+def _axis(
+    gyro: GyroRates, turnings: list[Turning], turned: Turning | None, truth: Turning | None, max_lag_s: float
+) -> Finding:
+    felt = gravity(gyro.acceleration_m_s2)
+    finding: Finding | None = None
+    for name, other in (("reference", truth), ("wheels", turned)):
+        if other is not None:
+            finding = find_axis([_match(other, t, max_lag_s) for t in turnings], gyro.axes, name, felt)
+            if finding.numbers.get("correlation_" + finding.proposal.get("axis", ""), 0.0) != 0.0:
+                return finding
+    if finding is None:
+        finding = find_axis([None] * len(turnings), gyro.axes, "wheels", felt)
+    if finding.proposal or turned is not None or truth is not None:
+        return finding
+    return most_turning(gyro.rate_rad_s, gyro.axes)
+
+
+def _wheels(
+    wheels: WheelTravel, seen: Witnesses, truth: Turning | None, gyro_turned: Turning | None, max_lag_s: float
+) -> list[Finding]:
+    seconds = float(wheels.time_s[-1] - wheels.time_s[0])
+    mean_m_s = float(wheels.left_m[-1] + wheels.right_m[-1]) / 2.0 / seconds if seconds > 0.0 else 0.0
+    other, name = (truth, "reference") if truth is not None else (gyro_turned, "gyro")
+    assert other is not None
+    total = Turning(wheels.time_s, (wheels.right_m + wheels.left_m) / wheels.tread_m)
+    difference = seen.wheels_reference if truth is not None else seen.gyro_wheels
+    odd = check_one_side(difference, _match(other, total, max_lag_s), name)
+    return [odd] if odd is not None else [check_sides(seen, mean_m_s)]
+
+
+def _forward(wheels: WheelTravel | None, reference: ReferencePoses | None) -> float | None:
+    if wheels is None or reference is None:
+        return None
+    poses = (reference.time_s, reference.x_m, reference.y_m, reference.heading_rad)
+    return forward_share(wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m), poses)
+
+
+def _match(truth: Turning | None, other: Turning | None, max_lag_s: float) -> Match | None:
+    return against(truth, other, max_lag_s) if truth is not None and other is not None else None
+
+
+def _turned_round(found: Match | None) -> Match | None:
+    """The same match with the delay of the other one of the two: the gyro's clock is the one that is kept."""
+    if found is None:
+        return None
+    return Match(**{**vars(found), "lag_s": -found.lag_s})

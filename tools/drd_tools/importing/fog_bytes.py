@@ -1,0 +1,79 @@
+"""Raw bytes of a fibre-optic gyro, as its serial line gave them, read by the daemon's own parsers."""
+
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from drd.config_file import load_config
+from drd.fog import make_protocol
+from drd.schema import ConfigError
+from drd.units import NS_PER_S
+from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, in_order
+
+CHUNK = 1 << 16
+
+
+class FogBytes:
+    """A file of bytes without times: each packet's place in its count gives them, at the configured rate.
+
+    `config`: whose `fog` section describes the packets. Raises ConfigError.
+    """
+
+    def __init__(self, path: Path, config: Path | None):
+        self._path, self._config = path, config
+
+    def listing(self) -> list[str]:
+        """What can be done with such a file."""
+        return [
+            f"{self._path}: {self._path.stat().st_size} bytes",
+            "",
+            "raw bytes of a gyro, if CONFIG's `fog` section describes them:",
+            f"  drd import {self._path} --config CONFIG --gyro fog --output DIR",
+        ]
+
+    def gyro(self, name: str) -> tuple[Gyro, Origin]:
+        """The valid readings, as rates; `fog.positive` is applied."""
+        if name != "fog":
+            raise ConfigError("command line", "--gyro", "fog, for a file of a gyro's bytes", repr(name))
+        if self._config is None:
+            raise ConfigError("command line", "--config", "a configuration that describes the packets", "nothing")
+        fog = load_config(self._config).value.fog
+        if fog.protocol == "none":
+            raise ConfigError(str(self._config), "fog.protocol", "the gyro's protocol", "'none'")
+        protocol = make_protocol(fog)
+        data = self._path.read_bytes()
+        readings = []
+        for begin in tqdm(range(0, len(data), CHUNK), "bytes", disable=None, leave=False, delay=1.0):
+            readings += protocol.feed(data[begin : begin + CHUNK])
+        # A packet's count says how many were lost before it, up to a whole turn of the count.
+        modulus = protocol.sequence_modulus
+        counts = [r.sequence for r in readings if r.sequence is not None]
+        steps = np.ones(len(readings), dtype=np.int64)
+        if modulus is not None and len(counts) == len(readings) > 1:
+            apart = np.mod(np.diff(np.array(counts, dtype=np.int64)), modulus)
+            steps[1:] = np.where(apart == 0, modulus, apart)
+        valid = np.array([r.valid for r in readings], dtype=bool)
+        if valid.sum() < 2:
+            seen = ", ".join(f"{n} {value}" for n, value in protocol.counters.items())
+            raise ConfigError(str(self._path), "fog.protocol", f"valid packets of {fog.protocol}", seen)
+        spans = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
+        interval_s = np.where(spans, steps, 1) / fog.rate_hz
+        value = np.array([r.value for r in readings]) / np.where([r.is_angle for r in readings], interval_s, 1.0)
+        value *= -1.0 if fog.positive == "clockwise" else 1.0
+        temperature_c = np.array([r.temperature_c for r in readings])[valid]
+        origin = Origin("fog", f"bytes, {fog.protocol}", f"packet count at fog.rate_hz, {fog.rate_hz:g} Hz")
+        told = ", ".join(f"{n} {count}" for n, count in protocol.counters.items() if count)
+        lost = int((steps - 1).sum())
+        origin.notes.append(f"{told}; {lost} packets lost by their count, {int((~valid).sum())} not valid")
+        time_ns = np.round(np.cumsum(steps)[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
+        known = temperature_c if np.isfinite(temperature_c).all() else None
+        return in_order(Gyro(time_ns, value[valid][:, None], ("",), None, known), origin)
+
+    def wheels(self, name: str) -> tuple[Wheels, Origin]:
+        """None. Raises ConfigError always."""
+        raise ConfigError(str(self._path), "--wheels", "another file for the wheels (--wheels-file)", repr(name))
+
+    def reference(self, name: str) -> tuple[Reference, Origin]:
+        """None. Raises ConfigError always."""
+        raise ConfigError(str(self._path), "--reference", "another file for it (--reference-file)", repr(name))

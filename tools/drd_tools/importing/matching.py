@@ -1,0 +1,151 @@
+"""Two measurements of the same rotation: delay, gain and correlation between them, each with its uncertainty."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+Array = npt.NDArray[np.float64]
+
+# Rates are compared as means over cells no shorter than this: encoders' steps and vibration are averaged out.
+CELL_S: Final = 0.05
+# Width of the smoothing of both angles, in intervals of the coarser stream.
+SMOOTHING: Final = 1.5
+WIDER: Final = (1, 4, 16)
+# The jackknife leaves out one block after the other; shorter ones are not independent of their neighbours.
+BLOCK_S: Final = 2.0
+BLOCKS: Final = (5, 20)
+# Two unrelated slow motions reach half of this by chance; wheels and gyro of one robot are far above.
+LEAST_CORRELATION: Final = 0.6
+# The part of a cell below which a delay means nothing: interpolation between samples shifts the peak by as much.
+LAG_FLOOR: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Match:
+    """b(t) = gain a(t - lag) + constant, where |correlation| is largest; sigmas by the block jackknife.
+
+    `lag_s`: how much later b shows the motion. `gain` is by least squares on a, whose noise makes it too small: it
+    tells units apart and is no scale factor. `at_edge`: the largest correlation is at the end of the lags tried.
+    `rms_a`, `rms_b`: of the rates about their means, rad/s.
+    """
+
+    lag_s: float
+    lag_sigma_s: float
+    gain: float
+    gain_sigma: float
+    correlation: float
+    correlation_sigma: float
+    at_edge: bool
+    rms_a: float
+    rms_b: float
+    seconds: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the two surely show the same motion."""
+        r, sigma = abs(self.correlation), self.correlation_sigma
+        return not self.at_edge and r >= LEAST_CORRELATION and r - 3.0 * sigma > 0.5 * LEAST_CORRELATION
+
+    @property
+    def sign(self) -> int:
+        """+1 where both turn the same way, else -1."""
+        return 1 if self.gain > 0.0 else -1
+
+
+def angle_of(time_s: Array, rate_rad_s: Array) -> Array:
+    """The angle at each time, shape (n,), where each rate is the mean over the interval that ends there."""
+    return np.cumsum(rate_rad_s * np.diff(time_s, prepend=time_s[0]))
+
+
+def match(time_a_s: Array, angle_a: Array, time_b_s: Array, angle_b: Array, max_lag_s: float) -> Match | None:
+    """Compare two angles' rates at lags of up to +-`max_lag_s`; None where they overlap for too short a time.
+
+    Shapes (n,), (n,), (m,), (m,); times rise. The constant part of both rates is left out: a gyro's bias is one.
+    Of the cells over which rates are means, the shortest are taken that show a clear match: they tell the lag best,
+    longer ones leave less of the angles' noise.
+    """
+    if min(len(time_a_s), len(time_b_s)) < 3:
+        return None
+    coarse_s = max(float(np.median(np.diff(time_s))) for time_s in (time_a_s, time_b_s))
+    angle_a, angle_b = _smooth(time_a_s, angle_a, coarse_s), _smooth(time_b_s, angle_b, coarse_s)
+    cell_s = max(CELL_S, coarse_s)
+    best: Match | None = None
+    for factor in WIDER:
+        found = _match(time_a_s, angle_a, time_b_s, angle_b, max_lag_s, factor * cell_s)
+        if found is not None and (best is None or found.is_clear):
+            best = found
+        if found is None or found.is_clear:
+            break
+    return best
+
+
+def _smooth(time_s: Array, angle: Array, coarse_s: float) -> Array:
+    """Both angles by the same Gaussian, so that interpolation between their samples takes no more of their noise.
+
+    Otherwise lags at which it takes the most of it look like the best ones: halves of a sample.
+    """
+    sigma = SMOOTHING * coarse_s / float(np.median(np.diff(time_s)))
+    reach = min(len(angle) - 1, math.ceil(4.0 * sigma))
+    longer = np.pad(angle, reach, mode="reflect", reflect_type="odd")
+    smooth: Array = gaussian_filter1d(longer, sigma, truncate=4.0)[reach : reach + len(angle)]
+    return smooth
+
+
+def _match(
+    time_a_s: Array, angle_a: Array, time_b_s: Array, angle_b: Array, max_lag_s: float, cell_s: float
+) -> Match | None:
+    start_s = max(time_a_s[0] + max_lag_s, time_b_s[0])
+    cells = math.floor((min(time_a_s[-1] - max_lag_s, time_b_s[-1]) - start_s) / cell_s)
+    blocks = min(int(cells * cell_s / max(BLOCK_S, 4.0 * cell_s)), BLOCKS[1])
+    if blocks < BLOCKS[0]:
+        return None
+    edges_s = start_s + cell_s * np.arange(cells + 1)
+    most = math.floor(2.0 * max_lag_s / cell_s)
+    lags_s: Array = 0.5 * cell_s * np.arange(-most, most + 1, dtype=np.float64)
+    b = np.diff(np.interp(edges_s, time_b_s, angle_b)) / cell_s
+    begins = np.linspace(0, cells, blocks, endpoint=False).astype(int)
+    sums = np.array([_sums(_rates(edges_s - lag_s, time_a_s, angle_a) / cell_s, b, begins) for lag_s in lags_s])
+    best = _best(sums.sum(axis=2), lags_s)
+    if best is None:
+        return None
+    left_out = [_best(sums.sum(axis=2) - sums[:, :, k], lags_s) for k in range(blocks)]
+    known = np.array([found[:3] for found in left_out if found is not None])
+    # Block jackknife (Kuensch 1989): the noise of both sensors may be correlated within a block.
+    sigma = np.sqrt((blocks - 1) / blocks * ((known - known.mean(axis=0)) ** 2).sum(axis=0))
+    lag_s, gain, correlation, rms_a, rms_b, at_edge = best
+    lag_sigma_s = math.hypot(float(sigma[0]), LAG_FLOOR * cell_s)
+    r_sigma, seconds = float(sigma[2]), cells * cell_s
+    return Match(lag_s, lag_sigma_s, gain, float(sigma[1]), correlation, r_sigma, at_edge, rms_a, rms_b, seconds)
+
+
+def _rates(edges_s: Array, time_s: Array, angle: Array) -> Array:
+    return np.diff(np.interp(edges_s, time_s, angle))
+
+
+def _sums(a: Array, b: Array, begins: npt.NDArray[np.int_]) -> Array:
+    """Count, sums and sums of products in each block, shape (6, blocks)."""
+    return np.array([np.add.reduceat(column, begins) for column in (np.ones_like(a), a, b, a * a, b * b, a * b)])
+
+
+def _best(sums: Array, lags_s: Array) -> tuple[float, float, float, float, float, bool] | None:
+    """Lag, gain, correlation, both rms and whether it is at the end, from sums of shape (lags, 6)."""
+    n, a, b, aa, bb, ab = sums.T
+    var_a, var_b, cov = aa / n - (a / n) ** 2, bb / n - (b / n) ** 2, ab / n - a * b / n**2
+    # What rounding leaves of a constant rate is no motion.
+    if not (var_a.max() > 1e-18 and var_b.max() > 1e-18):
+        return None
+    r = cov / np.sqrt(np.maximum(var_a * var_b, 1e-300))
+    k = int(np.argmax(np.abs(r)))
+    at_edge = k in (0, len(r) - 1)
+    lag_s = float(lags_s[k])
+    if not at_edge:
+        # Parabola through the peak and its neighbours (textbook).
+        before, peak, after = np.abs(r[k - 1 : k + 2])
+        bend = before - 2.0 * peak + after
+        lag_s += 0.5 * float((before - after) / bend) * float(lags_s[1] - lags_s[0]) if bend < 0.0 else 0.0
+    rms_a, rms_b = math.sqrt(max(var_a[k], 0.0)), math.sqrt(max(var_b[k], 0.0))
+    return lag_s, float(cov[k] / var_a[k]) if rms_a > 0.0 else 0.0, float(r[k]), rms_a, rms_b, at_edge

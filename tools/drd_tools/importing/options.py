@@ -1,0 +1,143 @@
+"""The command line of `drd import`."""
+
+import argparse
+import math
+from pathlib import Path
+
+from drd_tools.importing.streams import GYRO_UNITS, WHEEL_UNITS
+
+PROG = "drd import"
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+DESCRIPTION = """\
+Make a recording folder, as `drd replay` and the calibrations read it, from another system's recording, and check it for
+the usual traps: which gyro axis is the vertical one, signs, sides swapped, degrees for radians, clocks that differ.
+
+FILE alone lists what it holds. It may be
+  .bag, .db3, .mcap, or a ROS 2 bag's folder   topics; --gyro TOPIC (Imu, Vector3Stamped), --wheels TOPIC (Odometry,
+                JointState, TwistStamped, ...), --reference TOPIC (Odometry, PoseStamped, TransformStamped, ...)
+                any other message by its fields: --gyro TOPIC:FIELD, --wheels TOPIC:FIELD,TOPIC:FIELD --wheels-unit U
+  .asc, .blf, .trc, candump's .log             --wheels can, decoded as `encoders` of --config CONFIG says
+  .bin, .raw, .dat                             --gyro fog: a gyro's bytes, as `fog` of --config CONFIG says
+  any other text, CSV or columns               --gyro X,Y,Z or ONE, --wheels LEFT,RIGHT, --reference X,Y,HEADING:
+                columns by name or by number from 1, with --time COLUMN and the units
+Text and CAN logs may be in gzip (.gz). Gyro, wheels and reference may come from different files.
+"""
+EPILOG = """\
+Options state what the data are; the checks say whether the data agree. With `auto` what they find is applied, and the
+import is refused where the data cannot tell. import.yaml in DIR says what the recording is from and what was found.
+
+examples:
+  drd import run.bag
+  drd import run.bag --gyro /imu/data --axis auto --sign auto --wheels /odom --robot robot.yaml --output run
+  drd import log.blf --config mybot.yaml --wheels can --gyro-file gyro.csv --gyro rate --gyro-unit deg_s --output run
+  drd import imu.log.gz --time 3 --time-unit ms --gyro 7,8,9 --gyro-unit rad --axis x --output run
+
+exit codes: 0 done, 2 bad usage or input, or data that cannot tell what was asked of them
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """All options."""
+    made = argparse.ArgumentParser(
+        prog=PROG, description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("file", type=Path, metavar="FILE", help="what to import; alone: list what it holds")
+    made.add_argument("--output", type=Path, metavar="DIR", help="the recording folder to make")
+    _add_streams(made)
+    _add_meanings(made)
+    _add_robot(made)
+    return made
+
+
+def _add_streams(made: argparse.ArgumentParser) -> None:
+    add = made.add_argument_group("what to take").add_argument
+    for name, what in (("gyro", "rates"), ("wheels", "wheels' motion"), ("reference", "poses to compare with")):
+        add(f"--{name}", metavar="NAME", help=f"topic or columns of the {what}")
+    for name in ("gyro", "wheels", "reference"):
+        add(f"--{name}-file", type=Path, metavar="FILE", help=f"another file for the {name}")
+    add("--config", type=Path, metavar="CONFIG", help="a configuration of the daemon, for CAN frames and gyro bytes")
+    add("--channel", help="only this channel of a CAN log")
+    add("--time", metavar="COLUMN", help="of a table: the column of times")
+    add("--temperature", metavar="COLUMN", help="of a table: the gyro's temperature in degC")
+    text = "a side's joints, several with +; default: by their names"
+    add("--joints", type=_joints, metavar="LEFT:RIGHT", help=text)
+    text = "of an Odometry: its speeds (default), or the differences of its poses"
+    add("--wheels-from", choices=("twist", "pose"), default="twist", help=text)
+    text = "times of ROS messages: the header's, of the measurement (default), or those of receipt"
+    add("--stamps", choices=("header", "receive"), default="header", help=text)
+
+
+def _add_meanings(made: argparse.ArgumentParser) -> None:
+    add = made.add_argument_group("what it means").add_argument
+    add("--axis", choices=("x", "y", "z", "auto"), default="z", help="the gyro's vertical axis (default z)")
+    add("--sign", choices=("+", "-", "auto"), default="+", help="+: its counter-clockwise is positive (default)")
+    add("--swap", choices=("no", "yes", "auto"), default="no", help="exchange left and right (default no)")
+    add("--reverse", choices=("left", "right", "both"), help="turn the sign of wheels round, after --swap")
+    text = "the gyro's values; rad and deg: angle since the row before (default rad_s for topics)"
+    add("--gyro-unit", choices=GYRO_UNITS, help=text)
+    add("--gyro-scale", type=_positive, default=1.0, metavar="F", help="factor on the gyro's values (default 1)")
+    text = "of two columns or fields; counts, rad and m: cumulative; twist: speed in m/s and yaw rate in rad/s"
+    add("--wheels-unit", choices=WHEEL_UNITS, help=text)
+    add("--modulus", type=_whole, metavar="COUNTS", help="count at which the counters start again")
+    add("--heading-unit", choices=("deg", "rad"), help="of a table's reference")
+    text = "unit of a table's times: s (default), ms, us, ns, or a number of seconds"
+    add("--time-unit", type=_time_unit, default=1.0, metavar="UNIT", help=text)
+    for name in ("wheels", "reference"):
+        text = f"add this to the {name}' times" if name == "wheels" else f"add this to the {name}'s times"
+        add(f"--shift-{name}", type=_shift, default=0.0, metavar="S", help=f"{text}, s; or auto")
+    add("--max-lag", type=_positive, default=2.0, metavar="S", help="look for clock offsets up to this, s (default 2)")
+
+
+def _add_robot(made: argparse.ArgumentParser) -> None:
+    add = made.add_argument_group("the robot (robot.yaml)").add_argument
+    add("--robot", type=Path, metavar="FILE", help="a robot.yaml; the options below replace its values")
+    add("--wheel-radius", type=_positive, metavar="M", help="rolling radius, m")
+    add("--tread", type=_positive, metavar="M", help="distance between left and right wheels, m")
+    add("--counts-per-revolution", type=_positive, metavar="N", help="counts of one turn of the wheel")
+    add("--standstill", type=_not_negative, metavar="S", help="how long the robot stands at first, s")
+    add("--name", help="default: the output folder's")
+
+
+def _time_unit(text: str) -> float:
+    return TIME_UNITS[text] if text in TIME_UNITS else _positive(text)
+
+
+def _shift(text: str) -> float | str:
+    return text if text == "auto" else _finite(text)
+
+
+def _joints(text: str) -> tuple[str, str]:
+    left, colon, right = text.partition(":")
+    if not (left and colon and right) or ":" in right:
+        raise argparse.ArgumentTypeError(f"expected LEFT:RIGHT, got {text!r}")
+    return left, right
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = _finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f"expected 0 or more, got {text!r}")
+    return value
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 4:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 4, got {text!r}")
+    return int(text)

@@ -1,0 +1,122 @@
+"""What a source gives: time series of gyro, wheels and reference in its own units, and where they are from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Times = npt.NDArray[np.int64]
+
+# What a wheel's two columns can be. `twist` is forward speed in m/s and yaw rate in rad/s of the whole robot.
+CUMULATIVE: Final = ("counts", "rad", "m")
+WHEEL_UNITS: Final = (*CUMULATIVE, "rad_s", "m_s", "rpm", "twist")
+# `rad` and `deg` are angles since the row before.
+GYRO_UNITS: Final = ("rad_s", "deg_s", "rad", "deg")
+
+
+@dataclass(frozen=True)
+class Gyro:
+    """Angular rate about one or three axes, `value` of shape (n, k), in the source's unit and sign.
+
+    `acceleration_m_s2`: shape (n, 3) in the same frame, None where the source has none.
+    """
+
+    time_ns: Times
+    value: Array
+    axes: tuple[str, ...]
+    acceleration_m_s2: Array | None = None
+    temperature_c: Array | None = None
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """Both sides, shape (n,) each, in `unit` (WHEEL_UNITS); of a twist `left` is the speed and `right` the yaw rate.
+
+    `modulus_counts`: count at which the counters start again, None where they do not. `count_m`: travel of one count
+    where the source itself knows it.
+    """
+
+    time_ns: Times
+    left: Array
+    right: Array
+    unit: str
+    modulus_counts: int | None = None
+    count_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Poses, shape (n,) each; the heading is counter-clockwise from +x, in any turn."""
+
+    time_ns: Times
+    x_m: Array
+    y_m: Array
+    heading_rad: Array
+
+
+Values = TypeVar("Values", Gyro, Wheels, Reference)
+
+
+@dataclass
+class Origin:
+    """Where a stream is from, for people and for import.yaml. `notes`: sentences on what was done to it."""
+
+    source: str
+    kind: str
+    stamps: str
+    rows: int = 0
+    rate_hz: float | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+class Source(Protocol):
+    """An opened file. All of these raise ConfigError where the file does not hold what is asked for."""
+
+    def listing(self) -> list[str]:
+        """What the file holds, as lines for people, the last ones a proposal."""
+        ...
+
+    def gyro(self, name: str) -> tuple[Gyro, Origin]:
+        """The rate stream of this name."""
+        ...
+
+    def wheels(self, name: str) -> tuple[Wheels, Origin]:
+        """The wheels' stream of this name."""
+        ...
+
+    def reference(self, name: str) -> tuple[Reference, Origin]:
+        """The poses of this name."""
+        ...
+
+
+def in_order(values: Values, origin: Origin) -> tuple[Values, Origin]:
+    """Rows sorted by time, of equal times the first; what that took is noted in `origin`, with count and rate."""
+    time_ns = values.time_ns
+    order = np.argsort(time_ns, kind="stable")
+    backwards = int((np.diff(time_ns) < 0).sum())
+    first = np.concatenate([[True], np.diff(time_ns[order]) > 0]) if len(order) else np.zeros(0, bool)
+    kept = order[first]
+    if backwards:
+        origin.notes.append(f"{backwards} steps of time were negative; the rows were sorted")
+    if len(kept) < len(order):
+        origin.notes.append(f"{len(order) - len(kept)} rows had the time of another one and were dropped")
+    changes: dict[str, Any] = {
+        name: value[kept] for name, value in vars(values).items() if isinstance(value, np.ndarray)
+    }
+    origin.rows = len(kept)
+    if len(kept) > 1:
+        origin.rate_hz = 1e9 / float(np.median(np.diff(time_ns[kept])))
+    return replace(values, **changes), origin
+
+
+def aligned(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Rows of cells as lines with columns under each other; those in `right` to the right."""
+    widths = [max(len(row[k]) for row in lines) for k in range(len(lines[0]))]
+    return [
+        "  ".join(f"{c:>{w}}" if k in right else f"{c:{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True)))
+        .rstrip()
+        for row in lines
+    ]  # fmt: skip
