@@ -1,0 +1,117 @@
+"""What a run is like beyond the robot: ground, noise against the data sheets, and the reference."""
+
+import math
+import zlib
+from dataclasses import dataclass, field, replace
+from typing import Final, Self
+
+import numpy as np
+
+from drd.schema import ConfigError
+from drd_tools.simulate.route import Array
+
+Random = np.random.Generator
+
+
+def stream(seed: int, source: str) -> Random:
+    """A source's own random numbers: what one source draws, or whether it is there, changes no other's."""
+    return np.random.default_rng([seed, zlib.crc32(source.encode())])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What a skid-steer robot's ground does; the slip noise of robot.yaml is not part of it.
+
+    `skid`: standard deviation by which the instantaneous centre of rotation of each side wanders (1: its distance from
+    the middle), over `skid_length_m` of the wheels' way; with it wander effective tread and forward gain. `centre_m`:
+    that by which the centre wanders lengthwise, so that the body slides sideways as it turns. Bumps add travel to
+    each wheel: `bump_per_m` of exponentially distributed size with the mean `bump_m`.
+    """
+
+    skid: float = 0.0
+    skid_length_m: float = 0.5
+    centre_m: float = 0.0
+    bump_per_m: float = 0.0
+    bump_m: float = 0.0
+
+
+GROUNDS: Final = {
+    "even": Ground(),
+    "asphalt": Ground(skid=0.02, centre_m=0.01, bump_per_m=0.5, bump_m=0.0005),
+    "grass": Ground(skid=0.08, skid_length_m=1.0, centre_m=0.03, bump_per_m=1.0, bump_m=0.002),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """When the reference gives a pose: every `period_s`, or None: at the two ends only. `is_there` False: never.
+
+    Its poses are `latency_s` old, and of a point that is `lever_m` (forward, left) off the robot's centre.
+    """
+
+    is_there: bool = True
+    period_s: float | None = 0.1
+    latency_s: float = 0.0
+    lever_m: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read full, sparse:SECONDS, ends or none. Raises ConfigError."""
+        name, _, number = text.partition(":")
+        try:
+            period_s = float(number) if name == "sparse" else 0.1
+        except ValueError:
+            period_s = math.nan
+        if name in ("full", "sparse", "ends", "none") and (name == "sparse" or not number) and 0.01 <= period_s <= 1e6:
+            return cls(is_there=name != "none", period_s=None if name == "ends" else period_s)
+        raise ConfigError("--reference", "", "full, sparse:SECONDS (0.01 to 1e6), ends or none", repr(text))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """`*_noise` are factors on robot.yaml's data sheets, the gyro's bias included. `tails`: degrees of freedom of
+    Student's t, whose scatter is that of the data sheet; inf: Gaussian, else more than 2. `jitter_s`: scatter of the
+    stamps. `quantise`: the gyro's rate and temperature are rounded to their resolution (counts always are whole).
+    """
+
+    gyro_noise: float = 1.0
+    wheel_noise: float = 1.0
+    reference_noise: float = 1.0
+    tails: float = math.inf
+    jitter_s: float = 0.0
+    quantise: bool = True
+    reference: Reference = field(default_factory=Reference)
+    ground: Ground = field(default_factory=Ground)
+
+    def stressed(self, seed: int) -> "Conditions":
+        """Nothing is missing in the model, but all is a bit worse than on paper: noise up to 30 % off the data sheets,
+        heavy tails, a reference that is up to 10 ms late and up to 5 cm off the centre.
+        """
+        random = stream(seed, "stress")
+        gyro, wheels, reference = random.uniform(0.7, 1.3, 3).tolist()
+        lever_m = tuple(random.uniform(-0.05, 0.05, 2).tolist())
+        late = replace(self.reference, latency_s=float(random.uniform(0.0, 0.01)), lever_m=lever_m)
+        return replace(self, gyro_noise=gyro, wheel_noise=wheels, reference_noise=reference, tails=4.0, reference=late)
+
+
+PERFECT: Final = Conditions(gyro_noise=0.0, wheel_noise=0.0, reference_noise=0.0, quantise=False)
+
+
+def scatter(n: int, random: Random, tails: float) -> Array:
+    """Independent numbers of unit variance, shape (n,)."""
+    if math.isinf(tails):
+        return random.standard_normal(n)
+    return random.standard_t(tails, n) * math.sqrt((tails - 2.0) / tails)
+
+
+def wandering(way_m: Array, length_m: float, random: Random) -> Array:
+    """A stationary Gauss-Markov sequence of unit variance along a way that never falls, shape (n,)."""
+    from scipy.signal import lfilter  # noqa: PLC0415  # half a second, and most ground is even
+
+    spacing = 0.05  # of the correlation length; between its points the values are on a line
+    points = math.ceil(float(way_m[-1]) / (spacing * length_m)) + 2
+    keep = math.exp(-spacing)
+    drive = random.standard_normal(points) * math.sqrt(1.0 - keep * keep)
+    drive[0] /= math.sqrt(1.0 - keep * keep)
+    values = lfilter([1.0], [1.0, -keep], drive)
+    return np.asarray(np.interp(way_m, spacing * length_m * np.arange(points), values))

@@ -1,0 +1,212 @@
+"""Missions by name: laps that close, from standstill to standstill."""
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.schema import ConfigError
+from drd_tools.emulate.drive import EIGHT_SWING_RAD
+from drd_tools.simulate.route import RATE_HZ, Route, Steps, bend_shape
+
+QUARTER: Final = 0.5 * math.pi
+
+
+class Mission(NamedTuple):
+    """A lap is added to the route; it ends where it began, with the heading it began with, but for whole turns.
+
+    `lap(route, number)` has the laps' number from 0: what turns mostly one way is mirrored in every other lap.
+    """
+
+    text: str
+    lap: Callable[[Route, int], object]
+
+
+class Drive(NamedTuple):
+    """A mission as driven. `laps` whole laps are in it; 0: it was cut before the first one ended."""
+
+    steps: Steps
+    laps: int
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x_m, y_m, heading_rad
+
+
+def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0) -> Drive:
+    """A standstill of `stand_s`, then as many whole laps as fit into `seconds`, then standstill until their end.
+
+    Where not even one fits, it is cut at `seconds`. Without `seconds`: one lap. `mission` is a name of MISSIONS, or a
+    file of way-points (see `read_waypoints`). Raises ConfigError.
+    """
+    if mission in MISSIONS:
+        lap, start = MISSIONS[mission].lap, (0.0, 0.0, 0.0)
+    elif mission.endswith(".csv"):
+        lap, start = waypoint_lap(Path(mission))
+    else:
+        raise ConfigError("--mission", "", f"one of {', '.join(MISSIONS)}, or a .csv file", repr(mission))
+    total = None if seconds is None else round(seconds * RATE_HZ)
+
+    def laps_of(count: int) -> Steps:
+        route = Route(*start).stand(stand_s)
+        for number in range(count):
+            lap(route, number)
+        return route.stand(1.0).steps()
+
+    steps, laps = laps_of(1), 1
+    if total is not None and len(steps.forward_m) < total:
+        first, second = len(steps.forward_m), len(laps_of(2).forward_m)
+        laps = 1 + (total - first) // (second - first)
+        steps = laps_of(laps) if laps > 1 else steps
+    if total is not None:
+        laps = laps if len(steps.forward_m) <= total else 0
+        steps = Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
+    return Drive(steps, laps, start)
+
+
+def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
+    """Points, and speeds of the legs towards them (none: 1 m/s), of a CSV file with x_m,y_m[,speed_m_s].
+
+    Raises ConfigError with file, line and column.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(file), "", "a readable UTF-8 text file", str(error)) from error
+    header = [cell.strip() for cell in lines[0].split(",")] if lines else []
+    if header not in (["x_m", "y_m"], ["x_m", "y_m", "speed_m_s"]):
+        raise ConfigError(f"{file}:1", "header", "x_m,y_m or x_m,y_m,speed_m_s", repr(",".join(header)[:80]))
+    rows = [
+        [_cell(file, number, *pair) for pair in zip(header, _columns(file, number, line, header), strict=True)]
+        for number, line in enumerate(lines[1:], 2)
+        if line.strip()
+    ]
+    if len(rows) < 2:
+        raise ConfigError(str(file), "", "at least 2 way-points", str(len(rows)))
+    for i, (a, b) in enumerate(itertools.pairwise(rows)):
+        if math.hypot(b[0] - a[0], b[1] - a[1]) < 0.01:
+            raise ConfigError(str(file), "", "way-points at least 0.01 m apart", f"points {i + 1} and {i + 2}")
+    return [(row[0], row[1]) for row in rows], [row[2] if len(row) > 2 else 1.0 for row in rows[1:]]
+
+
+def _columns(file: Path, number: int, line: str, header: list[str]) -> list[str]:
+    cells = line.split(",")
+    if len(cells) != len(header):
+        raise ConfigError(f"{file}:{number}", "", f"{len(header)} columns", str(len(cells)))
+    return cells
+
+
+def _cell(file: Path, number: int, name: str, cell: str) -> float:
+    low, high = (0.05, 10.0) if name == "speed_m_s" else (-1e5, 1e5)
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        raise ConfigError(f"{file}:{number}", name, f"a number from {low:g} to {high:g}", repr(cell.strip()[:40]))
+    return value
+
+
+def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[float, float, float]]:
+    """From the first point along all others; further laps go back to the first and begin again."""
+    points, speeds = read_waypoints(file)
+    (x, y), (to_x, to_y) = points[:2]
+
+    def lap(route: Route, number: int) -> None:
+        if number and math.hypot(route.x_m - x, route.y_m - y) > 0.01:
+            route.go(points[:1], 1.0)
+        route.go(points[1:], 1.0, speeds_m_s=speeds)
+
+    return lap, (x, y, math.atan2(to_y - y, to_x - x))
+
+
+def _square(side: float) -> Callable[[Route, int], object]:
+    """The path of Chung, Ojeda and Borenstein (2001), section 4: 210 m; slow near the corners' eight via-points."""
+
+    def lap(route: Route, _: int) -> None:
+        for _corner in range(4):
+            route.straight(1.0, 0.8).straight(44.5, 1.5).straight(1.0, 0.8).bend(side * QUARTER, 6.0, 0.8)
+
+    return lap
+
+
+def _eights(route: Route, _: int) -> None:
+    # The heading swings as a sine over the way: with this amplitude the figure closes.
+    length_m, wave = 50.0, 2.0 * math.pi / 50.0
+    along = (np.arange(5000) + 0.5) * length_m / 5000
+    route.curve(length_m, EIGHT_SWING_RAD * wave * np.cos(wave * along), 1.2)
+
+
+def _warehouse(route: Route, number: int) -> None:
+    side = 1.0 if number % 2 == 0 else -1.0
+
+    def go(speed_m_s: float, *points: tuple[float, float]) -> None:
+        route.go([(x, side * y) for x, y in points], speed_m_s, corner_m=2.5)
+
+    go(1.4, (14.0, 0.0))
+    route.stand(6.0)
+    go(1.4, (24.0, 0.0), (24.0, 4.0), (10.0, 4.0))
+    route.stand(4.0)
+    go(1.0, (3.0, 4.0), (3.0, 8.0), (9.0, 8.0))
+    route.straight(-2.0, 0.4).stand(5.0)
+    go(0.7, (16.0, 8.0), (16.0, 12.0), (20.0, 12.0))
+    route.turn(side * math.pi, 0.7).stand(3.0)
+    go(1.2, (-4.0, 12.0), (-4.0, 0.0), (0.0, 0.0))
+    # So far a net turn to one side; the mirrored lap takes it back.
+    route.stand(4.0)
+
+
+def _field(route: Route, _: int) -> None:
+    lines, length_m, apart_m = 4, 30.0, 3.0
+    # A bend by half a turn ends sideways of its beginning by a fixed part of its length.
+    bend_m = apart_m / bend_shape(math.pi)[1]
+    for line in range(lines):
+        route.straight(length_m, 1.0)
+        if line + 1 < lines:
+            route.bend(math.pi if line % 2 == 0 else -math.pi, bend_m, 0.6)
+    y_m = route.y_m
+    route.go([(-4.0, y_m), (-4.0, y_m - 3.0 * apart_m), (0.0, y_m - 3.0 * apart_m)], 1.4, corner_m=4.0)
+
+
+def _umbmark(side: float) -> Callable[[Route, int], object]:
+    """Borenstein and Feng (1996): a square of 4 m with stops, turns on the spot."""
+
+    def lap(route: Route, _: int) -> None:
+        for _corner in range(4):
+            route.straight(4.0, 0.4).stand(0.5).turn(side * QUARTER, 0.7).stand(0.5)
+
+    return lap
+
+
+def _spins(route: Route, _: int) -> None:
+    for rate_deg_s in (5.0, 15.0, 30.0, 50.0):
+        for side in (1.0, -1.0):
+            turns = 1.0 if rate_deg_s < 10.0 else 2.0
+            route.turn(side * turns * 2.0 * math.pi, math.radians(rate_deg_s)).stand(3.0)
+
+
+def _slalom(route: Route, _: int) -> None:
+    gates, swing = 12, 0.7  # even, so that it ends straight on
+    for _direction in range(2):
+        route.bend(swing, 2.5, 1.5)
+        for gate in range(gates):
+            route.bend(2.0 * swing * (-1.0 if gate % 2 == 0 else 1.0), 4.0, 1.5)
+        route.bend(-swing, 2.5, 1.5).bend(math.pi, 10.0, 1.0)
+
+
+def _stand(route: Route, _: int) -> None:
+    route.stand(10.0)
+
+
+MISSIONS: Final = {
+    "square-cw": Mission("the paper's: 210 m with rounded corners, clockwise; 1.5 and 0.8 m/s", _square(-1.0)),
+    "square-ccw": Mission("the same counter-clockwise", _square(1.0)),
+    "eights": Mission("figures of eight of 50 m, 1.2 m/s", _eights),
+    "warehouse": Mission("aisles, stops, reversing, turns on the spot; every other lap mirrored", _warehouse),
+    "field": Mission("a survey: parallel lines of 30 m with turns left and right, then back", _field),
+    "umbmark-cw": Mission("a square of 4 m with turns on the spot, clockwise", _umbmark(-1.0)),
+    "umbmark-ccw": Mission("the same counter-clockwise", _umbmark(1.0)),
+    "spins": Mission("turns on the spot, both ways, 5 to 50 deg/s, with standstills", _spins),
+    "slalom": Mission("weaving at up to 1.5 m/s, there and back", _slalom),
+    "stand": Mission("standing still", _stand),
+}

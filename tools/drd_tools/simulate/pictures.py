@@ -1,0 +1,85 @@
+"""Pictures of what was simulated, from the columns of truth.csv."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drd.units import RAD_PER_DEG
+from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, make_figure, styled, tidy
+from drd_tools.simulate.route import Array
+
+
+def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
+    """Path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
+    with styled():
+        figure = make_figure(11.0, 6.2)
+        figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
+        sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
+        left, right = sides
+        _draw_path(left.subplots(), columns)
+        time_s = columns["time_s"]
+        panels: Any = right.subplots(3, 1, sharex=True)
+        for axes, name, color, what in zip(
+            panels,
+            ("speed_m_s", "rate_deg_s", "temperature_c"),
+            (BLUE, GREEN, VERMILION),
+            ("Speed / (m/s)", "Yaw rate / (°/s), left positive", "Gyro's temperature / °C"),
+            strict=True,
+        ):
+            axes.plot(time_s, columns[name], color=color, linewidth=1.0)
+            axes.margins(x=0.0)
+            tidy(axes, what, ticks=6)
+        if np.ptp(columns["temperature_c"]) < 0.5:
+            panels[2].set_ylim(columns["temperature_c"].mean() - 1.0, columns["temperature_c"].mean() + 1.0)
+        panels[2].set_xlabel("time / s")
+        figure.savefig(file, format="png")
+
+
+def _draw_path(axes: Any, columns: Mapping[str, Array]) -> None:
+    x, y = columns["x_m"], columns["y_m"]
+    axes.plot(x, y, color=BLUE, linewidth=1.4)
+    ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
+    axes.plot(x[0], y[0], "o", label="start", zorder=5, **ring)
+    axes.plot(x[-1], y[-1], "o", color=INK, markersize=7, label="end", zorder=6)
+    on_the_spot = max(np.ptp(x), np.ptp(y)) < 0.5
+    axes.set_aspect("equal", adjustable="box" if on_the_spot else "datalim")
+    axes.margins(0.08)
+    if on_the_spot:
+        axes.set_xlim(x.mean() - 0.5, x.mean() + 0.5)
+        axes.set_ylim(y.mean() - 0.5, y.mean() + 0.5)
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
+    tidy(axes, "True path, seen from above")
+
+
+def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
+    """What the effects changed in the readings. Raises OSError."""
+    time_s, gyro = columns["time_s"], columns["gyro_change_deg_s"]
+    left, right = columns["left_change_m"], columns["right_change_m"]
+    step_s = np.diff(time_s, prepend=time_s[0])
+    with styled():
+        figure = make_figure(11.0, 7.2)
+        title = "What the effects changed: readings with them, less readings without"
+        figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
+        panels: Any = figure.subplots(3, 1, sharex=True)
+        panels[0].plot(time_s, gyro, color=GREEN, linewidth=1.0)
+        tidy(panels[0], "Gyro's rate / (°/s)", ticks=6)
+        most_m = max(np.abs(left).max(), np.abs(right).max())
+        scale, unit = (1000.0, "mm") if most_m < 1.0 else (1.0, "m")
+        panels[1].plot(time_s, scale * left, color=ORANGE, linewidth=1.6, label="left")
+        panels[1].plot(time_s, scale * right, color=BLUE, linewidth=1.6, dashes=(4, 2), label="right")
+        tidy(panels[1], f"Wheels' travel counted since the start / {unit}", ticks=6)
+        panels[2].plot(time_s, np.cumsum(gyro * step_s), color=GREEN, linewidth=1.6, label="of the gyro")
+        wheels = (right - left) / tread_m / RAD_PER_DEG
+        panels[2].plot(time_s, wheels, color=VERMILION, linewidth=1.6, dashes=(4, 2), label="of the wheels")
+        tidy(panels[2], "Heading that this makes / °", ticks=6)
+        panels[2].set_xlabel("time / s")
+        for axes in panels:
+            axes.axhline(0.0, color=TRUE_GREY, linewidth=0.8, zorder=0)
+            axes.margins(x=0.0)
+        for axes in panels[1:]:
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0, ncols=2)
+        figure.savefig(file, format="png")

@@ -1,0 +1,204 @@
+"""A commanded way, leg by leg, and how a robot with limited acceleration rides it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+RATE_HZ: Final = 500
+STEP_S: Final = 1.0 / RATE_HZ
+# The way is cut into cells of about this length; curvature and speed limit are constant in each.
+CELL_M: Final = 0.004
+# Speed is averaged over this long, so that acceleration has no steps.
+SMOOTHING_S: Final = 0.8
+ACCELERATION_M_S2: Final = 0.5
+LATERAL_M_S2: Final = 0.8
+RATE_LIMIT_RAD_S: Final = 0.9
+TURN_ACCELERATION_RAD_S2: Final = 1.2
+# Between legs that turn back more sharply, or leave no room for a bend, the robot stops and turns on the spot.
+SHARPEST_BEND_RAD: Final = math.radians(150.0)
+SHORTEST_BEND_M: Final = 0.2
+
+
+class Steps(NamedTuple):
+    """The body's motion in each step of STEP_S: way forward and turn to the left, shape (n,) each."""
+
+    forward_m: Array
+    turned_rad: Array
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Driven from standstill to standstill; `sign` -1 is backwards. Arrays have one value for each cell."""
+
+    length_m: Array
+    curvature_per_m: Array
+    limit_m_s: Array
+    sign: float
+
+    def steps(self) -> Steps:
+        along_m, travel_m = _nodes(self.length_m), _ride(self.length_m, self.limit_m_s, ACCELERATION_M_S2)
+        heading = np.interp(travel_m, along_m, _nodes(self.length_m * self.curvature_per_m))
+        return Steps(self.sign * np.diff(travel_m), self.sign * np.diff(heading))
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """On the spot, left positive."""
+
+    angle_rad: float
+    rate_rad_s: float
+
+    def steps(self) -> Steps:
+        cells = max(1, math.ceil(abs(self.angle_rad) / 0.01))
+        cell, limit = np.full(cells, abs(self.angle_rad) / cells), np.full(cells, self.rate_rad_s)
+        turned = np.diff(_ride(cell, limit, TURN_ACCELERATION_RAD_S2))
+        return Steps(np.zeros_like(turned), math.copysign(1.0, self.angle_rad) * turned)
+
+
+@dataclass(frozen=True)
+class _Stand:
+    seconds: float
+
+    def steps(self) -> Steps:
+        still = np.zeros(round(self.seconds * RATE_HZ))
+        return Steps(still, still)
+
+
+class Route:
+    """Collects legs; each begins where the one before ends. Starts at the origin, heading 0 (along x), or as given."""
+
+    def __init__(self, x_m: float = 0.0, y_m: float = 0.0, heading_rad: float = 0.0):
+        self.x_m, self.y_m, self.heading_rad = x_m, y_m, heading_rad
+        self._done: list[_Way | _Turn | _Stand] = []
+        self._cells: list[tuple[Array, Array, Array]] = []
+
+    def curve(self, length_m: float, curvature_per_m: Array, speed_m_s: float) -> Self:
+        """Cells of equal length, shape (n,); the speed is lowered where yaw rate or lateral acceleration ask for it."""
+        cells, bend = len(curvature_per_m), np.abs(curvature_per_m) + 1e-9
+        limit = np.minimum(speed_m_s, np.minimum(RATE_LIMIT_RAD_S / bend, np.sqrt(LATERAL_M_S2 / bend)))
+        cell_m = np.full(cells, length_m / cells)
+        self._cells.append((cell_m, curvature_per_m, limit))
+        heading = self.heading_rad + _nodes(cell_m * curvature_per_m)
+        middle = 0.5 * (heading[1:] + heading[:-1])
+        self.x_m += float(cell_m @ np.cos(middle))
+        self.y_m += float(cell_m @ np.sin(middle))
+        self.heading_rad = float(heading[-1])
+        return self
+
+    def straight(self, length_m: float, speed_m_s: float) -> Self:
+        """Negative: backwards, from standstill to standstill."""
+        if length_m < 0.0:
+            self._stop()
+        self.curve(abs(length_m), np.zeros(_cells(length_m)), speed_m_s)
+        if length_m < 0.0:
+            self._stop(-1.0)
+            self.x_m += 2.0 * length_m * math.cos(self.heading_rad)
+            self.y_m += 2.0 * length_m * math.sin(self.heading_rad)
+        return self
+
+    def bend(self, angle_rad: float, length_m: float, speed_m_s: float) -> Self:
+        """A bend whose curvature rises and falls like a cosine, left positive."""
+        u = (np.arange(_cells(length_m)) + 0.5) / _cells(length_m)
+        return self.curve(length_m, angle_rad / length_m * (1.0 - np.cos(2.0 * math.pi * u)), speed_m_s)
+
+    def turn(self, angle_rad: float, rate_rad_s: float = 0.6) -> Self:
+        """Stop and turn on the spot, left positive."""
+        self._stop()
+        if angle_rad:
+            self._done.append(_Turn(angle_rad, rate_rad_s))
+        self.heading_rad += angle_rad
+        return self
+
+    def stand(self, seconds: float) -> Self:
+        """Stop and stand."""
+        self._stop()
+        self._done.append(_Stand(seconds))
+        return self
+
+    def go(
+        self,
+        points_m: Sequence[tuple[float, float]],
+        speed_m_s: float,
+        corner_m: float = 2.0,
+        speeds_m_s: Sequence[float] = (),
+    ) -> Self:
+        """Straight from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
+        corners = np.array([(self.x_m, self.y_m), *points_m])
+        legs = np.diff(corners, axis=0)
+        lengths, headings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
+        if abs(angle := math.remainder(headings[0] - self.heading_rad, 2.0 * math.pi)) > 1e-6:
+            self.turn(angle)
+        cut_m = 0.0
+        for i, length_m in enumerate(lengths.tolist()):
+            speed = speeds_m_s[i] if speeds_m_s else speed_m_s
+            angle, bend_m, tangent_m = 0.0, 0.0, 0.0
+            if i + 1 < len(lengths):
+                angle = math.remainder(headings[i + 1] - headings[i], 2.0 * math.pi)
+                bend_m, tangent_m = _corner(angle, corner_m, 0.5 * min(length_m, lengths[i + 1]))
+            if length_m - cut_m - tangent_m > 1e-6:
+                self.straight(length_m - cut_m - tangent_m, speed)
+            if bend_m:
+                self.bend(angle, bend_m, speed)
+            elif abs(angle) > 1e-9:
+                self.turn(angle)
+            cut_m = tangent_m
+        return self
+
+    def steps(self) -> Steps:
+        """The whole ride, from standstill to standstill."""
+        self._stop()
+        forward, turned = zip(*(piece.steps() for piece in self._done), strict=True)
+        return Steps(np.concatenate(forward), np.concatenate(turned))
+
+    def _stop(self, sign: float = 1.0) -> None:
+        if self._cells:
+            length, curvature, limit = map(np.concatenate, zip(*self._cells, strict=True))
+            self._done.append(_Way(length, curvature, limit, sign))
+            self._cells = []
+
+
+def bend_shape(angle_rad: float) -> tuple[float, float]:
+    """Where a bend of unit length, along x at first, ends: x and y, as parts of its length."""
+    u = (np.arange(2000) + 0.5) / 2000
+    heading = angle_rad * (u - np.sin(2.0 * math.pi * u) / (2.0 * math.pi))
+    return float(np.cos(heading).mean()), float(np.sin(heading).mean())
+
+
+def _corner(angle_rad: float, length_m: float, room_m: float) -> tuple[float, float]:
+    """Length of a bend, and how far before and after the corner it begins and ends; zeros: turn on the spot."""
+    if not 1e-9 < abs(angle_rad) < SHARPEST_BEND_RAD:
+        return 0.0, 0.0
+    tangent = math.hypot(*bend_shape(angle_rad)) / (2.0 * math.cos(0.5 * angle_rad))
+    length_m = min(length_m, room_m / tangent)
+    return (length_m, length_m * tangent) if length_m >= SHORTEST_BEND_M else (0.0, 0.0)
+
+
+def _cells(length_m: float) -> int:
+    return max(5, math.ceil(abs(length_m) / CELL_M))
+
+
+def _nodes(steps: Array) -> Array:
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
+    """The way at every STEP_S, from standstill to standstill, through cells with limits of the speed."""
+    along = _nodes(cell)
+    squared = np.concatenate(([0.0], np.minimum(limit[1:], limit[:-1]) ** 2, [0.0]))
+    gained = 2.0 * acceleration * along  # v^2 = v0^2 + 2 a s, forward and backward
+    squared = np.minimum.accumulate(squared - gained) + gained
+    squared = (np.minimum.accumulate((squared + gained)[::-1]) - gained[::-1])[::-1]
+    speed = np.sqrt(np.maximum(squared, 0.0))
+    reached_s = _nodes(2.0 * cell / np.maximum(speed[1:] + speed[:-1], 1e-6))
+    ticks = np.arange(math.ceil(reached_s[-1] * RATE_HZ) + 1) * STEP_S
+    kernel = np.hanning(round(SMOOTHING_S * RATE_HZ))
+    way = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
+    way[-1] = along[-1]
+    ridden: Array = np.minimum(way, along[-1])
+    return ridden

@@ -1,0 +1,80 @@
+"""The true motion at 500 Hz."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drd_tools.simulate.missions import Drive
+from drd_tools.simulate.route import STEP_S, Array
+from drd_tools.simulate.temperature import temperature_c
+
+
+@dataclass(frozen=True)
+class Truth:
+    """n steps of STEP_S: means over each step, shape (n,), and the state before, between and after, shape (n + 1,).
+
+    Forward and sideways (left positive) speed and yaw rate are the body's; the temperature is the gyro's, in the
+    steps' middle.
+    """
+
+    speed_m_s: Array
+    lateral_m_s: Array
+    rate_rad_s: Array
+    temperature_c: Array
+    x_m: Array
+    y_m: Array
+    heading_rad: Array
+    laps: int
+
+    @property
+    def time_s(self) -> Array:
+        """Of the states, from 0."""
+        return np.asarray(STEP_S * np.arange(len(self.x_m)))
+
+    @property
+    def middle_s(self) -> Array:
+        """Of the steps."""
+        return np.asarray(STEP_S * (np.arange(len(self.speed_m_s)) + 0.5))
+
+    @property
+    def duration_s(self) -> float:
+        """Of the whole run."""
+        return STEP_S * len(self.speed_m_s)
+
+    @property
+    def length_m(self) -> float:
+        """Of the way, forward and backward."""
+        return float(np.abs(self.speed_m_s).sum() * STEP_S)
+
+    def sliding(self, lateral_m_s: Array) -> "Truth":
+        """The same drive while the body slides sideways, shape (n,)."""
+        x, y = _path(self.speed_m_s, lateral_m_s, self.heading_rad, (float(self.x_m[0]), float(self.y_m[0])))
+        return replace(self, lateral_m_s=lateral_m_s, x_m=x, y_m=y)
+
+
+def make_truth(drive: Drive, temperature: str = "warmup") -> Truth:
+    """A drive with a temperature profile (see `temperature.temperature_c`). Raises ConfigError."""
+    forward, turned = drive.steps
+    x, y, heading = drive.start
+    n = len(forward)
+    speed, lateral = forward / STEP_S, np.zeros(n)
+    headings = np.concatenate(([heading], heading + np.cumsum(turned)))
+    middle_s = np.asarray(STEP_S * (np.arange(n) + 0.5))
+    temperatures = temperature_c(temperature, middle_s, n * STEP_S)
+    return Truth(
+        speed, lateral, turned / STEP_S, temperatures, *_path(speed, lateral, headings, (x, y)), headings, drive.laps
+    )
+
+
+def _path(speed: Array, lateral: Array, heading: Array, start: tuple[float, float]) -> tuple[Array, Array]:
+    middle = 0.5 * (heading[1:] + heading[:-1])
+    c, s = np.cos(middle) * STEP_S, np.sin(middle) * STEP_S
+    steps = (speed * c - lateral * s, speed * s + lateral * c)
+    x, y = (np.concatenate(([at], at + np.cumsum(step))) for at, step in zip(start, steps, strict=True))
+    return x, y
+
+
+def distance_m(truth: Truth) -> float:
+    """Between the run's two ends."""
+    return math.hypot(truth.x_m[-1] - truth.x_m[0], truth.y_m[-1] - truth.y_m[0])
