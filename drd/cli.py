@@ -23,13 +23,16 @@ class Command:
 
 COMMANDS = {
     "run": Command("drd.commands.run", "run the daemon"),
-    "check": Command("drd.commands.check", "check a configuration and print what is in force, and why"),
+    "check": Command("drd.commands.check", "check a configuration and, with --live, the wiring"),
     "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
     "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),
+    "import": Command("drd_tools.importing.command", "make a recording of a ROS bag, CAN log or table", "tools"),
+    "simulate": Command("drd_tools.simulate.command", "simulate a drive and record it", "tools"),
     "replay": Command("drd_tools.replay.command", "estimate again from a recording", "tools"),
     "evaluate": Command("drd_tools.evaluate.command", "judge poses against a reference", "tools"),
+    "explain": Command("drd_tools.explain.command", "the error budget of the pose, by cause", "tools"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
 
