@@ -33,6 +33,8 @@ COMMANDS = {
     "replay": Command("drd_tools.replay.command", "estimate again from a recording", "tools"),
     "evaluate": Command("drd_tools.evaluate.command", "judge poses against a reference", "tools"),
     "explain": Command("drd_tools.explain.command", "the error budget of the pose, by cause", "tools"),
+    "compare": Command("drd_tools.compare.command", "show recorded against simulated increments", "tools"),
+    "diagnose": Command("drd_tools.diagnose.command", "find the physics that the nominal model leaves out", "tools"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
 

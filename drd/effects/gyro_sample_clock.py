@@ -12,7 +12,9 @@ class GyroSampleClock(Effect):
     formula = "w_g(t) = w(t / ratio), t counted at the nominal rate"
     source = "definition of a clock's rate; KVH DSP-3000: 2 to 3 % from unit to unit"
     parameters = (
-        Parameter("ratio", "1", "rate of samples, actual to nominal", 0.95, 1.05, signed=False, linear=False),
+        Parameter(
+            "ratio", "1", "rate of samples, actual to nominal", 0.95, 1.05, signed=False, linear=False, neutral=1.0
+        ),
     )
     driver = "time"
     manoeuvre = "a long drive with sharp turns, with the times at which samples arrive"

@@ -98,7 +98,7 @@ def _with_terms(recording: Recording, model: Model, file: Path) -> Recording:
 def configuration(recording: Recording) -> Config:
     """The daemon's configuration that robot.yaml stands for. Nothing in it comes from the recorded motion."""
     nominal = recording.nominal
-    sheet, bias_s = _sheet(nominal.fog), nominal.standstill_at_start_s
+    sheet, bias_s = data_sheet(nominal.fog), nominal.standstill_at_start_s
     wheels_hz = nominal.encoders.rate_hz or _rate_hz(recording.encoders.time_s)
     gyro_hz = sheet.rate_hz or (_rate_hz(recording.fog.time_s) if recording.fog is not None else 10.0)
     noise = _stated(Noise(), sheet, NOISE_KEYS)
@@ -135,7 +135,7 @@ def configuration(recording: Recording) -> Config:
     return Config(robot=robot, fog=_stated(fog, sheet, FOG_KEYS), encoders=encoders, estimation=estimation)
 
 
-def _sheet(fog: FogSheet) -> FogSheet:
+def data_sheet(fog: FogSheet) -> FogSheet:
     """The data sheet, with its class's typical values where it is a MEMS gyro's and says nothing."""
     if (fog.kind or "").upper() != "MEMS":
         return fog

@@ -1,0 +1,53 @@
+"""Short simulated recordings with what is missing known, and the problems that they pose to `drd diagnose`."""
+
+from functools import lru_cache
+
+from drd.effects.catalogue import catalogue
+from drd.nominal import Nominal
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.recordings.folder import Recording
+from drd_tools.simulate.conditions import Conditions, Reference
+from drd_tools.simulate.missions import make_drive
+from drd_tools.simulate.robot import DEFAULT
+from drd_tools.simulate.simulator import Simulated, simulate
+from drd_tools.simulate.truth import Truth, make_truth
+
+WAREHOUSE = ("warehouse", 130.0)
+SLALOM = ("slalom", 120.0)
+LATE_5_MS = Conditions(reference=Reference(latency_s=0.005))
+ASIDE_4_CM = Conditions(reference=Reference(lever_m=(0.0, 0.04)))
+
+
+def claim(effect: str, **values: float | str) -> Claim:
+    """An effect at values in SI, all linear parameters free."""
+    found = catalogue()[effect]
+    return Claim(found, values, found.linear())
+
+
+@lru_cache
+def truth(mission: str, seconds: float, temperature: str = "warmup") -> Truth:
+    return make_truth(make_drive(mission, seconds), temperature)
+
+
+def simulated(
+    drive: tuple[str, float],
+    seed: int,
+    *claims: Claim,
+    conditions: Conditions | None = None,
+    nominal: Nominal = DEFAULT,
+    temperature: str = "warmup",
+) -> Simulated:
+    """Drive with the claims' effects."""
+    effects = [(c.effect, c.values) for c in claims]
+    return simulate(truth(*drive, temperature), nominal, effects, conditions or Conditions(), seed=seed)
+
+
+def recorded(drive: tuple[str, float], seed: int, *claims: Claim, conditions: Conditions | None = None) -> Recording:
+    """What is recorded then."""
+    return simulated(drive, seed, *claims, conditions=conditions).recording
+
+
+def problem(drive: tuple[str, float], seed: int, *claims: Claim, conditions: Conditions | None = None) -> Problem:
+    """What it says, with the noise of the data sheets."""
+    return Problem(gather(recorded(drive, seed, *claims, conditions=conditions)))

@@ -1,0 +1,1 @@
+"""Simulated against recorded sensor increments, before anyone names a cause."""

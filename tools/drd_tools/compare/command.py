@@ -1,0 +1,86 @@
+"""`drd compare`: what the sensors said against what the nominal model says that they should have said."""
+
+import argparse
+from pathlib import Path
+
+from drd.schema import ConfigError
+from drd_tools.compare.analysis import compare
+from drd_tools.compare.report import print_comparison, write_report
+from drd_tools.compare.results import FILE, Comparison
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.replay.nominal import with_model
+
+DESCRIPTION = """\
+Simulate the nominal model along a recording's path, and show recorded against simulated sensor increments, channel by
+channel, before anyone names a cause: gyro, left and right wheel, their mean (distance) and difference (turn), the
+wheels' turn against the gyro's, and the sideways motion that the model does not have.
+
+RECORDING is a recording folder (robot.yaml, encoders.csv; fog.csv and reference.csv where there are). The path is the
+best one by reference and sensors; without a reference the gyro's and the wheels', and then only the wheels' turn
+against the gyro's can be compared.
+
+For each channel: the mismatch's rms beside what noise alone makes of it, its mean, what it adds up to at the end, and
+how much of it a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or place foretells
+in blocks that the curve was not fitted to. "Nothing beyond noise" where it is so.
+"""
+EXAMPLES = """\
+examples:
+  drd compare recordings/run1 --output out/run1
+  drd compare recordings/run1 --model model.yaml --output out/corrected
+  drd compare --draw out/run1
+
+DIR gets results.json, report.html and pictures; --draw makes report and pictures again from results.json.
+Exit code: 0 done, whatever was found; 2 bad usage or input.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Compare or draw, print, and return the exit code. Raises ConfigError on bad input."""
+    parser = _parser()
+    chosen = parser.parse_args(argv)
+    folder: Path | None = chosen.draw or chosen.output
+    if (chosen.recording is None) == (chosen.draw is None):
+        parser.error("give a RECORDING, or --draw DIR")
+    if folder is None:
+        parser.error("--output DIR is needed")
+    if chosen.draw is not None and chosen.model is not None:
+        parser.error("--model: the results that --draw reads have theirs")
+    try:
+        if chosen.draw is not None:
+            comparison = Comparison.load(folder)
+        else:
+            recording = _read(chosen.recording, chosen.model)
+            folder.mkdir(parents=True, exist_ok=True)
+            compare(recording, chosen.seed).save(folder)
+            comparison = Comparison.load(folder)  # what is shown is what was saved
+        print_comparison(comparison)
+        files = [folder / FILE, *write_report(comparison, folder)]
+        print("\nfiles: " + ", ".join(map(str, files[:4])) + (" ..." if len(files) > 4 else ""))
+    except BrokenPipeError:
+        raise  # not the folder: whoever read the output has left
+    except OSError as error:
+        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+    return 0
+
+
+def _read(path: Path, model: Path | None) -> Recording:
+    if path.suffix == ".mcap":
+        raise ConfigError(str(path), "", "a recording folder: the daemon's MCAP files are not compared", "an MCAP file")
+    recording = read_recording(path)
+    return recording if model is None else with_model(recording, model)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd compare",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder")
+    add("--model", type=Path, metavar="FILE", help="model file: keys of robot.yaml that replace the folder's, effects")
+    add("--seed", type=int, default=0, metavar="N", help="of the simulated noise (default: 0); the same seed repeats")
+    add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
+    add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
+    return parser

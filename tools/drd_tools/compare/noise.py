@@ -1,0 +1,138 @@
+"""What noise alone does to each channel: nominal recordings, simulated along the same path and treated alike. (53)"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cholesky, solve_triangular, toeplitz
+from scipy.optimize import nnls
+from tqdm import tqdm
+
+from drd_tools.compare.blocks import Blocks
+from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
+from drd_tools.diagnose.evidence import Evidence
+from drd_tools.diagnose.linear import Path, Signature
+from drd_tools.diagnose.nominal_path import follow
+
+Array = npt.NDArray[np.float64]
+
+BLOCKS_WANTED: Final = 480  # in all draws together: sigmas are then known to about 3 %
+FEWEST_DRAWS: Final = 4
+MOST_DRAWS: Final = 12
+LAGS: Final = 24
+LEAST: Final = 0.3  # of the median sigma: no block counts for more than ten
+
+
+class Expected:
+    """What noise, and a reference that is late, turned or displaced, make of a channel's block means.
+
+    `noise` (b, b): covariance by noise alone. `reference` (b, k): what one sigma of each error of the reference does.
+    `independent`: as many independent blocks would tell as much of the noise's size.
+    """
+
+    def __init__(self, noise: Array, reference: Array, independent: float):
+        self.noise, self.reference, self.independent = noise, reference, independent
+        self._L = cholesky(noise + reference @ reference.T, lower=True)
+
+    def whiten(self, rows: Array) -> Array:
+        """L^-1 rows, L L^T the whole covariance: what blocks before do not foretell of each, in sigmas."""
+        result: Array = solve_triangular(self._L, rows, lower=True)
+        return result
+
+    def fit_reference(self, means: Array) -> tuple[Array, Array]:
+        """The reference's errors (k,) that block means (b,) tell, in sigmas of their priors, and covariance (k, k)."""
+        N = self.whiten(self.reference)
+        return N.T @ self.whiten(means), np.eye(N.shape[1]) - N.T @ N
+
+
+def expected(e: Evidence, path: Path, blocks: Blocks, still: Standstill, seed: int = 0) -> dict[str, Expected]:
+    """For each channel of the recording."""
+    count = int(np.clip(BLOCKS_WANTED // len(blocks.time_s), FEWEST_DRAWS, MOST_DRAWS))
+    rng = np.random.default_rng(seed)
+    names = [kind.id for kind in kinds_of(e)]
+    draws: dict[str, list[Array]] = {name: [] for name in names}
+    for drawn, its_path in _simulated(e, path, rng, count):
+        found = mismatches(drawn, its_path, Signature(), 0.0)
+        for name in names:
+            draws[name].append(blocks.means(found[name]))
+    variances, disturbed = white(e), reference_errors(e, path)
+    result = {}
+    for name in names:
+        C = _fast(np.array(draws[name]), blocks.sums(variances[name]) / blocks.duration_s**2)
+        R = C / np.sqrt(np.outer(np.diag(C), np.diag(C)))
+        independent = len(C) ** 2 / float((R * R).sum())
+        if name in ("gyro", "wheels_gyro"):
+            C = C + _slow(e, blocks, still)
+        columns = [blocks.means(steps) for _, steps in disturbed.get(name, [])]
+        result[name] = Expected(C, np.array(columns).reshape(-1, len(C)).T, independent)
+    return result
+
+
+def _simulated(e: Evidence, path: Path, rng: np.random.Generator, count: int) -> Iterator[tuple[Evidence, Path]]:
+    for _ in tqdm(range(count), desc="simulating noise", leave=False, disable=None):
+        drawn = draw(e, path, rng)
+        yield drawn, follow(drawn)
+
+
+def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
+    """A recording of the nominal robot on this path, with the noise that its data sheets state and no gyro bias."""
+    sheet, n = e.sheet, len(e.time_s)
+    moves = e.travel_m > 0.0
+    forward, _, turn = path.steps()
+    forward, turn = forward * moves, turn * moves
+    lateral = sheet.lateral_m_per_sqrt_m * np.sqrt(0.5 * e.travel_m) * rng.standard_normal(n)
+    heading = path.pose[0, 2] + np.concatenate([[0.0], np.cumsum(turn)])
+    c, s = np.cos(heading[1:] - 0.5 * turn), np.sin(heading[1:] - 0.5 * turn)
+    x = path.pose[0, 0] + np.concatenate([[0.0], np.cumsum(forward * c - lateral * s)])
+    y = path.pose[0, 1] + np.concatenate([[0.0], np.cumsum(forward * s + lateral * c)])
+    pose = np.column_stack([x, y, heading])
+    half = 0.5 * e.tread_m
+    wheels = []
+    for way, recorded in ((forward - half * turn, e.left_m), (forward + half * turn, e.right_m)):
+        slip = sheet.slip_m_per_sqrt_m * np.sqrt(np.abs(recorded)) * rng.standard_normal(n)
+        # A counter's reading is off by up to half a count, until it moves again.
+        off = sheet.count_m * rng.uniform(-0.5, 0.5, n + 1)
+        newest = np.concatenate([[0], np.maximum.accumulate(np.where(moves, np.arange(1, n + 1), 0))])
+        wheels.append(way + slip + np.diff(off[newest]))
+    after = pose[e.fix_step + 1]
+    fix = after + e.fix_share[:, None] * (pose[e.fix_step] - after)
+    fix = fix + rng.standard_normal(fix.shape) * (sheet.position_m, sheet.position_m, sheet.heading_rad)
+    gyro = None if e.gyro_rad is None else turn + np.sqrt(sheet.gyro(e)) * rng.standard_normal(n)
+    return replace(e, gyro_rad=gyro, left_m=wheels[0], right_m=wheels[1], fix=fix)
+
+
+def _fast(draws: Array, q: Array) -> Array:
+    """Covariance (b, b) from draws (k, b): each block's variance is a share of its own `q` (b,) and a constant.
+
+    The correlation depends on the distance of two blocks only; a Bartlett window keeps it positive definite.
+    """
+    count, n = draws.shape
+    variance = np.mean(draws**2, axis=0)
+    scale = float(variance.mean())
+    if scale == 0.0:
+        return 1e-18 * np.eye(n)
+    weight = 1.0 / (variance + scale)
+    share, _ = nnls(np.column_stack([q, np.full(n, scale)]) * weight[:, None], variance * weight)
+    sigma = np.sqrt(share[0] * q + share[1] * scale)
+    # Wheels that stand are exact; trusted as such, they would outweigh all blocks in which something happens.
+    sigma = np.maximum(sigma, LEAST * float(np.median(sigma)))
+    sigma = np.maximum(sigma, 1e-3 * scale**0.5)
+    u = draws / sigma
+    lags = np.arange(min(LAGS, n))
+    r = np.array([float((u[:, : n - k] * u[:, k:]).sum()) / (count * n) for k in lags])
+    r *= 1.0 - lags / LAGS
+    full = np.zeros(n)
+    full[: len(r)] = r
+    C: Array = toeplitz(full) * np.outer(sigma, sigma)
+    return C + 1e-6 * scale * np.eye(n)
+
+
+def _slow(e: Evidence, blocks: Blocks, still: Standstill) -> Array:
+    """The gyro's bias: how badly the standstill told it, and its random walk from there on."""
+    sheet = e.sheet
+    variance = sheet.walk_rad_per_sqrt_s**2 / still.seen_s if still.seen_s > 0.0 else sheet.bias_rad_s**2
+    since = np.maximum(blocks.time_s - float(e.time_s[0]) - 0.5 * still.seen_s, 0.0)
+    walk = sheet.bias_walk_rad_s_per_sqrt_s**2 * np.minimum.outer(since, since)
+    return np.full(walk.shape, variance) + walk

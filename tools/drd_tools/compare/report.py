@@ -1,0 +1,74 @@
+"""From a saved comparison to the terminal, the pictures and the HTML page."""
+
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drd_tools.compare import text
+from drd_tools.compare.pictures import channel_picture, overview_picture
+from drd_tools.compare.results import Comparison
+from drd_tools.report.page import Page
+
+
+def print_comparison(c: Comparison) -> None:
+    """Sentences and tables."""
+    for line in text.lead(c):
+        print(line)
+    print()
+    text.print_table(text.HEADER, text.rows(c))
+    print()
+    for channel in c.channels:
+        print(f"- {text.sentence(channel)}")
+    header, body = text.share_rows(c)
+    if len(header) > 1:
+        print("\nShare that one driver alone foretells; * p <= 0.01 over all of the table\n")
+        text.print_table(header, body)
+    for note in (c.bias, assumed(c), *c.notes):
+        if note:
+            print(f"\n{note}")
+
+
+def assumed(c: Comparison) -> str:
+    """Which figures of the noise are not the robot's own."""
+    names = [name for name, _, source in c.noise if source.startswith("assumed")]
+    if not names:
+        return ""
+    return (
+        f"robot.yaml does not state {', '.join(names)}: usual values stand in, and sigmas are no better than they are."
+    )
+
+
+def write_report(c: Comparison, folder: Path) -> list[Path]:
+    """Draw everything into `folder`; return the files. Raises OSError."""
+    lead = list(text.lead(c))
+    page = Page(f"Recorded against simulated: {Path(c.recording).name}", lead)
+    files = [folder / "report.html", folder / "overview.png"]
+    overview_picture(files[1], c)
+    page.picture(files[1], f"Left: how far each channel is from what noise alone makes. Right: {text.SHARES}")
+    page.table(text.HEADER, text.rows(c), "All channels; ± is one sigma of noise alone", text_columns=text.TEXT_COLUMNS)
+    if note := assumed(c):
+        page.text(note)
+    for channel in tqdm(c.channels, desc="drawing", leave=False, disable=None):
+        page.heading(channel.title[0].upper() + channel.title[1:])
+        page.text(text.sentence(channel))
+        files.append(folder / f"{channel.id}.png")
+        channel_picture(files[-1], c, channel)
+        page.picture(
+            files[-1],
+            f"{channel.text[0].upper()}{channel.text[1:]}. Bands: noise alone. Curves: the mismatch as a curve of one "
+            "driver alone, with one sigma by the scatter; above each its cross-validated share. Map: each block.",
+        )
+    page.heading("How")
+    page.text(text.METHOD)
+    page.table(text.NOISE_HEADER, c.noise, "Noise of the nominal model", text_columns=(2,))
+    if rows := text.reference_rows(c):
+        caption = (
+            "Errors of the reference, as each channel tells them (taken off); an effect of the robot may be in them"
+        )
+        page.table(("channel", "reference", "fitted"), rows, caption, text_columns=(1,))
+    for note in (c.bias, *c.notes):
+        if note:
+            page.text(note)
+    page.table(("input", "SHA-256"), [[file, digest] for file, digest in c.sha256.items()], text_columns=(1,))
+    page.save(files[0])
+    return files

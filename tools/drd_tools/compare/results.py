@@ -1,0 +1,121 @@
+"""What `drd compare` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from drd.schema import ConfigError
+
+FORMAT: Final = "drd-comparison/1"
+FILE: Final = "results.json"
+
+
+@dataclass(frozen=True)
+class DriverResult:
+    """How a channel's mismatch goes with a driver.
+
+    `share`, `p`, `left` and `as_good` as in `shares.Share`. `knots` and the curve's values there (deg/s or m/s), their
+    sigmas by the scatter and by noise alone; of the place the knots are [x_m, y_m].
+    """
+
+    name: str
+    unit: str
+    share: float
+    p: float
+    left: float
+    as_good: bool
+    knots: list[Any]
+    value: list[float]
+    sigma: list[float]
+    noise_sigma: list[float]
+
+
+@dataclass(frozen=True)
+class ChannelResult:
+    """One channel: block means in deg/s or m/s, sums in deg or m, each with what noise alone would make of it.
+
+    `rms` of the block means and what is expected of it; `ratio`: their rms in sigmas, correlation accounted for.
+    `independent`: as many independent blocks would tell as much of the noise's size. `verdict`: nothing, driver (then
+    `named` holds the best drivers, the first one the best) or more (than noise, and no driver foretells it).
+    `reference`: errors of the reference that were fitted to this channel and taken off, as name, value, sigma and unit.
+    """
+
+    id: str
+    title: str
+    text: str
+    unit: str
+    rms: float
+    expected: float
+    ratio: float
+    independent: float
+    mean: float
+    mean_sigma: float
+    end: float
+    end_sigma: float
+    verdict: str
+    named: list[str]
+    reference: list[list[Any]]
+    drivers: list[DriverResult]
+    block_mean: list[float]
+    block_sigma: list[float]
+    sum: list[float]
+    sum_sigma: list[float]
+
+    def driver(self, name: str) -> DriverResult:
+        """One of its drivers."""
+        return next(d for d in self.drivers if d.name == name)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All channels, the one furthest beyond noise first. Blocks have a middle time, a duration and a place."""
+
+    recording: str
+    sha256: dict[str, str]
+    path: str
+    bias: str
+    noise: list[list[str]]
+    notes: list[str]
+    duration_s: float
+    way_m: float
+    turn_deg: float
+    block_s: float
+    time_s: list[float]
+    length_s: list[float]
+    x_m: list[float]
+    y_m: list[float]
+    channels: list[ChannelResult]
+
+    def save(self, folder: Path) -> None:
+        """Write FILE. Raises OSError."""
+        content = {"format": FORMAT, **dataclasses.asdict(self)}
+        (folder / FILE).write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+
+    @staticmethod
+    def load(folder: Path) -> "Comparison":
+        """Read FILE. Raises ConfigError."""
+        file = folder / FILE
+        try:
+            content = json.loads(file.read_text(encoding="utf-8"))
+            if content.pop("format") != FORMAT:
+                raise ValueError("another format")
+            return _revived(content)
+        except OSError as error:
+            raise ConfigError(str(file), "", "results of an earlier `drd compare`", str(error.strerror)) from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", f"something else ({error})") from error
+
+
+def _revived(content: dict[str, Any]) -> Comparison:
+    channels = []
+    for c in content.pop("channels"):
+        drivers = [DriverResult(**d) for d in c.pop("drivers")]
+        channels.append(ChannelResult(**c, drivers=drivers))
+    result = Comparison(**content, channels=channels)
+    series = [result.length_s, result.x_m, result.y_m]
+    series += [s for c in channels for s in (c.block_mean, c.block_sigma, c.sum, c.sum_sigma)]
+    if {len(s) for s in series} != {len(result.time_s)}:
+        raise ValueError("series of other lengths")
+    return result

@@ -1,0 +1,162 @@
+"""A comparison in sentences and tables."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
+
+HEADER: Final = ("channel", "rms", "by noise", "in sigmas", "mean", "added up at the end", "goes with", "share")
+NOISE_HEADER: Final = ("noise", "1 sigma", "from")
+TEXT_COLUMNS: Final = (6,)
+SMALL: Final = 1.2  # sigmas rms
+WORTH_A_WORD: Final = 0.1
+
+
+def rate(channel: ChannelResult) -> tuple[float, str]:
+    """Factor and unit in which a channel's rates are shown."""
+    return (1.0, "deg/s") if channel.unit == "deg" else (1000.0, "mm/s")
+
+
+def _per(channel: ChannelResult, value: float, sign: str = "") -> str:
+    factor, unit = rate(channel)
+    return f"{factor * value:{sign}.2g} {unit}" if abs(factor * value) < 100 else f"{factor * value:{sign}.0f} {unit}"
+
+
+def _pair(value: float, sigma: float, unit: str) -> str:
+    """Value and sigma with as many digits as the sigma is worth."""
+    digits = 0
+    while digits < 6 and 0.0 < abs(sigma) * 10**digits < 2.0:
+        digits += 1
+    return f"{round(value, digits) + 0.0:+.{digits}f} ± {sigma:.{digits}f} {unit}"
+
+
+def rows(c: Comparison) -> list[tuple[str, ...]]:
+    """A row for each channel, in HEADER's columns."""
+    return [
+        (
+            ch.title,
+            _per(ch, ch.rms),
+            _per(ch, ch.expected),
+            f"{ch.ratio:.1f}",
+            _pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1]),
+            _pair(ch.end, ch.end_sigma, ch.unit),
+            {"nothing": "nothing beyond noise", "more": "more than noise"}.get(ch.verdict, " or ".join(ch.named)),
+            f"{ch.driver(ch.named[0]).share:.2f}" if ch.named else "",
+        )
+        for ch in c.channels
+    ]
+
+
+def lead(c: Comparison) -> Iterator[str]:
+    """What was compared, and the whole in a sentence or two."""
+    turned = f" and {c.turn_deg:.0f} deg of turning" if c.turn_deg >= 1.0 else ""
+    yield (
+        f"{Path(c.recording).name}: {c.duration_s:.0f} s, {c.way_m:.1f} m{turned}. The nominal model was simulated "
+        f"along the best path by {c.path}; the mismatch is what was recorded less that, in {len(c.time_s)} blocks of "
+        f"{c.block_s:.3g} s."
+    )
+    beyond = [ch for ch in c.channels if ch.verdict != "nothing"]
+    if not beyond:
+        where = "the only channel" if len(c.channels) == 1 else f"all {len(c.channels)} channels"
+        yield f"Nothing beyond noise in {where}: the nominal model explains what was recorded."
+        return
+    for begin, group in (
+        ("Beyond noise", [ch for ch in beyond if not is_small(ch)]),
+        ("No larger than noise, but not at random", [ch for ch in beyond if is_small(ch)]),
+    ):
+        if group:
+            yield f"{begin}: {'; '.join(map(_named, group))}."
+    rest = [ch.title for ch in c.channels if ch.verdict == "nothing"]
+    if rest:
+        yield f"Nothing beyond noise: {', '.join(rest)}."
+
+
+def is_small(ch: ChannelResult) -> bool:
+    """A driver foretells some of it, but it is of the size that the noise was said to have."""
+    return ch.verdict == "driver" and ch.ratio < SMALL
+
+
+def _named(ch: ChannelResult) -> str:
+    with_what = " or ".join(ch.named) or ("no driver for sure" if ch.drivers else "too few blocks to say with what")
+    return f"{ch.title} ({'' if not ch.drivers else 'with '}{with_what})"
+
+
+def sentence(ch: ChannelResult) -> str:
+    """What is to be said of one channel, without a cause."""
+    begin = ch.title[0].upper() + ch.title[1:]
+    end = f"At the end it has added up to {_pair(ch.end, ch.end_sigma, ch.unit)} (sigma of noise alone)."
+    if ch.verdict == "nothing":
+        return f"{begin}: nothing beyond noise ({ch.ratio:.1f} sigmas rms). {end}"
+    mean = f" Its mean is {_pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1])}."
+    if ch.verdict == "more":
+        drivers = "with too few blocks to say with what it goes"
+        if ch.drivers:
+            drivers = "but no driver surely foretells it in blocks that were left out of the fit"
+            nearest = ch.drivers[0]
+            if nearest.share > WORTH_A_WORD:
+                drivers += f" (nearest: {nearest.name}, share {nearest.share:.2f}, p {nearest.p:.2g})"
+        return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise, {drivers}.{mean} {end}"
+    best = ch.driver(ch.named[0])
+    others = "".join(f", or as well with {name} ({ch.driver(name).share:.2f})" for name in ch.named[1:])
+    left = f"The curve leaves {best.left:.1f} of {ch.ratio:.1f} sigmas rms."
+    size = "no larger than noise, but " if is_small(ch) else ""
+    return (
+        f"{begin}: {size}the mismatch goes with {best.name} (cross-validated share {best.share:.2f}){others}. "
+        f"{_range(ch, best)}{left} {end}"
+    )
+
+
+def _range(ch: ChannelResult, d: DriverResult) -> str:
+    """Where a curve is lowest and highest."""
+    factor, unit = rate(ch)
+    low, high = (d.value.index(f(d.value)) for f in (min, max))
+
+    def at(k: int) -> str:
+        where = f"({d.knots[k][0]:.3g}, {d.knots[k][1]:.3g})" if d.name == "place" else f"{d.knots[k]:.3g}"
+        return f"{_pair(factor * d.value[k], factor * d.sigma[k], unit)} at {where} {d.unit}"
+
+    return f"It runs from {at(low)} to {at(high)}. "
+
+
+def reference_rows(c: Comparison) -> list[list[str]]:
+    """The reference's errors as each channel tells them."""
+    return [[ch.title, name, _pair(v, s, unit)] for ch in c.channels for name, v, s, unit in ch.reference]
+
+
+def share_rows(c: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Header and rows: the share of each driver in each channel; * where noise hardly does as well."""
+    names = list(dict.fromkeys(d.name for ch in c.channels for d in ch.drivers))
+    order = [n for n in DRIVERS if n in names]
+    body = [
+        [ch.title, *(f"{max(ch.driver(n).share, 0.0):.2f}{'*' if ch.driver(n).p <= P_SHOWN else ' '}" for n in order)]
+        for ch in c.channels
+    ]
+    return ["channel", *order], body
+
+
+DRIVERS: Final = ("time", "yaw rate", "yaw acceleration", "speed", "acceleration", "temperature", "heading", "place")
+P_SHOWN: Final = 0.01
+SHARES: Final = (
+    "Share of the squared mismatch (in sigmas, about its mean) that a curve of one driver alone foretells in blocks "
+    "it was not fitted to. * p <= 0.01 over all channels and drivers together, by flips of sign. The drivers of a "
+    "drive go together: two stars in a row need not be two causes."
+)
+METHOD: Final = (
+    "Noise alone: nominal recordings with the noise below were simulated along the same path and treated alike, so "
+    "that what the reference's noise and the path's smoothing do is in it. What the standstill leaves of the gyro's "
+    "bias, and the bias's walk, are added. A reference may be late (10 ms), turned (2 deg) or displaced to the left "
+    "(5 cm; 1 sigma each): this is fitted to each channel and taken off. A channel is beyond noise where a driver "
+    "foretells it, or where it is surely above 1.5 sigmas rms (data sheets may be 30 % wrong), or where its mean is "
+    "above 4 sigmas. A reference that is displaced lengthwise looks like a robot that turns about another point: "
+    "both show as a sideways mismatch that goes with the yaw rate."
+)
+
+
+def print_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> None:
+    """In columns as wide as their widest cell: text to the left, figures to the right."""
+    widths = [max(len(row[k]) for row in (header, *body)) for k in range(len(header))]
+    is_text = [header[k] in ("channel", "goes with", "from", "noise") for k in range(len(header))]
+    for row in (header, *body):
+        cells = [f"{c:<{w}}" if t else f"{c:>{w}}" for c, w, t in zip(row, widths, is_text, strict=True)]
+        print("  " + "  ".join(cells).rstrip())

@@ -1,0 +1,402 @@
+"""What to drive next: the manoeuvre that settles the open questions in the fewest minutes, by simulation.
+
+For each open question, "is it A or B", A as found is put into drives without noise, and B is fitted to what A does
+there. Half the square of what B leaves, whitened, is by how much the next recording is expected to favour A, in nats.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Errors, apart
+from drd.nominal import FogSheet, Nominal
+from drd.units import RAD_PER_DEG
+from drd_tools.diagnose.diagnose import Diagnosis
+from drd_tools.diagnose.evidence import Evidence, Noise, gather
+from drd_tools.diagnose.finding import Finding, Status
+from drd_tools.diagnose.generic import DRIVER_UNITS, PERIODIC, Curve, drivers
+from drd_tools.diagnose.library import Library
+from drd_tools.diagnose.linear import Path, Signature
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import soft_forms
+from drd_tools.simulate.conditions import PERFECT, Reference
+from drd_tools.simulate.missions import MISSIONS, Drive
+from drd_tools.simulate.route import RATE_HZ, Route, Steps
+from drd_tools.simulate.simulator import simulate
+from drd_tools.simulate.truth import Truth, make_truth
+
+Array = npt.NDArray[np.float64]
+
+NOTHING: Final = "nothing"
+SETTLED_NATS: Final = 5.0  # more than conclude.CLASS_NATS: the two are then no longer one class
+MINUTES: Final = (1, 2, 3, 4, 5, 6)
+MINUTES_OF_ENDS: Final = (2, 4, 6)  # each needs a drive of its own, since the last fix moves
+LONGEST_STAND_S: Final = 30.0
+# Finer rates tell no more of what is slower; noise is scaled so that the information in a second stays.
+FIX_S: Final = 0.5
+GYRO_HZ: Final = 10.0
+SLOW_GYRO_HZ: Final = 2.0  # where all that is asked for is slow
+FREE: Final = 1e6  # size of a prior that leaves a parameter free
+# From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
+WARM_UP_C, WARM_UP_S = 10.0, 900.0
+COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
+ROOM_C: Final = 20.0
+SLOW: Final = ("temperature", "temperature_rate", "time")  # drivers that no manoeuvre changes
+# A stretch of ground is driven over again.
+STRETCH_FROM_S, STRETCH_S = 45.0, 60.0
+ONCE: Final = ("gyro_bias_step", "encoder_dropout")  # they do not come again for the asking
+
+Question = tuple[Finding, str]
+
+
+class Manoeuvre(NamedTuple):
+    """Laps to be driven until time is up; `cold`: on the way the gyro gets cold and warm again."""
+
+    lap: Callable[[Route, int], object]
+    cold: bool = False
+
+
+@dataclass(frozen=True)
+class _Option:
+    """A drive of so many minutes: what it brings for each question, nats."""
+
+    manoeuvre: str
+    minutes: int
+    nats: tuple[float, ...]
+
+    @property
+    def rank(self) -> tuple[float, ...]:
+        """Larger is better: questions settled, then minutes, then nats."""
+        settled = sum(n >= SETTLED_NATS for n in self.nats)
+        unsettled = sum(min(n, SETTLED_NATS) for n in self.nats)
+        minutes = self.minutes if settled else 0
+        return (settled, -minutes, unsettled, sum(self.nats))
+
+
+def _spins(route: Route, _: int) -> None:
+    for rate_deg_s, side in itertools.product((50.0, 25.0, 10.0), (1.0, -1.0)):
+        route.turn(side * 2.0 * math.pi, rate_deg_s * RAD_PER_DEG).stand(1.0)
+
+
+def _circles(route: Route, _: int) -> None:
+    for radius_m, side in itertools.product((0.3, 3.0), (1.0, -1.0)):
+        route.curve(2.0 * math.pi * radius_m, np.full(200, side / radius_m), 1.0).turn(side * 2.0 * math.pi)
+
+
+def _squares(route: Route, number: int) -> None:
+    MISSIONS["umbmark-ccw" if number % 2 else "umbmark-cw"].lap(route, number)
+
+
+def _straights(route: Route, _: int) -> None:
+    for speed_m_s, side in itertools.product((1.5, 0.4, 0.8), (1.0, -1.0)):
+        route.straight(10.0, speed_m_s).turn(side * math.pi)
+
+
+def _stand(route: Route, _: int) -> None:
+    route.stand(60.0)
+
+
+COLD: Final = "with the gyro cooled by about 12 degC from the end of minute 1 to the end of minute 3"
+MANOEUVRES: Final = {
+    "turns on the spot, both ways, at 50, 25 and 10 deg/s": Manoeuvre(_spins),
+    "circles of 0.3 and 3 m radius and turns on the spot, both ways": Manoeuvre(_circles),
+    "squares of 4 m with turns on the spot, both ways": Manoeuvre(_squares),
+    "straight lines of 10 m, there and back, at 1.5, 0.4 and 0.8 m/s": Manoeuvre(_straights),
+    "figures of eight of 50 m at 1.2 m/s": Manoeuvre(MISSIONS["eights"].lap),
+    "a slalom at up to 1.5 m/s": Manoeuvre(MISSIONS["slalom"].lap),
+    f"standing still {COLD}": Manoeuvre(_stand, cold=True),
+    f"squares of 4 m with turns on the spot, both ways, {COLD}": Manoeuvre(_squares, cold=True),
+}
+
+
+def next_drive(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """The drive that settles the open questions of a diagnosis; None where none is open that a drive could settle.
+
+    Open are findings that something else also fits, and suspected ones (against nothing). Keys: `manoeuvre`,
+    `minutes`; `separates`: the pairs that it settles, of which `nats` is the least (where it settles none: the most
+    that it brings); `unsettled`: the other pairs; `alternatives`: the other manoeuvres, best first; `sentence`.
+    Deterministic.
+    """
+    questions = open_questions(diagnosis.conclusion.findings)
+    if not questions:
+        return None
+    options = options_for(diagnosis, questions)
+    best_of = {o.manoeuvre: o for o in sorted(options, key=lambda o: o.rank)}
+    best, *others = sorted(best_of.values(), key=lambda o: o.rank, reverse=True)
+    pairs = [[finding.effect, rival] for finding, rival in questions]
+    nats = _least(best)
+    separates = [p for p, n in zip(pairs, best.nats, strict=True) if n >= SETTLED_NATS]
+    unsettled = [p for p in pairs if p not in separates]
+    return {
+        "manoeuvre": best.manoeuvre,
+        "minutes": float(best.minutes),
+        "separates": separates,
+        "nats": nats,
+        "unsettled": unsettled,
+        "alternatives": [
+            {"manoeuvre": o.manoeuvre, "minutes": float(o.minutes), "settles": o.rank[0], "nats": _least(o)}
+            for o in others
+        ],
+        "sentence": _sentence(best, separates, unsettled, nats),
+    }
+
+
+def open_questions(findings: Sequence[Finding]) -> list[Question]:
+    """Findings, each with what it may be instead."""
+    questions: list[Question] = []
+    for finding in findings:
+        if finding.effect in ONCE:
+            continue
+        rivals = finding.also_fits or ((NOTHING,) if finding.status is Status.SUSPECTED else ())
+        questions += [(finding, rival) for rival in rivals]
+    return questions
+
+
+def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Option]:
+    """All manoeuvres and durations, with the nats that each brings for each question."""
+    found = diagnosis.conclusion.found
+    e, noise = found.problem.evidence, found.problem.noise
+    nominal, reference = diagnosis.recording.nominal, _kind(e)
+    slow = [_is_slow(f) and (rival == NOTHING or _is_slow(rival)) for f, rival in questions]
+    rate_hz = min(nominal.fog.rate_hz or GYRO_HZ, SLOW_GYRO_HZ if all(slow) else GYRO_HZ)
+    nominal = replace(
+        nominal,
+        fog=replace(nominal.fog, rate_hz=rate_hz) if e.gyro_rad is not None else FogSheet(),
+        standstill_at_start_s=min(nominal.standstill_at_start_s, LONGEST_STAND_S),
+    )
+    period_s = reference.period_s
+    if period_s is not None and period_s < FIX_S:
+        share = math.sqrt(FIX_S / period_s)
+        noise = replace(noise, position_m=noise.position_m / share, heading_rad=noise.heading_rad / share)
+        reference = replace(reference, period_s=FIX_S)
+    knows_temperature = bool(np.isfinite(e.temperature_c).any())
+    some_slow = any(_is_slow(of) for question in questions for of in question)
+    others = [c for c in found.fit.claims if "t0" not in c.values]
+    options: list[_Option] = []
+    for name, manoeuvre in MANOEUVRES.items():
+        if manoeuvre.cold and not some_slow:
+            continue
+        runs = [(m, (m,)) for m in MINUTES_OF_ENDS] if period_s is None and len(e.fix) else [(MINUTES[-1], MINUTES)]
+        for longest, lengths in runs:
+            evidence, path = _driven(name, longest, nominal, reference, knows_temperature)
+            nats = _nats(evidence, path, noise, questions, others, lengths)
+            options += [_Option(name, m, n) for m, n in zip(lengths, nats, strict=True)]
+    return options
+
+
+def _is_slow(of: Finding | str) -> bool:
+    """An error of the gyro that no manoeuvre changes."""
+    if isinstance(of, str):
+        return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].driver in SLOW
+    return of.acts_on == "gyro" and of.driver in SLOW
+
+
+def _kind(e: Evidence) -> Reference:
+    """What kind of reference a recording has."""
+    if not len(e.fix):
+        return Reference(is_there=False)
+    at_s = e.time_s[e.fix_step] - e.fix_share * e.step_s[e.fix_step]
+    period_s = round(float(np.median(np.diff(at_s))), 2) if len(at_s) > 2 else math.inf
+    return Reference(period_s=period_s if period_s <= 60.0 * MINUTES[0] else None)
+
+
+# ---- drives --------------------------------------------------------------------------------------------------------
+
+
+def drive(name: str, minutes: int, stand_s: float) -> Truth:
+    """The true motion in one of MANOEUVRES: a standstill of `stand_s`, then laps until `minutes` are over."""
+    manoeuvre, steps_in_all = MANOEUVRES[name], 60 * minutes * RATE_HZ
+
+    def ridden(laps: int) -> Steps:
+        route = Route().stand(stand_s)
+        for number in range(laps):
+            manoeuvre.lap(route, number)
+        return route.steps()
+
+    laps = 2 * math.ceil(steps_in_all / (len(ridden(2).forward_m) - stand_s * RATE_HZ))
+    truth = make_truth(Drive(Steps(*(a[:steps_in_all] for a in ridden(laps))), laps))
+    return replace(truth, temperature_c=_temperature_c(truth.middle_s, manoeuvre.cold))
+
+
+@lru_cache(maxsize=64)
+def _driven(
+    name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool
+) -> tuple[Evidence, Path]:
+    """What perfect sensors say of a manoeuvre, and the true path."""
+    truth = drive(name, minutes, nominal.standstill_at_start_s)
+    e = gather(simulate(truth, nominal, (), replace(PERFECT, reference=reference), name=name).recording)
+    if not knows_temperature:
+        e = replace(e, temperature_c=np.full(len(e.time_s), np.nan))
+    edges_s = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    pose = [np.interp(edges_s, truth.time_s, a) for a in (truth.x_m, truth.y_m, truth.heading_rad)]
+    return e, Path(np.column_stack(pose))
+
+
+def _temperature_c(time_s: Array, cold: bool) -> Array:
+    def after(begin_s: float) -> Array:
+        return np.asarray(1.0 - np.exp(-np.maximum(time_s - begin_s, 0.0) / COLD_LAG_S))
+
+    warm = ROOM_C + WARM_UP_C * (1.0 - np.exp(-time_s / WARM_UP_S))
+    return warm - COLDER_C * (after(COLD_FROM_S) - after(COLD_TO_S)) if cold else warm
+
+
+# ---- nats ----------------------------------------------------------------------------------------------------------
+
+
+class _Rivals(Library):
+    """The candidates of a few effects, and what the questions' findings would do."""
+
+    def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Finding]):
+        self.candidates = []
+        signatures: list[Signature] = []
+        for name in names:
+            effect = catalogue()[name]
+            for shape in self._shapes(problem, effect):
+                signatures += self._add(problem, effect, shape, len(signatures))
+        rows = problem.whiten([*signatures, *(_signature(problem, f) for f in findings)])
+        self.rows, self.found = rows[:, : len(signatures)], rows[:, len(signatures) :]
+
+    def best(self, problem: Problem, name: str, data: Array) -> Claim | None:
+        """The variant of an effect, with parameters, that explains most of the data beside the nuisances."""
+        own = [c for c in self.candidates if c.effect.id == name]
+        columns = sorted({i for c in own for i in c.columns})
+        at = {column: k for k, column in enumerate(columns)}
+        S, N = self.rows[:, columns], problem.nuisance
+        A = N.T @ N + np.eye(N.shape[1])
+        C = N.T @ S
+        G = S.T @ S - C.T @ np.linalg.solve(A, C)
+        b = S.T @ data - C.T @ np.linalg.solve(A, N.T @ data)
+        best: tuple[float, Claim] | None = None
+        for candidate in own:
+            index = [at[i] for i in candidate.columns]
+            if candidate.effect.linear():
+                x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
+            else:  # what is not linear has another form at another size
+                x = np.ones(1)
+            gain = float(b[index] @ x - 0.5 * x @ G[np.ix_(index, index)] @ x) - candidate.penalty
+            if (best is None or gain > best[0]) and (claim := candidate.claim(x)) is not None:
+                best = (gain, claim)
+        return None if best is None else best[1]
+
+
+def _signature(problem: Problem, finding: Finding) -> Signature:
+    if finding.claim is not None:
+        return problem.signature(finding.claim.effect, _again(finding.claim).values)
+    assert finding.curve is not None
+    return _curve_signature(problem, finding.curve)
+
+
+def _again(claim: Claim) -> Claim:
+    """A stretch of ground is driven over again; all else acts throughout."""
+    if "t0" not in claim.values:
+        return claim
+    length_s = claim.number("t1") - claim.number("t0") if "t1" in claim.values else STRETCH_S
+    end_s = STRETCH_FROM_S + min(length_s, STRETCH_S)
+    return replace(claim, values={**claim.values, "t0": STRETCH_FROM_S, **({"t1": end_s} if "t1" in claim.values else {})})  # noqa: E501  # fmt: skip
+
+
+def _curve_signature(problem: Problem, curve: Curve) -> Signature:
+    """What a curve without a name adds; beyond its ends it stays as it is there."""
+    m, known = problem.signatures.motion, drivers(problem)
+    if curve.driver not in known:
+        return Signature()
+    period = 360.0 if curve.driver in PERIODIC else None
+    x = known[curve.driver][0] * DRIVER_UNITS[curve.driver][1]
+    value = np.interp(x, curve.knots, curve.value, period=period)
+    share = 0.01 * value
+    errors = {
+        "gyro": lambda: Errors(gyro_rad_s=RAD_PER_DEG * value),
+        "wheels' mean": lambda: Errors(left_m_s=share * m.left_m_s, right_m_s=share * m.right_m_s),
+        "wheels' difference": lambda: Errors(left_m_s=-0.5 * share * m.left_m_s, right_m_s=0.5 * share * m.right_m_s),
+        "wheels' turn": lambda: apart(m, share),
+        "body": lambda: Errors(lateral_m_s=value * (np.abs(m.speed_m_s) > 0.02)),
+    }
+    return problem.signatures.of(errors[curve.channel]())
+
+
+def _nats(
+    evidence: Evidence,
+    path: Path,
+    noise: Noise,
+    questions: Sequence[Question],
+    others: Sequence[Claim],
+    minutes: Sequence[int],
+) -> list[tuple[float, ...]]:
+    """For each duration, what the drive brings for each question."""
+    problem = Problem(evidence, path, noise)
+    findings = list({id(f): f for f, _ in questions}.values())
+    names = sorted({rival for _, rival in questions if rival != NOTHING})
+    rivals = _Rivals(problem, names, findings)
+    data = {id(f): rivals.found[:, k] for k, f in enumerate(findings)}
+    fitted = [rivals.best(problem, name, data[id(f)]) if name != NOTHING else None for f, name in questions]
+    others = [c for c in others if any(c is not f.claim for f, _ in questions)]
+    used = [*others, *(c for c in fitted if c is not None)]
+    problem.units(
+        problem.wanted_rows(used) + problem.wanted_tangents(used) + [w for c in used for w in problem.wanted_forms(c)]
+    )
+    left: list[tuple[float, list[tuple[Array, Array]]]] = []
+    for (finding, _), rival in zip(questions, fitted, strict=True):
+        beside = [c for c in others if c is not finding.claim]
+        # A rival of no size is none: it never does worse.
+        ways = [_fitted_to(problem, data[id(finding)], beside, r) for r in ([None, rival] if rival else [None])]
+        left.append((_price(problem, finding, rival), ways))
+    kept = [problem.row_time_s <= 60.0 * limit for limit in minutes]
+    return [tuple(min(_half_square(r[k], held[k]) for r, held in ways) - price for price, ways in left) for k in kept]
+
+
+def _price(problem: Problem, finding: Finding, rival: Claim | None) -> float:
+    """What the finding costs more than its rival: so much must the data bring before it is preferred."""
+    mine = problem.penalty([finding.claim]) if finding.claim is not None else problem.per_parameter + problem.per_effect
+    return max(0.0, mine - (problem.penalty([rival]) if rival is not None else 0.0))
+
+
+def _fitted_to(problem: Problem, data: Array, beside: Sequence[Claim], rival: Claim | None) -> tuple[Array, Array]:
+    """Data less the rival, (r,), and what else may explain them, (r, q), scaled so that the priors are 1."""
+    claims = [*beside, rival] if rival is not None else list(beside)
+    T = problem.tangents(claims)
+    norms = np.linalg.norm(T, axis=0)
+    T = T[:, norms > 0.0] / norms[norms > 0.0] * FREE
+    held = np.column_stack([problem.nuisance, T, *(soft_forms(problem, c) for c in claims)])
+    return data - (problem.effect_rows([rival]) if rival is not None else 0.0), held
+
+
+def _half_square(residual: Array, held: Array) -> float:
+    A = held.T @ held + np.eye(held.shape[1])
+    scale = 1.0 / np.sqrt(np.diag(A))
+    b = scale * (held.T @ residual)
+    x = np.linalg.lstsq(A * scale[:, None] * scale, b, rcond=1e-10)[0]
+    return max(0.0, 0.5 * float(residual @ residual - b @ x))
+
+
+# ---- words ---------------------------------------------------------------------------------------------------------
+
+
+def _least(option: _Option) -> float:
+    settled = [n for n in option.nats if n >= SETTLED_NATS]
+    return round(max(0.0, min(settled) if settled else max(option.nats)), 1)
+
+
+def _sentence(best: _Option, separates: list[list[str]], unsettled: list[list[str]], nats: float) -> str:
+    def told(pairs: list[list[str]]) -> str:
+        return "; ".join(f"{a} from {b}" for a, b in pairs)
+
+    if not separates:
+        return (
+            f"None of the drives that were simulated, up to {MINUTES[-1]} minutes long, tells {told(unsettled)}; "
+            f"most, {nats:.2g} nats, come from {best.manoeuvre}."
+        )
+    minutes = "1 minute" if best.minutes == 1 else f"{best.minutes} minutes"
+    text = f"{minutes} of {best.manoeuvre} would tell {told(separates)}, by at least {nats:.3g} nats."
+    names = {name for pair in separates for name in pair}
+    if "gyro_warmup" in names:
+        text += " Begin at power-on, with the gyro cold."
+    if names & {"surface_slip", "terrain_tread"}:
+        text += f" Drive over the same ground again, from {STRETCH_FROM_S:.0f} s on."
+    return text + (f" It does not tell {told(unsettled)}." if unsettled else "")

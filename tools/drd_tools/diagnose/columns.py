@@ -1,0 +1,104 @@
+"""Signatures of the catalogue's effects in one recording."""
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from drd.effects.effect import Errors
+from drd.effects.motion import Motion
+from drd_tools.diagnose.evidence import Evidence
+from drd_tools.diagnose.linear import Path, Signature
+
+Array = npt.NDArray[np.float64]
+SUB = 4
+SPEED_SMOOTHING_S = 0.3
+TEMPERATURE_SMOOTHING_S = 5.0
+SLOW_S = 3.0
+
+
+def motion_along(e: Evidence, path: Path) -> Motion:
+    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals."""
+    edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    typical = float(np.median(e.step_s))
+    n = len(e.time_s)
+    fine = np.interp(np.arange(n * SUB + 1) / SUB, np.arange(n + 1), edges)
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    h = np.diff(fine)
+    forward = 0.5 * (e.left_m + e.right_m)
+    speed = gaussian_filter1d(forward / np.diff(edges), SPEED_SMOOTHING_S / typical)
+    way = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
+    heading = CubicSpline(edges, path.pose[:, 2])
+    turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical))]))
+    # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
+    smooth = np.diff(way(edges))
+    share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
+    v = np.diff(way(fine)) / h * np.repeat(share, SUB)
+    w = np.diff(turned(fine)) / h
+    a = way(middle, 2)
+    B, r = e.tread_m, e.radius_m
+    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
+    known = np.isfinite(e.temperature_c)
+    if known.any():
+        T = gaussian_filter1d(
+            np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical
+        )
+        still = e.time_s <= e.time_s[0] + max(e.standstill_s, 1.0)
+        still_c = float(e.temperature_c[known & still].mean()) if (known & still).any() else float(T[0])
+        T = np.interp(middle, e.time_s, T)
+    else:
+        T, still_c = np.full(len(middle), np.nan), np.nan
+    return Motion(
+        middle, w, v, a, heading(middle), v - 0.5 * w * B, v + 0.5 * w * B, wl, wr, T, still_c, B, float(edges[-1])
+    )
+
+
+def _ratio(a: Array, b: Array) -> Array:
+    result: Array = np.divide(a, b, out=np.zeros_like(a), where=np.abs(b) > 1e-9)
+    return result
+
+
+def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
+    """Turn of each step, from the gyro with a slow correction: what the fixes' noise shakes must not be a regressor.
+
+    A column with the reference's noise in it is correlated with the innovations that it is to explain.
+    """
+    turn = path.steps()[2]
+    if e.gyro_rad is None:
+        return gaussian_filter1d(turn, SPEED_SMOOTHING_S / typical_s)
+    slow = gaussian_filter1d(np.where(e.gyro_doubt_rad2 > 0.0, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
+    told = np.where(e.gyro_doubt_rad2 > 0.0, turn, e.gyro_rad + slow)
+    return np.asarray(np.where(e.still, 0.0, told), float)
+
+
+class Signatures:
+    """Makes signatures along a path."""
+
+    def __init__(self, e: Evidence, path: Path):
+        self.e, self.motion = e, motion_along(e, path)
+        edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+        self.h = np.repeat(np.diff(edges) / SUB, SUB)
+
+    def of(self, errors: Errors) -> Signature:
+        """Rates on the fine grid, added up over each step."""
+
+        def summed(rate: Array | float) -> Array | float:
+            return (rate * self.h).reshape(-1, SUB).sum(axis=1) if isinstance(rate, np.ndarray) else 0.0
+
+        return Signature(*(summed(rate) for rate in errors))
+
+
+def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Signature]]:
+    """What a reference may have without anything being missing in the robot: name, prior sigma, signature."""
+    if not len(e.fix):
+        return []
+    k = e.fix_step
+    c, s = np.cos(path.pose[k + 1, 2]), np.sin(path.pose[k + 1, 2])
+    dp = np.diff(path.pose, axis=0)[k] / e.step_s[k, None]
+    zero = np.zeros(len(k))
+    one = zero + 1
+    return [
+        ("reference_latency", 0.010, Signature(fix=-dp)),
+        ("reference_yaw", np.radians(2.0), Signature(fix=np.column_stack([zero, zero, one]))),
+        ("reference_sideways", 0.05, Signature(fix=np.column_stack([-s, c, zero]))),
+    ]

@@ -1,0 +1,185 @@
+"""From claims to findings: how sure, what else it could be, where, and in words."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.audit import Event
+from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
+from drd_tools.diagnose.finding import Finding, Status
+from drd_tools.diagnose.generic import Curve, Smooths
+from drd_tools.diagnose.identify import Identifiability
+from drd_tools.diagnose.library import is_plausible
+from drd_tools.diagnose.problem import Claim
+from drd_tools.diagnose.refine import refine, refine_all
+from drd_tools.diagnose.search import Found, Search
+
+Array = npt.NDArray[np.float64]
+
+CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
+RIVALS: Final = 5
+GENERIC_NATS: Final = 3.0  # by so much a curve without a name must beat a name
+FAMILY_WISE: Final = 0.05
+CONFIRMING_E: Final = 100.0
+CURVES: Final = {
+    "gyro": ("gyro",),
+    "wheels": ("wheels' mean", "wheels' difference", "wheels' turn"),
+    "body": ("body",),
+}
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """Findings, and what was not found."""
+
+    findings: list[Finding]
+    found: Found
+    ruled_out: list[dict[str, str]]
+    detectable: dict[str, dict[str, float | str]]
+    classes: list[list[str]]
+    unexplained: float
+
+
+def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
+    """Judge each claim, and what is left."""
+    search = Search(found.problem, [e.claim for e in events])
+    smooths = Smooths(found.problem)
+    identity = Identifiability(found.problem, search.library)
+    found = _held(found, search)
+    chance = chance_gains(found.problem, search.library, found.fit.left)
+    by_logic = {e.claim.id: e for e in events}
+    total = max(_worth(found, search, None), 1e-9)
+    findings = []
+    for claim in found.fit.claims:
+        event = by_logic.get(claim.id)
+        if event is not None:
+            findings.append(_event_finding(claim, event))
+        else:
+            findings.append(_finding(found, search, smooths, claim, chance, total))
+    left = smooths.best(found.fit.claims)
+    unexplained = 0.0
+    if left is not None and left.gain > GENERIC_NATS:
+        p = family_wise_p(left.gain + smooths.cost, chance)
+        unexplained = left.gain / (left.gain + total)
+        same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
+        if p <= FAMILY_WISE and not same:
+            findings.append(_unknown(left, p, left.gain / (left.gain + total)))
+    findings.sort(key=lambda f: -f.gain_nats)
+    named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
+    bounds = identity.bounds(found.fit.left)
+    ruled_out = [{"effect": name, "because": text} for name, text in sorted(bounds.items()) if name not in named]
+    return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
+
+
+def _worth(found: Found, search: Search, claim: Claim | None) -> float:
+    """Nats that a claim is worth beside the others; None: all that were not found by logic."""
+    kept = [c for c in found.fit.claims if c.id in search.known] if claim is None else [c for c in found.fit.claims if c is not claim]  # noqa: E501  # fmt: skip
+    return refine(found.problem, kept).cost - found.fit.cost
+
+
+def _held(found: Found, search: Search) -> Found:
+    """Without the claims that do not hold on data that they were not fitted to."""
+    kept = [c for c in found.fit.claims if c.id in search.known or sum(unseen_nats(found.problem, found.fit, c)) > 0.0]
+    if len(kept) == len(found.fit.claims):
+        return found
+    fit = refine(found.problem, kept)
+    return Found(found.problem, fit, search.score(fit), found.null)
+
+
+def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chance: Array, total: float) -> Finding:
+    problem, fit = found.problem, found.fit
+    worth = _worth(found, search, claim)
+    nats = unseen_nats(problem, fit, claim)
+    e = e_value(nats)
+    p = family_wise_p(worth, chance)
+    sure = p <= FAMILY_WISE
+    status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
+    rest = refine(problem, [c for c in fit.claims if c is not claim])
+    rivals = [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
+    fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
+    also = tuple(
+        r.id
+        for r, f in zip(rivals, fits, strict=True)
+        if all(map(is_plausible, f.claims)) and search.score(f) > found.score - CLASS_NATS
+    )
+    rival = smooths.best(fit.claims, claim)
+    score_of_name = worth - problem.penalty([claim])
+    if rival is not None and rival.gain > score_of_name + GENERIC_NATS:
+        return _unknown(rival, p, worth / total, also_fits=(claim.id, *also), e=e, status=status)
+    curve = _curve(smooths, found, claim, rival)
+    explains = min(1.0, worth / total)
+    return Finding(
+        claim, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
+        sentence(claim, explains, also), curve, gain_over_time(problem, fit, claim),
+        {"told": smooths.told(claim, curve)} if curve is not None else {},
+    )  # fmt: skip
+
+
+def _curve(smooths: Smooths, found: Found, claim: Claim, rival: Curve | None) -> Curve | None:
+    """The mismatch that a claim explains, against the claim's own driver where that is one of the smooths'."""
+    options = [
+        smooths.best(found.fit.claims, claim, (channel, claim.effect.driver))
+        for channel in CURVES[claim.effect.channel]
+    ]
+    curves = [c for c in options if c is not None]
+    return max(curves, key=lambda c: c.gain, default=rival)
+
+
+def _event_finding(claim: Claim, event: Event) -> Finding:
+    e = math.exp(min(event.nats, 690.0))
+    p = min(1.0, math.exp(-min(event.nats, 690.0)) * 31.0)
+    text = f"{claim.effect.sentence} Seen: {event.seen}."
+    return Finding(claim, Status.CONFIRMED, (), event.windows, float(event.nats), max(p, 1e-6), e, 1.0, text)
+
+
+def _unknown(
+    curve: Curve,
+    p: float,
+    explains: float,
+    also_fits: tuple[str, ...] = (),
+    e: float = 1.0,
+    status: Status = Status.SUPPORTED,
+) -> Finding:
+    peak = int(np.argmax(np.abs(curve.value)))
+    text = (
+        f"Something that is in no catalogue acts on the {curve.channel} and depends on "
+        f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} at "
+        f"{curve.knots[peak]:.3g} {curve.driver_unit}."
+    )
+    return Finding(None, status, also_fits, (), curve.gain, p, e, explains, text, curve)
+
+
+def _windows(claim: Claim, time_s: Array) -> tuple[tuple[float, float], ...]:
+    if "t0" in claim.values:
+        end = claim.number("t1") if "t1" in claim.values else float(time_s[-1])
+        return ((claim.number("t0"), end),)
+    return ((float(time_s[0]), float(time_s[-1])),)
+
+
+def sentence(claim: Claim, explains: float, also_fits: Sequence[str]) -> str:
+    """A finding in words."""
+    shown = []
+    for q in claim.effect.parameters:
+        if q.choices:
+            shown.append(f"{q.name} {claim.values[q.name]}")
+        elif not (q.fixed or (q.linear and q.name not in claim.free)):
+            unit = "" if q.unit == "1" else f" {q.unit}"
+            value, sigma = claim.number(q.name) / q.si, claim.sigma(q.name) / q.si
+            shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
+    text = f"{claim.effect.sentence} Here {', '.join(shown)}; it explains {100.0 * explains:.0f} % of the mismatch."
+    if also_fits:
+        text += f" This recording cannot tell it from {', '.join(also_fits)}."
+    if claim.id == "rotation_centre_offset":
+        text += " A reference that is mounted so much ahead of the believed point looks the same."
+    return text
+
+
+def _rounded(value: float, sigma: float) -> str:
+    if sigma <= 0.0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(sigma)))
+    return f"{value:.{digits}f} +- {sigma:.{digits}f}" if digits < 7 else f"{value:.3g} +- {sigma:.2g}"

@@ -1,0 +1,79 @@
+"""One recording from evidence to conclusion."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.audit import Event, audit
+from drd_tools.diagnose.conclude import Conclusion, conclude
+from drd_tools.diagnose.evidence import Noise, gather
+from drd_tools.diagnose.noise_fit import fitted, tempered
+from drd_tools.diagnose.problem import Problem, Temper
+from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.search import Found, find
+from drd_tools.recordings.folder import Recording
+
+Array = npt.NDArray[np.float64]
+
+NOISE_ROUNDS: Final = 2
+NOISE_CHANGED: Final = 0.1  # relative: the claims are then searched for again
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that is known of one recording. `null` (r,): whitened data less the nuisances, before any claim."""
+
+    recording: Recording
+    events: list[Event]
+    null_problem: Problem
+    null: Array
+    conclusion: Conclusion
+
+    def noise_ratios(self) -> dict[str, float]:
+        """Fitted noise over its data sheet's."""
+        noise, sheet = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.sheet
+        return {
+            "slip": noise.slip_m_per_sqrt_m / sheet.slip_m_per_sqrt_m,
+            "position": noise.position_m / sheet.position_m,
+            "heading": noise.heading_rad / sheet.heading_rad,
+        }
+
+
+def diagnose(recording: Recording) -> Diagnosis:
+    """Audit, fit the noise, search, and judge what was found."""
+    looked = audit(recording, gather(recording))
+    assert looked.evidence is not None
+    known = [event.claim for event in looked.events]
+    problem = Problem(looked.evidence)
+    for _ in range(NOISE_ROUNDS):
+        noise, doubt = fitted(problem, refine(problem, known).left)
+        problem = Problem(problem.evidence, problem.path, noise, doubt)
+    found = find(problem, known)
+    for _ in range(NOISE_ROUNDS):
+        # The claims are off now, so that what is left tells the noise better than before.
+        noise, doubt = fitted(found.problem, found.fit.left)
+        temper = tempered(found.problem, found.fit.left)
+        if _is_near(noise, temper, found.problem):
+            break
+        problem = Problem(problem.evidence, problem.path, noise, doubt, temper=temper)
+        found = find(problem, known)
+    null = refine(problem, known)
+    return Diagnosis(recording, looked.events, problem, null.left, conclude(found, looked.events))
+
+
+def _is_near(noise: Noise, temper: Temper, problem: Problem) -> bool:
+    """Whether a problem has this noise already."""
+    before, was = problem.noise, problem.temper
+    pairs = (
+        (noise.slip_m_per_sqrt_m, before.slip_m_per_sqrt_m),
+        (noise.position_m, before.position_m),
+        (noise.heading_rad, before.heading_rad),
+        (temper.wheels, was.wheels),
+        *zip(temper.fixes, was.fixes, strict=True),
+    )
+    return all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)
+
+
+__all__ = ["Diagnosis", "Found", "diagnose"]

@@ -1,0 +1,136 @@
+"""All that may be missing, in a few variants each, as columns of one regression."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import ActsOn, Effect, Parameter
+from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.problem import BIAS, SCALE, Claim, Problem, Values, linear_names
+
+Array = npt.NDArray[np.float64]
+Parameters = dict[str, float | str]
+
+# Found by the audit, by logic, before any regression.
+AUDITED: Final = ("encoder_dropout", "gyro_saturation")
+# Effects that can be there more than once.
+SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
+BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A variant of an effect: `names` of the linear parameters that are free, and the library's `columns` of them."""
+
+    effect: Effect
+    shape: Parameters
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    angle: str
+    penalty: float
+
+    def claim(self, coefficients: Array) -> Claim | None:
+        """With parameters from the regression's coefficients; None where they make no sense."""
+        values = dict(self.shape)
+        linear = self.effect.linear()
+        if self.effect.acts_on is ActsOn.READOUT and not 0.4 < coefficients[0] < 2.5:
+            return None
+        if self.angle:  # a cos(t - p) = a cos p cos t + a sin p sin t
+            values[linear[0]] = math.hypot(*coefficients)
+            values[self.angle] = math.atan2(coefficients[1], coefficients[0]) % (2.0 * math.pi)
+        elif self.names != ("",):
+            values.update(dict.fromkeys(linear, 0.0))
+            values.update(zip(self.names, map(float, coefficients), strict=True))
+        elif self.effect.acts_on is not ActsOn.READOUT:
+            for q in self.effect.parameters:
+                if not q.choices and not q.fixed:
+                    at = q.neutral * q.si
+                    values[q.name] = at + (float(values[q.name]) - at) * float(coefficients[0])
+        chosen = linear if self.angle or self.names == ("",) else self.names
+        claim = Claim(self.effect, values, chosen + _free_shape(self.effect, values))
+        return claim if is_plausible(claim) else None
+
+
+def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
+    own = tuple(q.name for q in effect.parameters if not q.linear and not q.choices and not q.fixed)
+    return own + ((BIAS.name,) if BIAS.name in values else ())
+
+
+def is_angle(q: Parameter) -> bool:
+    """A phase: two columns a quarter turn apart make any of it."""
+    return q.unit == "rad" and not q.linear
+
+
+def is_plausible(claim: Claim) -> bool:
+    """Of the right sign, and not beyond all sizes."""
+    for q in claim.effect.parameters:
+        if q.choices or q.name in ("t0", "t1") or is_angle(q):
+            continue
+        value = claim.number(q.name)
+        if q.neutral and abs(value / q.si - q.neutral) > 3.0 * abs(q.high - q.neutral):
+            return False
+        if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
+            return False
+    return "t1" not in claim.values or claim.number("t1") > claim.number("t0")
+
+
+class Library:
+    """The candidates of a problem, and their whitened columns (r, p)."""
+
+    def __init__(self, problem: Problem):
+        e = problem.evidence
+        has_gyro = e.gyro_rad is not None
+        effects = [x for x in catalogue().values() if x.id not in AUDITED and (has_gyro or x.channel != "gyro")]
+        self.candidates: list[Candidate] = []
+        signatures: list[Signature] = []
+        for effect in effects:
+            for shape in self._shapes(problem, effect):
+                signatures += self._add(problem, effect, shape, len(signatures))
+        self.columns: npt.NDArray[np.float32] = problem.whiten(signatures).astype(np.float32)
+        self.products: npt.NDArray[np.float32] = self.columns.T @ self.columns
+
+    @staticmethod
+    def _shapes(problem: Problem, effect: Effect) -> list[Parameters]:
+        shapes = effect.variants(problem.signatures.motion)
+        if effect.acts_on is ActsOn.READOUT:
+            sigma = problem.evidence.sheet.bias_rad_s
+            shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
+        return shapes
+
+    def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Signature]:
+        angle = next((q.name for q in effect.parameters if is_angle(q)), "")
+        names = linear_names(effect, {SCALE.name: 0.0} if effect.beside_scale else {}) or ("",)
+        if angle:
+            shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
+        else:
+            shapes = [(shape, name) for name in names]
+        signatures = [problem.unit(effect, s, name) for s, name in shapes]
+        if not all(_is_seen(s) for s in signatures):
+            return []
+        columns = tuple(range(first, first + len(signatures)))
+        if angle or len(names) == 1:
+            subsets = [tuple(range(len(columns)))]
+        else:
+            own = [i for i, name in enumerate(names) if name != SCALE.name]
+            subsets = [
+                which
+                for size in range(1, len(names) + 1)
+                for which in itertools.combinations(range(len(names)), size)
+                if set(which) & set(own)
+            ]
+        for which in subsets:
+            chosen = names if angle else tuple(names[i] for i in which)
+            values = {**shape, SCALE.name: 0.0} if SCALE.name in chosen else shape
+            count = len(which) + len(_free_shape(effect, values)) - bool(angle)
+            penalty = count * problem.per_parameter + problem.per_effect
+            self.candidates.append(Candidate(effect, values, chosen, tuple(columns[i] for i in which), angle, penalty))
+        return signatures
+
+
+def _is_seen(signature: Signature) -> bool:
+    return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in signature.channels)

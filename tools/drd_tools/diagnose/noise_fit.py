@@ -1,0 +1,81 @@
+"""Sizes of the noise: data sheets are the priors, the claims' residual corrects them, robustly."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.evidence import Noise
+from drd_tools.diagnose.problem import Problem, Temper
+
+Array = npt.NDArray[np.float64]
+
+DEVIATION_PER_MAD: Final = 1.4826
+FEWEST_ROWS: Final = 50
+# A sheet is believed to within a factor of about 1.5; so many rows weigh as much as the sheet.
+ROWS_PER_PRIOR: Final = 30
+SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)
+FEWEST_BLOCKS: Final = 20
+LEAST_COLOUR: Final = 1.15
+DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
+
+
+def tempered(problem: Problem, left: Array) -> Temper:
+    """How far from white what claims leave (r,) of the whitened data is, at the scale where it is worst."""
+    e = problem.evidence
+    n = len(e.time_s) if e.gyro_rad is not None else 0
+    step_s = float(np.median(e.step_s))
+    wheels, fixes = left[:n] * problem.temper.wheels, left[n:].reshape(-1, 3) * np.array(problem.temper.fixes)
+    fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
+    sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
+    both = max(sizes[:2])
+    return Temper(_slow(wheels, step_s), (both, both, sizes[2]))
+
+
+def _slow(rows: Array, every_s: float) -> float:
+    """Deviation of means over some seconds, times the root of their rows: 1 where the rows are white."""
+    worst = 1.0
+    for span_s in SPANS_S:
+        m = max(1, round(span_s / every_s))
+        count = len(rows) // m
+        if m < 2 or count < FEWEST_BLOCKS:
+            continue
+        means = rows[: count * m].reshape(count, m).sum(axis=1) / m**0.5
+        found = DEVIATION_PER_MAD * float(np.median(np.abs(means - np.median(means))))
+        # The scatter of such an estimate must not pass for colour.
+        worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
+    return worst if worst > LEAST_COLOUR else 1.0
+
+
+def fitted(problem: Problem, left: Array) -> tuple[Noise, Array]:
+    """Noise, and doubt (m,) of each fix, from what claims leave (r,) of the whitened data."""
+    e, noise = problem.evidence, problem.noise
+    temper = problem.temper
+    n = len(e.time_s) if e.gyro_rad is not None else 0
+    wheels, fixes = left[:n] * temper.wheels, left[n:].reshape(-1, 3) * np.array(temper.fixes)
+    moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
+    slip = _scale(wheels[moving[:n]]) if n else 1.0
+    position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
+    scaled = fixes / np.array([position, position, heading])
+    doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
+    before = problem.doubt if problem.doubt is not None else np.ones(len(doubt))
+    return (
+        replace(
+            noise,
+            slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
+            lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * slip,
+            position_m=noise.position_m * position,
+            heading_rad=noise.heading_rad * heading,
+        ),
+        np.maximum(doubt * before, 1.0),
+    )
+
+
+def _scale(rows: Array) -> float:
+    """Deviation of rows that should have 1, drawn towards 1 where they are few."""
+    if len(rows) < FEWEST_ROWS:
+        return 1.0
+    found = DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))
+    weight = len(rows) / (len(rows) + ROWS_PER_PRIOR)
+    return float(np.exp(weight * np.log(max(found, 0.05))))

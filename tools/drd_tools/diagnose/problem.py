@@ -1,0 +1,300 @@
+"""One recording as a regression: whitened data, nuisances, and signatures of effects at any parameters."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter
+from drd.effects.motion import Motion
+from drd_tools.diagnose.columns import Signatures, nuisances
+from drd_tools.diagnose.evidence import Evidence, Noise
+from drd_tools.diagnose.linear import Linear, Path, Signature
+from drd_tools.diagnose.nominal_path import follow
+
+Array = npt.NDArray[np.float64]
+Values = Mapping[str, float | str]
+Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
+# An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form.
+Wanted = tuple[Effect, Values, str]
+
+# Parameters beside an effect's own: the gyro's bias where an effect acts on the sum of rate and bias (rad/s), and a
+# constant scale error where the form is known up to one only.
+BIAS: Final = Parameter("bias", "rad/s", "the gyro's own bias", 1e-6, 1e-2, linear=False)
+SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5, 0.05)
+CACHED: Final = 800
+CLEARINGS: Final = 2
+READOUT_SMOOTHING_S: Final = 0.4
+FORM: Final = "form "
+
+
+class Temper(NamedTuple):
+    """How much larger than white the innovations' slow part is, in sigmas: of the wheels, and of x, y, heading.
+
+    Real slip and real references hang together over seconds. What is whitened as if they did not would find something
+    everywhere; divided by this, a slow signature has the weight that it deserves.
+    """
+
+    wheels: float = 1.0
+    fixes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+UNTEMPERED: Final = Temper()
+
+
+@dataclass(frozen=True)
+class Claim:
+    """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs."""
+
+    effect: Effect
+    values: Values
+    free: tuple[str, ...]
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def id(self) -> str:
+        """The effect's name."""
+        return self.effect.id
+
+    def number(self, name: str) -> float:
+        """A parameter that is a number."""
+        return float(self.values[name])
+
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a parameter; 0 where it was not fitted."""
+        if name not in self.free or not self.covariance.size:
+            return 0.0
+        i = self.free.index(name)
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0))
+
+    def parameter(self, name: str) -> Parameter:
+        """Its description."""
+        return parameter(self.effect, name)
+
+
+def parameter(effect: Effect, name: str) -> Parameter:
+    """The description of a parameter by its name."""
+    for q in (*effect.parameters, BIAS, SCALE):
+        if q.name == name:
+            return q
+    raise KeyError(name)
+
+
+def linear_names(effect: Effect, values: Values) -> tuple[str, ...]:
+    """The linear parameters, among them the scale beside it."""
+    return effect.linear() + ((SCALE.name,) if SCALE.name in values else ())
+
+
+def shape_of(effect: Effect, values: Values) -> dict[str, float | str]:
+    """The parameters that are not linear: they make the shape."""
+    linear = linear_names(effect, values)
+    return {name: value for name, value in values.items() if name not in linear}
+
+
+class Problem:
+    """What a recording says, around the best path, with noise of given sizes."""
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        path: Path | None = None,
+        noise: Noise | None = None,
+        doubt: Array | None = None,
+        cleared: Evidence | None = None,
+        temper: Temper = UNTEMPERED,
+    ):
+        self.evidence = evidence
+        self.path = follow(evidence) if path is None else path
+        self.noise = evidence.sheet if noise is None else noise
+        self.doubt, self.temper = doubt, temper
+        self.linear = Linear(evidence, self.path, self.noise, doubt)
+        self.signatures = Signatures(evidence if cleared is None else cleared, self.path)
+        self.nuisances = nuisances(evidence, self.path)
+        whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
+        # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
+        self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
+        self._cache: dict[Key, Array] = {}
+        self._form_counts: dict[str, int] = {}
+
+    @property
+    def per_parameter(self) -> float:
+        """What a parameter costs, nats (Schwarz 1978)."""
+        return 0.5 * math.log(max(len(self.data), 2))
+
+    @property
+    def per_effect(self) -> float:
+        """What the choice of an effect from the catalogue costs, nats."""
+        return math.log(len(catalogue()))
+
+    def penalty(self, claims: Sequence[Claim]) -> float:
+        """What so many effects and parameters cost, nats."""
+        return sum(len(c.free) * self.per_parameter + self.per_effect for c in claims)
+
+    def around(self, claims: Sequence[Claim]) -> "Problem":
+        """The same around the path, and along the motion, that the sensors tell once the claims are taken off."""
+        cleared = self._cleared(claims)
+        return Problem(self.evidence, follow(cleared, self.path), self.noise, self.doubt, cleared, self.temper)
+
+    def _cleared(self, claims: Sequence[Claim]) -> Evidence:
+        """The evidence without the claims: what, with them added, gives the readings."""
+        raw = self.evidence
+        delays = [c.effect.delays(0.0, c.values) for c in claims]
+        gyro_s, wheels_s = sum(d.gyro_s for d in delays), sum(d.wheels_s for d in delays)
+        clear = replace(
+            raw,
+            gyro_rad=None if raw.gyro_rad is None else np.zeros_like(raw.gyro_rad),
+            left_m=np.zeros_like(raw.left_m),
+            right_m=np.zeros_like(raw.right_m),
+        )
+        added = Signature()
+        for _ in range(CLEARINGS):
+            gyro = clear.gyro_rad
+            if raw.gyro_rad is not None and gyro is not None:
+                # A delay is undone by a shift; subtracting it would amplify what is fast.
+                gyro = gyro + raw.earlier(raw.gyro_rad - gyro - added.gyro_rad, gyro_s)
+            left = clear.left_m + raw.earlier(raw.left_m - clear.left_m - added.left_m, wheels_s)
+            right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
+            clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
+            signatures = Signatures(clear, self.path)
+            added = Signature()
+            for claim in claims:
+                added = added + signatures.of(self._errors(signatures.motion, claim.effect, claim.values))
+        return clear
+
+    @staticmethod
+    def _errors(motion: Motion, effect: Effect, values: Values) -> Errors:
+        if effect.acts_on is ActsOn.READOUT:
+            # Smoothed: small rates with the gyro's own noise in them would be correlated with what they explain.
+            step_s = float(motion.time_s[1] - motion.time_s[0])
+            rate = gaussian_filter1d(motion.rate_rad_s, READOUT_SMOOTHING_S / step_s)
+            motion = replace(motion, rate_rad_s=rate + float(values.get(BIAS.name, 0.0)))
+        errors = effect.error(motion, values)
+        if SCALE.name in values:
+            errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + float(values[SCALE.name]) * motion.rate_rad_s)
+        return errors
+
+    def whiten(self, signatures: Sequence[Signature]) -> Array:
+        """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes."""
+        wheels, fixes = self.linear.whiten(signatures)
+        wheels, fixes = wheels / self.temper.wheels, fixes / np.array(self.temper.fixes)[:, None]
+        p = wheels.shape[1]
+        return np.concatenate([wheels if self.evidence.gyro_rad is not None else wheels[:0], fixes.reshape(-1, p)])
+
+    @property
+    def row_time_s(self) -> Array:
+        """When each row is, (r,)."""
+        e = self.evidence
+        fixes = np.repeat(e.time_s[e.fix_step], 3)
+        return np.concatenate([e.time_s, fixes]) if e.gyro_rad is not None else fixes
+
+    # ---- signatures of effects, whitened ------------------------------------------------------------------------
+
+    def signature(self, effect: Effect, values: Values) -> Signature:
+        """What an effect with these parameters adds."""
+        return self.signatures.of(self._errors(self.signatures.motion, effect, values))
+
+    def unit(self, effect: Effect, shape: Values, name: str) -> Signature:
+        """Of a unit of a linear parameter ("": there is none), or one of the other forms."""
+        if name == SCALE.name:
+            return self.signature(catalogue()["gyro_scale_error"], {"k": 1.0})
+        if name.startswith(FORM):
+            ones = dict.fromkeys(effect.linear(), 1.0)
+            shapes = effect.other_shapes(self.signatures.motion, {**ones, **shape})
+            return self.signatures.of(shapes[int(name.removeprefix(FORM))])
+        none = dict.fromkeys(effect.linear(), 0.0)
+        return self.signature(effect, {**shape, **none, name: 1.0} if name else shape)
+
+    def units(self, wanted: Sequence[Wanted]) -> list[Array]:
+        """Whitened signatures (r,) of units; each is made once."""
+        keys: list[Key] = [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
+        missing = {key: i for i, key in enumerate(keys) if key not in self._cache}
+        if missing:
+            if len(self._cache) > CACHED:
+                self._cache = {key: self._cache[key] for key in keys if key in self._cache}
+            made = self.whiten([self.unit(*wanted[i]) for i in missing.values()])
+            self._cache.update({key: np.ascontiguousarray(made[:, j]) for j, key in enumerate(missing)})
+        return [self._cache[key] for key in keys]
+
+    def forms(self, claim: Claim) -> Array:
+        """Other shapes of a claim's cause, (r, s), each as large as the claim itself."""
+        rows = self.units(self.wanted_forms(claim))
+        size = float(np.linalg.norm(self.effect_rows([claim])))
+        sized = [r * (size / norm) for r in rows if (norm := float(np.linalg.norm(r))) > 0.0]
+        return np.column_stack(sized) if sized else np.zeros((len(self.data), 0))
+
+    def wanted_forms(self, claim: Claim) -> list[Wanted]:
+        """Other shapes of a claim's cause, near its own: a rough shape is enough for them."""
+        rough = {
+            name: float(f"{value:.2g}") if isinstance(value, float) else value
+            for name, value in shape_of(claim.effect, claim.values).items()
+        }
+        values = {**rough, **{n: claim.values[n] for n in linear_names(claim.effect, claim.values)}}
+        count = self._form_counts.get(claim.id)
+        if count is None:
+            count = len(claim.effect.other_shapes(self.signatures.motion, values))
+            self._form_counts[claim.id] = count
+        return [(claim.effect, rough, f"{FORM}{i}") for i in range(count)]
+
+    def wanted_rows(self, claims: Sequence[Claim]) -> list[Wanted]:
+        """The units that claims are made of."""
+        return [
+            (c.effect, shape_of(c.effect, c.values), name)
+            for c in claims
+            for name in linear_names(c.effect, c.values) or ("",)
+        ]
+
+    def effect_rows(self, claims: Sequence[Claim]) -> Array:
+        """What the claims explain of the data, (r,)."""
+        factors = [f for c in claims for f in _factors(c)]
+        total = np.zeros(len(self.data))
+        for factor, rows in zip(factors, self.units(self.wanted_rows(claims)), strict=True):
+            total += factor * rows
+        return total
+
+    def wanted_tangents(self, claims: Sequence[Claim]) -> list[Wanted]:
+        """The units that derivatives are made of."""
+        wanted: list[Wanted] = []
+        for claim in claims:
+            shape, names = shape_of(claim.effect, claim.values), linear_names(claim.effect, claim.values)
+            for name in claim.free:
+                if name in names:
+                    wanted.append((claim.effect, shape, name))
+                else:
+                    h, at = step(claim, name), claim.number(name)
+                    for value in (at + h, at - h):
+                        wanted += [(claim.effect, {**shape, name: value}, n) for n in names or ("",)]
+        return wanted
+
+    def tangents(self, claims: Sequence[Claim]) -> Array:
+        """Derivatives of the explained with respect to all free parameters, (r, k)."""
+        made = iter(self.units(self.wanted_tangents(claims)))
+        columns: list[Array] = []
+        for claim in claims:
+            names = linear_names(claim.effect, claim.values)
+            for name in claim.free:
+                if name in names:
+                    columns.append(next(made))
+                else:
+                    ahead, back = (sum((f * next(made) for f in _factors(claim)), np.zeros(1)) for _ in range(2))
+                    columns.append((ahead - back) * (0.5 / step(claim, name)))
+        return np.column_stack(columns) if columns else np.zeros((len(self.data), 0))
+
+
+def _factors(claim: Claim) -> list[float]:
+    return [claim.number(name) for name in linear_names(claim.effect, claim.values)] or [1.0]
+
+
+def step(claim: Claim, name: str) -> float:
+    """A step for the numerical derivative with respect to a parameter that is not linear."""
+    q = claim.parameter(name)
+    if name in ("t0", "t1"):
+        return 0.5
+    if q.unit in ("rad", "degC"):
+        return 1e-3
+    at = abs(claim.number(name))
+    return min(max(0.02 * at, q.low * q.si), 0.5 * at or math.inf)

@@ -1,0 +1,153 @@
+"""Fit the parameters of claimed effects together: Gauss and Newton, each step bounded where the model is not linear."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.problem import Claim, Problem, Wanted
+
+Array = npt.NDArray[np.float64]
+
+ROUNDS: Final = 12
+ENOUGH_NATS: Final = 0.02
+PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
+FORM_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Claims with fitted parameters.
+
+    `cost`: nats by which the data are unlikely under the claims, nuisances and other shapes integrated over.
+    `nuisance`: coefficients in units of their priors. `left` (r,): whitened data less claims, nuisances and shapes.
+    """
+
+    claims: tuple[Claim, ...]
+    cost: float
+    nuisance: Array
+    left: Array
+
+
+def refine(problem: Problem, claims: Sequence[Claim]) -> Fit:
+    """Improve the parameters until the cost stays."""
+    return refine_all(problem, [claims])[0]
+
+
+def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]]) -> list[Fit]:
+    """Several sets of claims side by side: passing all their signatures at once costs little more than one."""
+    searches = [_Descent(problem, tuple(claims)) for claims in sets]
+    for _ in range(ROUNDS):
+        active = [s for s in searches if not s.done]
+        if not active:
+            break
+        problem.units([wanted for s in active for wanted in s.wanted()])
+        for s in active:
+            s.step()
+    return [s.fit for s in searches]
+
+
+class _Descent:
+    """One set of claims on its way down."""
+
+    def __init__(self, problem: Problem, claims: tuple[Claim, ...]):
+        self._problem, self._current = problem, claims
+        self._best: Fit | None = None
+        self._moves: Array = np.zeros(0)
+        self._share = 1.0
+        self.done = False
+
+    @property
+    def fit(self) -> Fit:
+        assert self._best is not None
+        return self._best
+
+    def wanted(self) -> list[Wanted]:
+        problem, claims = self._problem, self._current
+        forms = [w for c in claims for w in problem.wanted_forms(c)]
+        return problem.wanted_rows(claims) + problem.wanted_tangents(claims) + forms
+
+    def step(self) -> None:
+        fit, moves, reachable = _evaluate(self._problem, self._current)
+        if self._best is not None and not fit.cost < self._best.cost - 1e-9:
+            self._share *= 0.3
+            self.done = self._share < 0.02
+            self._current = _moved(self._best.claims, self._moves * self._share)
+            return
+        self._best, self._moves, self._share = fit, moves, 1.0
+        self.done = fit.cost - reachable < ENOUGH_NATS
+        self._current = _moved(fit.claims, moves)
+
+
+def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, float]:
+    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then."""
+    residual = problem.data - problem.effect_rows(claims)
+    soft = np.column_stack([problem.nuisance, *(soft_forms(problem, claim) for claim in claims)])
+    A, b = soft.T @ soft + np.eye(soft.shape[1]), soft.T @ residual
+    L = np.linalg.cholesky(A)
+    x = np.linalg.solve(L.T, np.linalg.solve(L, b))
+    # Of the nuisances' determinant a constant part is the same for all claims.
+    cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
+    fit = Fit(claims, cost, x[: problem.nuisance.shape[1]], residual - soft @ x)
+    if not claims or not any(c.free for c in claims):
+        return fit, np.zeros(0), cost
+    T = problem.tangents(claims)
+    priors = np.concatenate([_priors(c) for c in claims])
+    # In the directions that nuisances and shapes leave.
+    C = soft.T @ T
+    S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
+    g = T.T @ fit.left
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+    inverse = np.linalg.pinv(S * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
+    moves = inverse @ g
+    return replace(fit, claims=_with_covariance(claims, inverse)), moves, cost - 0.5 * float(g @ moves)
+
+
+def soft_forms(problem: Problem, claim: Claim) -> Array:
+    """Other shapes of a claim's cause (r, s), as large as they may be, less what its own parameters can make of them.
+
+    What is left of them cannot be traded for the parameters: they keep their meaning.
+    """
+    forms = problem.forms(claim) * FORM_SHARE
+    tangents = problem.tangents([claim])
+    if not forms.size or not tangents.size:
+        return forms
+    basis = np.linalg.qr(tangents / np.maximum(np.linalg.norm(tangents, axis=0), 1e-300))[0]
+    return forms - basis @ (basis.T @ forms)
+
+
+def _priors(claim: Claim) -> Array:
+    sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(claim.parameter, claim.free)]
+    return 1.0 / np.array(sizes) ** 2
+
+
+def _with_covariance(claims: Sequence[Claim], covariance: Array) -> tuple[Claim, ...]:
+    result, i = [], 0
+    for claim in claims:
+        k = len(claim.free)
+        result.append(replace(claim, covariance=covariance[i : i + k, i : i + k]))
+        i += k
+    return tuple(result)
+
+
+def _moved(claims: Sequence[Claim], moves: Array) -> tuple[Claim, ...]:
+    """Take the moves, bounded where the model is not linear."""
+    result, i = [], 0
+    for claim in claims:
+        values = dict(claim.values)
+        for name in claim.free:
+            q, at, d = claim.parameter(name), claim.number(name), float(moves[i])
+            if not q.linear:
+                if name in ("t0", "t1"):
+                    d = min(max(d, -15.0), 15.0)
+                elif q.unit == "rad":
+                    d = min(max(d, -0.5), 0.5)
+                elif not q.signed and q.unit != "degC":
+                    d = min(max(d, -0.5 * abs(at)), abs(at))  # at most halved or doubled
+            values[name] = at + d if math.isfinite(d) else at
+            i += 1
+        result.append(replace(claim, values=values))
+    return tuple(result)

@@ -1,0 +1,170 @@
+"""Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import ActsOn
+from drd_tools.diagnose.library import SEVERAL, Library, is_plausible
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import Fit, refine, refine_all, soft_forms
+
+Array = npt.NDArray[np.float64]
+
+MOST_CLAIMS: Final = 6
+RIVALS: Final = 6
+SWAPS: Final = 3
+CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
+# Where claims explain so much, or shift the time, the signatures must be taken along a motion that is cleared of them.
+STRONG_NATS: Final = 2000.0
+RELINEARISATIONS: Final = 3
+CONVERGED_NATS: Final = 1.0
+CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
+CLOSE_RIVALS: Final = 3
+
+
+@dataclass(frozen=True)
+class Found:
+    """A problem, linearised around the claims of a fit."""
+
+    problem: Problem
+    fit: Fit
+    score: float
+    null: float  # score without any claim
+
+
+def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
+    """Search for claims beside those that are known, until none is worth its cost."""
+    search = Search(problem, known)
+    fit = refine(problem, known)
+    null = search.score(fit)
+    found = Found(problem, fit, null, null)
+    while len(found.fit.claims) < MOST_CLAIMS + len(known):
+        better = _one_more(search, found)
+        if better is None:
+            break
+        if better.problem is not found.problem:
+            search = Search(better.problem, known)
+        fit = search.settled(better.fit)
+        found = Found(better.problem, fit, search.score(fit), null)
+    return _contested(search, found)
+
+
+def _contested(search: "Search", found: Found) -> Found:
+    """Give the nearest rival of each strong claim its own linearisation: close names differ in second order only."""
+    for claim in found.fit.claims:
+        if claim.id in search.known:
+            continue
+        rest = refine(found.problem, [c for c in found.fit.claims if c is not claim])
+        worth = found.score - search.score(rest)
+        if not _needs_linearising(Fit((claim,), 0.0, rest.nuisance, rest.left), worth):
+            continue
+        rivals = [r for gain, r in search.ranked(rest) if r.id != claim.id and gain > (1.0 - CLOSE_SHARE) * worth]
+        for fit in refine_all(found.problem, [[*rest.claims, r] for r in rivals[:CLOSE_RIVALS]]):
+            if not _is_plausible(fit):
+                continue
+            other = _linearised(found.problem, fit, found.null)
+            if other.score > found.score + CLEARLY_BETTER:
+                found = other
+    return found
+
+
+def _one_more(search: "Search", found: Found) -> Found | None:
+    """The best claim beside those that are there; None where none holds once it is linearised around."""
+    tried = search.grown(found.fit)
+    if not tried:
+        return None
+    best = tried[0]
+    if not _needs_linearising(best, search.score(best) - found.null):
+        return Found(found.problem, best, search.score(best), found.null)
+    margin = CLOSE_SHARE * (search.score(best) - found.null)
+    close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
+    chosen = max((_linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
+    return chosen if chosen.score > found.score else None
+
+
+def _needs_linearising(fit: Fit, worth: float) -> bool:
+    return worth > STRONG_NATS or any(c.effect.acts_on is ActsOn.TIMING for c in fit.claims)
+
+
+def _linearised(problem: Problem, fit: Fit, null: float) -> Found:
+    """Linearise around the claims, fit them again, and so on while that helps."""
+    best: Found | None = None
+    for _ in range(RELINEARISATIONS):
+        problem = problem.around(fit.claims)
+        fit = refine(problem, fit.claims)
+        score = -fit.cost - problem.penalty(fit.claims)
+        if best is not None and score < best.score + CONVERGED_NATS:
+            break
+        best = Found(problem, fit, score, null)
+    assert best is not None
+    return best
+
+
+class Search:
+    """Chooses among the candidates of one problem."""
+
+    def __init__(self, problem: Problem, known: Sequence[Claim] = ()):
+        self.problem, self.library = problem, Library(problem)
+        self.known = {c.id for c in known}
+
+    def score(self, fit: Fit) -> float:
+        """Nats: how likely the data, less what the claims cost."""
+        return -fit.cost - self.problem.penalty(fit.claims)
+
+    def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
+        """What each effect would gain beside the claims, with its best variant; best first."""
+        problem, library = self.problem, self.library
+        T = problem.tangents(fit.claims)
+        norms = np.linalg.norm(T, axis=0)
+        T = T[:, norms > 0.0] / norms[norms > 0.0] * 1e6  # as good as free
+        held = np.column_stack([problem.nuisance, T, *(soft_forms(problem, c) for c in fit.claims)])
+        residual = problem.data - problem.effect_rows(fit.claims)
+        A = held.T @ held + np.eye(held.shape[1])
+        cross = np.asarray(library.columns.T @ held.astype(np.float32), float)
+        b = np.asarray(library.columns.T @ residual.astype(np.float32), float)
+        b = b - cross @ np.linalg.solve(A, held.T @ residual)
+        G = library.products - cross @ np.linalg.solve(A, cross.T)
+        free = np.diag(G) > 1e-5 * np.diag(library.products)
+        best: dict[str, tuple[float, Claim]] = {}
+        for candidate in library.candidates:
+            index = list(candidate.columns)
+            taken = candidate.effect.id not in SEVERAL and any(candidate.effect.id == c.id for c in fit.claims)
+            if taken or not free[index].all():
+                continue
+            x = np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0]
+            gain = 0.5 * float(b[index] @ x) - candidate.penalty
+            if gain > best.get(candidate.effect.id, (0.0,))[0] and (claim := candidate.claim(x)) is not None:
+                best[candidate.effect.id] = (gain, claim)
+        return sorted(best.values(), key=lambda r: -r[0])
+
+    def grown(self, fit: Fit) -> list[Fit]:
+        """Fits with one claim more that are better; best first."""
+        tried = refine_all(self.problem, [[*fit.claims, claim] for _, claim in self.ranked(fit)[:RIVALS]])
+        good = [t for t in tried if _is_plausible(t) and self.score(t) > self.score(fit)]
+        return sorted(good, key=self.score, reverse=True)
+
+    def settled(self, fit: Fit) -> Fit:
+        """Delete and swap claims, while that is better."""
+        while any(c.id not in self.known for c in fit.claims):
+            rests = [[c for c in fit.claims if c is not one] for one in fit.claims if one.id not in self.known]
+            less = refine_all(self.problem, rests)
+            swaps = [[*rest.claims, c] for rest in less for _, c in self.ranked(rest)[:SWAPS]] if len(rests) > 1 else []
+            good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(t)]
+            better = max(good, key=self.score, default=fit)
+            if self.score(better) <= self.score(fit) + CLEARLY_BETTER:
+                break
+            fit = better
+        return fit
+
+
+def _is_plausible(fit: Fit) -> bool:
+    return all(map(is_plausible, fit.claims))
+
+
+def names(claims: Sequence[Claim]) -> list[str]:
+    """The effects' names, sorted."""
+    return sorted(c.id for c in claims)
