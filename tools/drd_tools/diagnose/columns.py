@@ -65,7 +65,7 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     """
     turn = path.steps()[2]
     if e.gyro_rad is None:
-        return gaussian_filter1d(turn, SPEED_SMOOTHING_S / typical_s)
+        return np.asarray(gaussian_filter1d(turn, SPEED_SMOOTHING_S / typical_s), float)
     slow = gaussian_filter1d(np.where(e.gyro_doubt_rad2 > 0.0, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
     told = np.where(e.gyro_doubt_rad2 > 0.0, turn, e.gyro_rad + slow)
     return np.asarray(np.where(e.still, 0.0, told), float)
