@@ -26,8 +26,8 @@ class ActsOn(Enum):
 class Parameter:
     """One parameter. Files and reports have it in `unit`, formulas in SI: `si` is the SI value of one unit.
 
-    `low` to `high`, in `unit`, is the plausible range of its size, `signed` whether it comes with either sign, `neutral`
-    the value without any effect.
+    `low` to `high`, in `unit`, is the plausible range of its size, `signed` whether it comes with either sign,
+    `neutral` the value without any effect.
     `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a reference point that is
     chosen (the only variant has it), not estimated: together with it the linear parameters would not be determined.
     """

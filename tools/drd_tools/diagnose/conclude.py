@@ -22,6 +22,9 @@ Array = npt.NDArray[np.float64]
 
 CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
 RIVALS: Final = 5
+# A curve without a name, beside all names, must be clear, and no mere rest of a name's imperfect form.
+UNKNOWN_NATS: Final = 8.0
+UNKNOWN_SHARE: Final = 0.02
 GENERIC_NATS: Final = 3.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
 CONFIRMING_E: Final = 100.0
@@ -62,7 +65,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
             findings.append(_finding(found, search, smooths, claim, chance, total))
     left = smooths.best(found.fit.claims)
     unexplained = 0.0
-    if left is not None and left.gain > GENERIC_NATS:
+    if left is not None and left.gain > max(UNKNOWN_NATS, UNKNOWN_SHARE * total):
         p = family_wise_p(left.gain + smooths.cost, chance)
         unexplained = left.gain / (left.gain + total)
         same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
