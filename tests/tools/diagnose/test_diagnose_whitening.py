@@ -150,7 +150,7 @@ def test_a_late_or_sideways_reference_leaves_the_residual_as_it_was(
     np.testing.assert_allclose(moved, expected, atol=0.1)
 
 
-@pytest.mark.parametrize("drive", [WAREHOUSE, pytest.param(SLALOM, marks=pytest.mark.xfail(reason="chords for arcs"))])
+@pytest.mark.parametrize("drive", [WAREHOUSE, SLALOM])
 def test_perfect_sensors_of_the_nominal_robot_give_no_effect_any_weight(drive: tuple[str, float]) -> None:
     p = Problem(gather(simulated(drive, 3, conditions=PERFECT, nominal=FINE).recording))
     library, left = Library(p), refine(p, []).left

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
-from scipy.ndimage import median_filter
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.evidence import Evidence
@@ -19,12 +18,13 @@ from drd_tools.recordings.folder import Recording
 Array = npt.NDArray[np.float64]
 
 FEWEST_CLIPPED: Final = 10
+FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
 PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
 SHORTEST_STOP_ROWS: Final = 3
 STOP_SIGMAS: Final = 8.0
 MISSED_TURN_RAD: Final = 0.03
 SPIKE_SIGMAS: Final = 5.0
-MEDIAN_ROWS: Final = 9
+MEDIAN_ROWS: Final = 5
 DEVIATION_PER_MAD: Final = 1.4826
 ONE_SIDED_P: Final = 1e-4
 
@@ -71,6 +71,15 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
         return []
     limit = float(np.median(np.abs(rate[at])))
     wheels = (e.right_m - e.left_m) / e.tread_m
+    # A turn at a constant rate piles up as well; then the wheels turn no faster than the gyro says.
+    turning = (np.abs(rate) > 0.3 * limit) & (np.abs(rate) < 0.9 * limit)
+    usual = 1.0
+    if turning.sum() > FEWEST_CLIPPED:
+        usual = float(wheels[turning] @ e.gyro_rad[turning] / (e.gyro_rad[turning] @ e.gyro_rad[turning]))
+    faster = (np.sign(rate) * wheels - usual * np.abs(e.gyro_rad))[at] / e.step_s[at]
+    sure = float(faster.std()) / float(np.sqrt(at.sum()))
+    if float(faster.mean()) < max(5.0 * sure, FASTER_SHARE * limit):
+        return []
     doubt[at] = (np.abs(wheels[at] - e.gyro_rad[at]) + 0.02 * e.step_s[at]) ** 2
     effect = catalogue()["gyro_saturation"]
     nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
@@ -133,7 +142,7 @@ def bumps(recording: Recording, e: Evidence, left: Array, right: Array) -> list[
     more, less, added, way = 0, 0, 0.0, 0.0
     for counts, doubt in ((log.left_counts, left), (log.right_counts, right)):
         travel = np.diff(counts) * e.sheet.count_m
-        usual = median_filter(travel, MEDIAN_ROWS, mode="nearest")
+        usual = _neighbours(travel)
         moving = np.abs(usual) > np.maximum(0.2 * np.percentile(np.abs(travel), 90), 20.0 * e.sheet.count_m)
         if moving.sum() < 200:
             continue
@@ -160,6 +169,15 @@ def bumps(recording: Recording, e: Evidence, left: Array, right: Array) -> list[
     nats = (more - less) * float(np.log(2.0))
     seen = f"{more} sudden jumps of a counter ahead, {less} back"
     return [Event(claim, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]
+
+
+def _neighbours(values: Array) -> Array:
+    """Mean of the medians of the rows before and after each row: a spike is not in it, and a slope cancels."""
+    padded = np.concatenate([np.repeat(values[:1], MEDIAN_ROWS), values, np.repeat(values[-1:], MEDIAN_ROWS)])
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_ROWS), axis=1)
+    n = len(values)
+    result: Array = 0.5 * (medians[:n] + medians[MEDIAN_ROWS + 1 : MEDIAN_ROWS + 1 + n])
+    return result
 
 
 def _runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:

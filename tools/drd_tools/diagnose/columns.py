@@ -15,6 +15,7 @@ SUB = 4
 SPEED_SMOOTHING_S = 0.3
 TEMPERATURE_SMOOTHING_S = 5.0
 SLOW_S = 3.0
+TURN_SMOOTHING_S = 0.8
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -65,7 +66,8 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     """
     turn = path.steps()[2]
     if e.gyro_rad is None:
-        return np.asarray(gaussian_filter1d(turn, SPEED_SMOOTHING_S / typical_s), float)
+        # The wheels' turn is mostly noise on a straight line, and would explain itself there.
+        return np.asarray(np.where(e.still, 0.0, gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)), float)
     slow = gaussian_filter1d(np.where(e.gyro_doubt_rad2 > 0.0, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
     told = np.where(e.gyro_doubt_rad2 > 0.0, turn, e.gyro_rad + slow)
     return np.asarray(np.where(e.still, 0.0, told), float)
@@ -94,7 +96,10 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Signature]]:
         return []
     k = e.fix_step
     c, s = np.cos(path.pose[k + 1, 2]), np.sin(path.pose[k + 1, 2])
-    dp = np.diff(path.pose, axis=0)[k] / e.step_s[k, None]
+    # From the sensors: the path is bent to the fixes, and has their noise in it.
+    way, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
+    moved = np.column_stack([way * np.cos(middle), way * np.sin(middle), _turn(e, path, float(np.median(e.step_s)))])
+    dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
     return [

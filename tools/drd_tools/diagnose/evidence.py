@@ -8,6 +8,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from drd.schema import ConfigError
 from drd.units import (
     RAD_PER_DEG,
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
@@ -153,8 +154,14 @@ def sheet_of(nominal: Nominal) -> Noise:
 
 
 def gather(recording: Recording) -> Evidence:
-    """Bring a recording to steps. The gyro's own samples are the steps where there is a gyro."""
+    """Bring a recording to steps. The gyro's own samples are the steps where there is a gyro.
+
+    Raises ConfigError where there is nothing to compare.
+    """
     fog, log, reference = recording.fog, recording.encoders, recording.reference
+    if fog is None and reference is None:
+        expected = "fog.csv or reference.csv: wheels alone have nothing to be compared with"
+        raise ConfigError(str(recording.folder), "", expected, "encoders.csv only")
     angle_l, angle_r = recording.wheel_angles_rad()
     radius = recording.nominal.wheel.radius_m
     if fog is not None:
@@ -167,7 +174,9 @@ def gather(recording: Recording) -> Evidence:
         temperature = np.full(len(time_s), np.nan) if fog.temperature_c is None else fog.temperature_c[inside]
     else:
         gyro = None
-        time_s = np.arange(log.time_s[0] + STEP_S, log.time_s[-1], STEP_S)
+        # The wheels' noise within a step is not followed, so fixes had better stand at its end.
+        first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % STEP_S)
+        time_s = np.arange(log.time_s[0] + first + STEP_S, log.time_s[-1], STEP_S)
         step_s = np.full(len(time_s), STEP_S)
         temperature = np.full(len(time_s), np.nan)
     edges = np.concatenate([[time_s[0] - step_s[0]], time_s])

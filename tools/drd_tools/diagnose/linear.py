@@ -2,7 +2,7 @@
 
 What is true differs from what sensors, added up, say by a state of four: x, y, heading and the gyro's bias. It grows by
 noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's signature are
-sequences in white noise, and what is left is linear regression. (60) to (63)
+sequences in white noise, and what is left is linear regression. (55) to (58)
 """
 
 import math
@@ -12,12 +12,14 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from drd_tools.diagnose.evidence import Evidence, Noise
 
 Array = npt.NDArray[np.float64]
 
 STATES: Final = 4
+PARTS: Final = 8  # of a step, in which the heading is followed
 CHUNK: Final = 500  # steps for which inputs are laid out at once
 NOWHERE_M2: Final = 1e4  # before the first fix
 NO_HEADING_RAD2: Final = 10.0
@@ -98,7 +100,22 @@ class Linear:
         fix = e.fix - self.at_fixes(self.path.pose)
         fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
         left, right = self._forward - half * self._turn, self._forward + half * self._turn
-        return Signature(gyro, e.left_m - left, e.right_m - right, self._left, fix)
+        shorter, aside = self._within_steps()
+        return Signature(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
+
+    def _within_steps(self) -> tuple[Array, Array]:
+        """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
+
+        Chords instead of arcs would pass for a wheel's radius where the robot weaves.
+        """
+        e = self.evidence
+        edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+        turn = self._turn if e.gyro_rad is None else e.gyro_rad
+        heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
+        inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
+        off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
+        way = 0.5 * (e.left_m + e.right_m)
+        return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)
 
     def at_fixes(self, poses: Array) -> Array:
         """Poses (n + 1, 3) of the edges, at the times of the fixes (m, 3)."""

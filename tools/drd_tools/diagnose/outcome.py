@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.model import DRIVERS, Model, make_model, save_model
+from drd.schema import ConfigError
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.finding import Finding
@@ -114,7 +115,10 @@ def judged(recording: Recording, model: Path | None) -> tuple[Run | None, npt.ND
         return None, rows
     covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
     poses = Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance)
-    return judge(poses, read_reference(recording.folder)), rows
+    try:
+        return judge(poses, read_reference(recording.folder)), rows
+    except ConfigError:
+        return None, rows  # start and end only, the start before the first pose
 
 
 def figures(run: Run | None) -> dict[str, float]:

@@ -1,0 +1,71 @@
+"""`drd diagnose` as its users call it: files, sentences and exit codes."""
+
+from pathlib import Path
+
+import pytest
+from diagnosis_runs import SCALE, diagnosed, written
+
+from drd.cli import main
+from drd.model import load_model
+
+
+def test_nothing_is_said_of_the_nominal_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = diagnosed(written(tmp_path / "run"), tmp_path / "out")
+    assert found["verdict"] == "nothing_missing"
+    assert load_model(tmp_path / "out/model.yaml").terms == ()
+    told = capsys.readouterr().out
+    assert "run: nothing is missing" in told
+    assert "report.html" in told
+
+
+def test_an_effect_is_named_with_its_size_and_the_model_helps_another_day(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, other = written(tmp_path / "run", SCALE), written(tmp_path / "day_2", SCALE, seed=9)
+    found = diagnosed(folder, tmp_path / "out", "--held-out", str(other))
+    assert found["verdict"] == "explained"
+    finding = found["findings"][0]
+    assert (finding["effect"], finding["status"], finding["acts_on"]) == ("gyro_scale_error", "confirmed", "gyro")
+    k = finding["parameters"]["k"]
+    assert abs(k["value"] - 0.003) < 4.0 * k["std"] < 0.001
+    assert "gyro_scale_error" in capsys.readouterr().out
+    for name in ("train", "held_out"):
+        before, after = found["fit"][name]["before"], found["fit"][name]["after"]
+        if name == "held_out":
+            before, after = before["day_2"], after["day_2"]
+        assert after["heading_rms_deg"] < 0.8 * before["heading_rms_deg"]
+
+
+def test_several_recordings_have_a_folder_each(tmp_path: Path) -> None:
+    runs = [str(written(tmp_path / name, drive=("slalom", 60.0))) for name in ("a", "b")]
+    assert main(["diagnose", *runs, "--output", str(tmp_path / "out")]) == 0
+    assert sorted(f.parent.name for f in (tmp_path / "out").glob("*/diagnosis.json")) == ["a", "b"]
+
+
+def test_bad_input_is_one_clear_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = written(tmp_path / "run", drive=("slalom", 30.0)), str(tmp_path / "out")
+
+    def told(*arguments: str) -> str:
+        assert main(["diagnose", *arguments]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        assert captured.err.startswith("drd diagnose: ")
+        return captured.err
+
+    assert "nowhere" in told(str(tmp_path / "nowhere"), "--output", out)
+    assert "nowhere" in told(str(folder), "--held-out", str(tmp_path / "nowhere"), "--output", out)
+    (tmp_path / "taken").write_text("")
+    assert "taken" in told(str(folder), "--output", str(tmp_path / "taken"))
+    (folder / "fog.csv").write_text("time_s,rate_deg_s\n0.1,fast\n")
+    assert "fog.csv:2" in told(str(folder), "--output", out)
+    (folder / "robot.yaml").unlink()
+    assert "robot.yaml" in told(str(folder), "--output", out)
+
+
+@pytest.mark.parametrize("arguments", [[], ["run"], ["--output", "out"]])
+def test_missing_arguments_are_bad_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", *arguments])
+    assert ended.value.code == 2
+    assert "usage: drd diagnose" in capsys.readouterr().err

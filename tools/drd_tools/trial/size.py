@@ -1,0 +1,91 @@
+"""Parameters of effects that are to be seen so well, and how well their nearest rivals would do."""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from drd.effects.effect import Effect
+from drd.effects.motion import Motion
+from drd_tools.diagnose.conclude import CLASS_NATS
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.search import Search
+
+Random = np.random.Generator
+Values = dict[str, float | str]
+
+ROUNDS: Final = 15
+SIZED: Final = 0.01  # relative
+SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
+
+
+def visibility(problem: Problem, effect: Effect, values: Values) -> float:
+    """Norm of an effect's whitened signature, the reference's nuisances (with their priors) projected out."""
+    rows = problem.effect_rows([Claim(effect, values, ())])
+    N = problem.nuisance
+    b = N.T @ rows
+    return math.sqrt(max(float(rows @ rows - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b)), 0.0))
+
+
+def nearest(problem: Problem, effect: Effect, values: Values) -> dict[str, Any]:
+    """The name that would do best without noise but for the right one, and by how many nats it is worse.
+
+    Rivals are taken as the search first sees them, in the variants of its library: refined, they come closer.
+    """
+    search = Search(problem)
+    data = problem.data
+    problem.data = problem.effect_rows([Claim(effect, values, ())])
+    try:
+        ranked = search.ranked(refine(problem, ()))
+    finally:
+        problem.data = data
+    free = tuple(q.name for q in effect.parameters if not q.choices and not q.fixed)
+    right = 0.5 * visibility(problem, effect, values) ** 2 - problem.penalty([Claim(effect, values, free)])
+    gain, rival = next(((gain, claim.id) for gain, claim in ranked if claim.id != effect.id), (0.0, ""))
+    return {"rival": rival, "margin_nats": right - gain, "separable": right - gain > CLASS_NATS}
+
+
+def sized(problem: Problem, motion: Motion, effect: Effect, d: float, random: Random) -> Values | None:
+    """Values (SI) with which the visibility is `d`; None where they would be implausible, or nothing is seen at all."""
+    values = _shape(effect, motion, random)
+    chosen = [q for q in effect.parameters if not q.choices and (q.linear or not effect.linear())]
+    # Of several linear parameters each is to be seen about as well.
+    for q in chosen:
+        alone: Values = {**values, **dict.fromkeys((c.name for c in chosen), 0.0)}
+        alone[q.name] = q.neutral + (SMALL if q.neutral else q.low * q.si)
+        norm = visibility(problem, effect, alone)
+        if norm <= 0.0:
+            return None
+        share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
+        values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
+    for _ in range(ROUNDS):
+        norm = visibility(problem, effect, values)
+        if norm <= 0.0:
+            return None
+        for q in chosen:
+            values[q.name] = q.neutral + (float(values[q.name]) - q.neutral) * d / norm
+            if not abs(float(values[q.name])) <= q.high * q.si:
+                return None
+        if abs(norm / d - 1.0) < SIZED:
+            return values
+    return None
+
+
+def _shape(effect: Effect, motion: Motion, random: Random) -> Values:
+    """Values (SI) of the parameters that are not linear, off the grid on which the search begins."""
+    values: Values = dict(effect.variants(motion)[0])
+    moving = np.abs(motion.left_m_s)
+    moving = moving[moving > 0.05]
+    begin_s = float(random.uniform(0.15, 0.7)) * motion.end_s
+    drawn: Values = {
+        "side": ("left", "right")[int(random.integers(2))],
+        "t0": begin_s,
+        "t1": begin_s + float(random.uniform(0.1, 0.25)) * motion.end_s,
+        "phase": float(random.uniform(0.0, 2.0 * math.pi)),
+        "tau": float(np.exp(random.uniform(np.log(40.0), np.log(400.0)))),
+        "coil_lag_s": float(np.exp(random.uniform(np.log(10.0), np.log(100.0)))),
+        "speed": float(np.quantile(moving, random.uniform(0.2, 0.7))) if len(moving) else 0.1,
+    }
+    own = {q.name for q in effect.parameters if not q.linear and not q.fixed}
+    return values | {name: value for name, value in drawn.items() if name in own}
