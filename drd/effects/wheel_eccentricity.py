@@ -9,12 +9,12 @@ class WheelEccentricity(Effect):
 
     id = "wheel_eccentricity"
     acts_on = ActsOn.WHEELS
-    formula = "reading = travel (1 + e cos(angle - phase)), angle of the wheel since the start"
+    formula = "reading = travel (1 + e cos(angle + phase)), angle of the wheel since the start"
     source = "geometry: a wheel whose axle is e radii off its centre"
     parameters = (
         SIDE,
         Parameter("e", "1", "amplitude", 1e-4, 0.05, signed=False),
-        Parameter("phase", "rad", "angle of the wheel at which it reads most", 0.0, 6.2832, signed=False, linear=False),
+        Parameter("phase", "rad", "of the ripple at the start", 0.0, 6.2832, signed=False, linear=False),
     )
     driver = "wheel_phase"
     manoeuvre = "slow straight lines, sampled several times in a turn of the wheel"
@@ -24,7 +24,7 @@ class WheelEccentricity(Effect):
     def error(self, m: Motion, p: Values) -> Errors:
         left = p["side"] == "left"
         angle, speed = (m.left_wheel_rad, m.left_m_s) if left else (m.right_wheel_rad, m.right_m_s)
-        return on_side(p, number(p, "e") * np.cos(angle - number(p, "phase")) * speed)
+        return on_side(p, number(p, "e") * np.cos(angle + number(p, "phase")) * speed)
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         # Two phases a quarter turn apart make any phase together: they are fitted as one.

@@ -60,7 +60,7 @@ BY_HAND: list[tuple[str, dict[str, float | str], dict[str, tuple[float, float]]]
     ("tyre_deflation", {"side": "right", "total": 0.04}, {"right": (0.0115, 0.0088)}),
     ("wheel_radius_speed", {"k": 0.02}, {"left": (-0.017, -0.0028), "right": (-0.023, -0.0022)}),
     ("wheel_eccentricity", {"side": "left", "e": 0.1, "phase": 0.0}, {"left": (0.085, -0.056)}),
-    ("wheel_eccentricity", {"side": "right", "e": 0.1, "phase": pi / 2}, {"right": (0.115, 0.0)}),
+    ("wheel_eccentricity", {"side": "right", "e": 0.1, "phase": 3 * pi / 2}, {"right": (0.115, 0.0)}),
     ("encoder_missed_counts", {"side": "right", "fraction": 0.1, "speed": 0.5}, {"right": (-0.115, 0.0)}),
     ("bump_counts", {"travel_per_m": 0.01}, {"left": (0.0085, 0.0056), "right": (0.0115, 0.0044)}),
     ("encoder_dropout", {**STRETCH, "side": "left"}, {"left": (-0.85, 0.0)}),

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
+from scipy.ndimage import median_filter
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.evidence import Evidence
@@ -25,6 +26,7 @@ STOP_SIGMAS: Final = 8.0
 MISSED_TURN_RAD: Final = 0.03
 SPIKE_SIGMAS: Final = 5.0
 MEDIAN_ROWS: Final = 5
+SURROUNDINGS_ROWS: Final = 9
 DEVIATION_PER_MAD: Final = 1.4826
 ONE_SIDED_P: Final = 1e-4
 
@@ -151,7 +153,11 @@ def bumps(recording: Recording, e: Evidence, left: Array, right: Array) -> list[
         sigma = DEVIATION_PER_MAD * float(stats.median_abs_deviation(z[moving]))
         if sigma <= 0.0:
             continue
-        spike = np.abs(z) > SPIKE_SIGMAS * sigma
+        # A peak of the speed is no spike: it is near the median of its surroundings.
+        alone = np.abs(travel - median_filter(travel, SURROUNDINGS_ROWS, mode="nearest")) / np.sqrt(
+            np.abs(usual) + 1e-12
+        )
+        spike = (np.abs(z) > SPIKE_SIGMAS * sigma) & (alone > SPIKE_SIGMAS * sigma)
         more += int((z[spike] > 0).sum())
         less += int((z[spike] < 0).sum())
         added += float(np.abs(travel - usual)[spike & (z > 0)].sum())

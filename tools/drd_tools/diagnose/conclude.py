@@ -25,6 +25,7 @@ RIVALS: Final = 5
 # A curve without a name, beside all names, must be clear, and no mere rest of a name's imperfect form.
 UNKNOWN_NATS: Final = 8.0
 UNKNOWN_SHARE: Final = 0.02
+GENERIC_SHARE: Final = 0.05  # of the name's worth, or
 GENERIC_NATS: Final = 3.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
 CONFIRMING_E: Final = 100.0
@@ -111,7 +112,7 @@ def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chanc
     )
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
-    if rival is not None and rival.gain > score_of_name + GENERIC_NATS:
+    if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
         return _unknown(rival, p, worth / total, also_fits=(claim.id, *also), e=e, status=status)
     curve = _curve(smooths, found, claim, rival)
     explains = min(1.0, worth / total)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from drd_tools.diagnose.audit import Event, audit
 from drd_tools.diagnose.conclude import Conclusion, conclude
 from drd_tools.diagnose.evidence import Noise, gather
+from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import refine
@@ -47,6 +48,8 @@ def diagnose(recording: Recording) -> Diagnosis:
     assert looked.evidence is not None
     known = [event.claim for event in looked.events]
     problem = Problem(looked.evidence)
+    # What was seen as an event must also be of the right sign and size.
+    known = [c for c in refine(problem, known).claims if is_plausible(c)]
     for _ in range(NOISE_ROUNDS):
         noise, doubt = fitted(problem, refine(problem, known).left)
         problem = Problem(problem.evidence, problem.path, noise, doubt)
