@@ -119,8 +119,16 @@ def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chanc
     return Finding(
         claim, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
         sentence(claim, explains, also), curve, gain_over_time(problem, fit, claim),
-        {"told": smooths.told(claim, curve)} if curve is not None else {},
+        {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
+
+
+def _told(smooths: Smooths, claim: Claim, curve: Curve) -> Array:
+    """The claim at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
+    told = smooths.told(claim, curve)
+    if curve.channel == "gyro":
+        told = told + float(np.average(curve.value - told, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
+    return told
 
 
 def _curve(smooths: Smooths, found: Found, claim: Claim, rival: Curve | None) -> Curve | None:
