@@ -71,7 +71,7 @@ class Effect:
     `driver` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
     share of itself that its removal leaves behind on samples at 10 and 20 Hz; `irreversible` says why it cannot be
     undone, or is empty. `lasting`: its parameters still hold in the next run. `beside_scale`: its form is known up to a
-    constant error of the gyro's scale only.
+    constant error of the gyro's scale only. `essential`: the linear parameter without which it is another effect.
     """
 
     id: ClassVar[str]
@@ -85,6 +85,7 @@ class Effect:
     irreversible: ClassVar[str] = ""
     lasting: ClassVar[bool] = True
     beside_scale: ClassVar[bool] = False
+    essential: ClassVar[str] = ""
 
     @property
     def sentence(self) -> str:

@@ -35,6 +35,7 @@ class TerrainTread(Effect):
     manoeuvre = "turns on the spot and straight lines on each ground, with a position or heading reference"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
+    essential = "tread"  # the gain alone is surface_slip, alike on both sides
 
     def error(self, m: Motion, p: Values) -> Errors:
         inside = window(m.time_s, number(p, "t0"), number(p, "t1"))

@@ -21,7 +21,7 @@ from drd_tools.diagnose.search import Found, Search
 Array = npt.NDArray[np.float64]
 
 CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
-RIVALS: Final = 5
+RIVALS: Final = 8
 # A curve without a name, beside all names, must be clear, and no mere rest of a name's imperfect form.
 UNKNOWN_NATS: Final = 8.0
 UNKNOWN_SHARE: Final = 0.02

@@ -121,7 +121,7 @@ class Library:
                 which
                 for size in range(1, len(names) + 1)
                 for which in itertools.combinations(range(len(names)), size)
-                if set(which) & set(own)
+                if set(which) & set(own) and (not effect.essential or names.index(effect.essential) in which)
             ]
         for which in subsets:
             chosen = names if angle else tuple(names[i] for i in which)
