@@ -1,7 +1,7 @@
 """From claims to findings: how sure, what else it could be, where, and in words."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,7 +16,7 @@ from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
-from drd_tools.diagnose.search import Found, Search
+from drd_tools.diagnose.search import Found, Search, same_window
 
 Array = npt.NDArray[np.float64]
 
@@ -103,9 +103,9 @@ def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chanc
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
     rest = refine(problem, [c for c in fit.claims if c is not claim])
-    rivals = [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
+    rivals = same_window(claim) + [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
     fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
-    also = tuple(
+    also = unique(
         r.id
         for r, f in zip(rivals, fits, strict=True)
         if all(map(is_plausible, f.claims)) and search.score(f) > found.score - CLASS_NATS
@@ -121,6 +121,11 @@ def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chanc
         sentence(claim, explains, also), curve, gain_over_time(problem, fit, claim),
         {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
+
+
+def unique(names: Iterable[str]) -> tuple[str, ...]:
+    """Without repetitions, in order."""
+    return tuple(dict.fromkeys(names))
 
 
 def _told(smooths: Smooths, claim: Claim, curve: Curve) -> Array:

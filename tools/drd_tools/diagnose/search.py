@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.library import SEVERAL, Library, is_plausible
 from drd_tools.diagnose.problem import Claim, Problem
@@ -153,12 +154,32 @@ class Search:
             rests = [[c for c in fit.claims if c is not one] for one in fit.claims if one.id not in self.known]
             less = refine_all(self.problem, rests)
             swaps = [[*rest.claims, c] for rest in less for _, c in self.ranked(rest)[:SWAPS]] if len(rests) > 1 else []
+            swaps += [
+                [*(c for c in fit.claims if c is not one), other]
+                for one in fit.claims
+                if one.id not in self.known
+                for other in same_window(one)
+            ]
             good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(t)]
             better = max(good, key=self.score, default=fit)
             if self.score(better) <= self.score(fit) + CLEARLY_BETTER:
                 break
             fit = better
         return fit
+
+
+def same_window(claim: Claim) -> list[Claim]:
+    """Other effects of a stretch of time, in the stretch of a claim."""
+    if "t1" not in claim.values:
+        return []
+    window = {name: claim.number(name) for name in ("t0", "t1")}
+    return [
+        Claim(effect, {**window, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
+        for effect in catalogue().values()
+        if effect.id != claim.id
+        and {q.name for q in effect.parameters} == {"t0", "t1", *effect.linear()}
+        and effect.linear()
+    ]
 
 
 def _is_plausible(fit: Fit) -> bool:
