@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from drd_tools.bench import allocation, cpu, filter, latency, rates, recording
+from drd_tools.bench import allocation, cpu, filter, latency, rates, recording, replay
 from drd_tools.bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
@@ -16,6 +16,7 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "latency": latency.run,
     "cpu": cpu.run,
     "recording": recording.run,
+    "replay": replay.run,
 }
 
 
