@@ -12,7 +12,7 @@ from drd.effects.effect import Errors
 from drd.model import Term
 from drd_tools.diagnose.columns import Signatures
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Path, Signature
+from drd_tools.diagnose.linear import Path, Signature, within_steps
 
 Array = npt.NDArray[np.float64]
 
@@ -94,15 +94,16 @@ def mismatches(e: Evidence, path: Path, model: Signature, bias_rad_s: float) -> 
     """Recorded less simulated increments of each channel, (n,) each, rad or m. (53)"""
     forward, sideways, turn = path.steps()
     half = 0.5 * e.tread_m
-    left = e.left_m - (forward - half * turn) - model.left_m
-    right = e.right_m - (forward + half * turn) - model.right_m
+    shorter, aside = within_steps(e, turn)
+    left = e.left_m + shorter - (forward - half * turn) - model.left_m
+    right = e.right_m + shorter - (forward + half * turn) - model.right_m
     wheels_turn = (right - left) / e.tread_m
     found = {
         "left": left,
         "right": right,
         "distance": 0.5 * (left + right),
         "wheels_turn": wheels_turn,
-        "sideways": sideways - model.lateral_m,
+        "sideways": sideways - aside - model.lateral_m,
     }
     if e.gyro_rad is not None:
         found["gyro"] = e.gyro_rad - bias_rad_s * e.step_s - turn - model.gyro_rad

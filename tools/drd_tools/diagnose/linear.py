@@ -78,6 +78,21 @@ def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
     return Path(np.column_stack([x, y, heading]))
 
 
+def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
+    """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
+
+    Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
+    a gyro.
+    """
+    edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    turn = turn_rad if e.gyro_rad is None else e.gyro_rad
+    heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
+    inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
+    off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
+    way = 0.5 * (e.left_m + e.right_m)
+    return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)
+
+
 class Linear:
     """The model around `path`, with noise of given sizes. `doubt` (m,) multiplies the variance of each fix."""
 
@@ -100,22 +115,8 @@ class Linear:
         fix = e.fix - self.at_fixes(self.path.pose)
         fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
         left, right = self._forward - half * self._turn, self._forward + half * self._turn
-        shorter, aside = self._within_steps()
+        shorter, aside = within_steps(e, self._turn)
         return Signature(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
-
-    def _within_steps(self) -> tuple[Array, Array]:
-        """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
-
-        Chords instead of arcs would pass for a wheel's radius where the robot weaves.
-        """
-        e = self.evidence
-        edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
-        turn = self._turn if e.gyro_rad is None else e.gyro_rad
-        heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
-        inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
-        off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
-        way = 0.5 * (e.left_m + e.right_m)
-        return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)
 
     def at_fixes(self, poses: Array) -> Array:
         """Poses (n + 1, 3) of the edges, at the times of the fixes (m, 3)."""
