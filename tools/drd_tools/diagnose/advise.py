@@ -234,7 +234,7 @@ def _driven(
     e = gather(simulate(truth, nominal, (), replace(PERFECT, reference=reference), name=name).recording)
     if not knows_temperature:
         e = replace(e, temperature_c=np.full(len(e.time_s), np.nan))
-    edges_s = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    edges_s = e.edges_s
     pose = [np.interp(edges_s, truth.time_s, a) for a in (truth.x_m, truth.y_m, truth.heading_rad)]
     return e, Path(np.column_stack(pose))
 

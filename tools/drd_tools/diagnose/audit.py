@@ -126,7 +126,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array) -> lis
 def _turned(e: Evidence, inside: npt.NDArray[np.bool_], t0: float, t1: float) -> float | None:
     """Turn between two times by the gyro, else by the reference; None where neither tells."""
     if e.gyro_rad is not None:
-        edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+        edges = e.edges_s
         total = np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
         return float(np.interp(t1, edges, total) - np.interp(t0, edges, total))
     if inside.any() and len(e.fix) > 1:

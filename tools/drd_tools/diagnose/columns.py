@@ -20,7 +20,7 @@ TURN_SMOOTHING_S = 0.8
 
 def motion_along(e: Evidence, path: Path) -> Motion:
     """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals."""
-    edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    edges = e.edges_s
     typical = float(np.median(e.step_s))
     n = len(e.time_s)
     fine = np.interp(np.arange(n * SUB + 1) / SUB, np.arange(n + 1), edges)
@@ -78,7 +78,7 @@ class Signatures:
 
     def __init__(self, e: Evidence, path: Path):
         self.e, self.motion = e, motion_along(e, path)
-        edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+        edges = e.edges_s
         self.h = np.repeat(np.diff(edges) / SUB, SUB)
 
     def of(self, errors: Errors) -> Signature:

@@ -8,6 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 import drd
+from drd.model import save_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.advise import next_drive
@@ -84,7 +85,7 @@ def _write(result: Diagnosis, held_out: list[Recording], folder: Path) -> tuple[
     conclusion, recording = result.conclusion, result.recording
     found = conclusion.found
     model_file = folder / "model.yaml"
-    outcome.save_model(model_file, outcome.model_of(conclusion, recording, drd.__version__))
+    save_model(model_file, outcome.model_of(conclusion, recording, drd.__version__))
     has_model = any(f.claim is not None for f in conclusion.findings)
     before, nominal = outcome.judged(recording, None)
     after, corrected = outcome.judged(recording, model_file) if has_model else (before, nominal)
@@ -170,7 +171,7 @@ def _write_together(
     """What several recordings say, beside each one's own folder."""
     content = pooled(contents)
     model = outcome.model_of_findings(content["findings"], recordings[0], content["recording"], drd.__version__)
-    outcome.save_model(folder / "model.yaml", model)
+    save_model(folder / "model.yaml", model)
     content["fit"]["held_out"], bars = _proof(held_out, folder / "model.yaml")
     outcome.write_json(folder / "diagnosis.json", content)
     by_effect = {f["effect"]: f for one in reversed(series) for f in one["findings"]}

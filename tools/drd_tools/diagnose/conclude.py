@@ -56,7 +56,8 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     found = _held(found, search)
     chance = chance_gains(found.problem, search.library, found.fit.left)
     by_logic = {e.claim.id: e for e in events}
-    total = max(_worth(found, search, None), 1e-9)
+    by_events = refine(found.problem, [c for c in found.fit.claims if c.id in search.known])
+    total = max(by_events.cost - found.fit.cost, 1e-9)
     findings = []
     for claim in found.fit.claims:
         event = by_logic.get(claim.id)
@@ -79,12 +80,6 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
 
 
-def _worth(found: Found, search: Search, claim: Claim | None) -> float:
-    """Nats that a claim is worth beside the others; None: all that were not found by logic."""
-    kept = [c for c in found.fit.claims if c.id in search.known] if claim is None else [c for c in found.fit.claims if c is not claim]  # noqa: E501  # fmt: skip
-    return refine(found.problem, kept).cost - found.fit.cost
-
-
 def _held(found: Found, search: Search) -> Found:
     """Without the claims that do not hold on data that they were not fitted to."""
     kept = [c for c in found.fit.claims if c.id in search.known or sum(unseen_nats(found.problem, found.fit, c)) > 0.0]
@@ -96,13 +91,13 @@ def _held(found: Found, search: Search) -> Found:
 
 def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chance: Array, total: float) -> Finding:
     problem, fit = found.problem, found.fit
-    worth = _worth(found, search, claim)
+    rest = refine(problem, [c for c in fit.claims if c is not claim])
+    worth = rest.cost - fit.cost
     nats = unseen_nats(problem, fit, claim)
     e = e_value(nats)
     p = family_wise_p(worth, chance)
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
-    rest = refine(problem, [c for c in fit.claims if c is not claim])
     rivals = same_window(claim) + [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
     fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
     also = unique(

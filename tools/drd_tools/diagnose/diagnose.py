@@ -13,7 +13,7 @@ from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Found, find
+from drd_tools.diagnose.search import find
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
@@ -77,6 +77,3 @@ def _is_near(noise: Noise, temper: Temper, problem: Problem) -> bool:
         *zip(temper.fixes, was.fixes, strict=True),
     )
     return all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)
-
-
-__all__ = ["Diagnosis", "Found", "diagnose"]

@@ -118,11 +118,16 @@ class Evidence:
         result: Array = self.time_s[self.fix_step] - self.fix_share * self.step_s[self.fix_step]
         return result
 
+    @property
+    def edges_s(self) -> Array:
+        """Where the steps begin and end, (n + 1,)."""
+        return np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
+
     def earlier(self, increments: Array, delay_s: float) -> Array:
         """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late."""
         if delay_s == 0.0:
             return increments
-        edges = np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
+        edges = self.edges_s
         total = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(increments)]))
         at = edges + delay_s
         known = (at[:-1] >= edges[0]) & (at[1:] <= edges[-1])

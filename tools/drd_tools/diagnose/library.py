@@ -4,6 +4,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -130,6 +131,17 @@ class Library:
             penalty = count * problem.per_parameter + problem.per_effect
             self.candidates.append(Candidate(effect, values, chosen, tuple(columns[i] for i in which), angle, penalty))
         return signatures
+
+
+# A library takes as long as a search among it, and the verdict asks the same problem again. It holds no problem.
+_MADE: Final[WeakKeyDictionary[Problem, Library]] = WeakKeyDictionary()
+
+
+def library_of(problem: Problem) -> Library:
+    """The problem's library, made once."""
+    if problem not in _MADE:
+        _MADE[problem] = Library(problem)
+    return _MADE[problem]
 
 
 def _is_seen(signature: Signature) -> bool:

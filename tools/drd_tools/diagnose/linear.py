@@ -84,7 +84,7 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
     Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
     a gyro.
     """
-    edges = np.concatenate([[e.time_s[0] - e.step_s[0]], e.time_s])
+    edges = e.edges_s
     turn = turn_rad if e.gyro_rad is None else e.gyro_rad
     heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
     inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
@@ -188,15 +188,11 @@ class Linear:
         u[:, 3] = 0.0
         return u, (wheels - turn if e.gyro_rad is not None else np.zeros_like(turn))
 
-    def first_fix(self, step: int) -> int:
-        """Number of the first fix in a step, or after it."""
-        return self._bounds[step]
-
-    def rows(self, signatures: Sequence[Signature]) -> Iterator[tuple[int, int, Array, Array]]:
+    def rows(self, signatures: Sequence[Signature]) -> Iterator[tuple[Array, Array]]:
         """Pass p signatures through the filter, chunk by chunk of steps.
 
-        Gives begin and end of the chunk, and innovations over their standard deviations: of the wheels against the
-        gyro (c, p), zero without a gyro, and of the chunk's fixes (f, 3, p).
+        Gives innovations over their standard deviations: of the wheels against the gyro (c, p), zero without a gyro,
+        and of the chunk's fixes (f, 3, p).
         """
         e, bounds, p = self.evidence, self._bounds, len(signatures)
         X = np.zeros((STATES, p))
@@ -221,12 +217,12 @@ class Linear:
                     w = self._L[j] @ (fixes[j - first] - self._H[j] @ X)
                     fixes[j - first] = w
                     X += self._K[j] @ w
-            yield begin, end, wheels, fixes
+            yield wheels, fixes
 
     def whiten(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
         """All rows at once: (n, p) and (m, 3, p)."""
         parts = list(self.rows(signatures))
-        return np.concatenate([part[2] for part in parts]), np.concatenate([part[3] for part in parts])
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
     def smoothed(self) -> Path:
         """The path, corrected by what the data say of it (Rauch, Tung and Striebel)."""

@@ -24,13 +24,18 @@ DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
 def tempered(problem: Problem, left: Array) -> Temper:
     """How far from white what claims leave (r,) of the whitened data is, at the scale where it is worst."""
     e = problem.evidence
-    n = len(e.time_s) if e.gyro_rad is not None else 0
     step_s = float(np.median(e.step_s))
-    wheels, fixes = left[:n] * problem.temper.wheels, left[n:].reshape(-1, 3) * np.array(problem.temper.fixes)
+    wheels, fixes = _untempered(problem, left)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
     both = max(sizes[:2])
     return Temper(_slow(wheels, step_s), (both, both, sizes[2]))
+
+
+def _untempered(problem: Problem, left: Array) -> tuple[Array, Array]:
+    """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them."""
+    n = len(left) - 3 * len(problem.evidence.fix)
+    return left[:n] * problem.temper.wheels, left[n:].reshape(-1, 3) * np.array(problem.temper.fixes)
 
 
 def _slow(rows: Array, every_s: float) -> float:
@@ -51,11 +56,9 @@ def _slow(rows: Array, every_s: float) -> float:
 def fitted(problem: Problem, left: Array) -> tuple[Noise, Array]:
     """Noise, and doubt (m,) of each fix, from what claims leave (r,) of the whitened data."""
     e, noise = problem.evidence, problem.noise
-    temper = problem.temper
-    n = len(e.time_s) if e.gyro_rad is not None else 0
-    wheels, fixes = left[:n] * temper.wheels, left[n:].reshape(-1, 3) * np.array(temper.fixes)
+    wheels, fixes = _untempered(problem, left)
     moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
-    slip = _scale(wheels[moving[:n]]) if n else 1.0
+    slip = _scale(wheels[moving]) if len(wheels) else 1.0
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)

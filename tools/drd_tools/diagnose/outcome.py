@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.model import DRIVERS, Model, make_model, save_model
+from drd.model import DRIVERS, Model, make_model
 from drd.schema import ConfigError
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
@@ -229,6 +229,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, np.integer):
         return int(value)
     return value
-
-
-__all__ = ["save_model"]

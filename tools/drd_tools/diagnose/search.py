@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.library import SEVERAL, Library, is_plausible
+from drd_tools.diagnose.library import SEVERAL, is_plausible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all, soft_forms
 
@@ -61,7 +61,7 @@ def _contested(search: "Search", found: Found) -> Found:
             continue
         rest = refine(found.problem, [c for c in found.fit.claims if c is not claim])
         worth = found.score - search.score(rest)
-        if not _needs_linearising(Fit((claim,), 0.0, rest.nuisance, rest.left), worth):
+        if not _needs_linearising([claim], worth):
             continue
         rivals = [r for gain, r in search.ranked(rest) if r.id != claim.id and gain > (1.0 - CLOSE_SHARE) * worth]
         for fit in refine_all(found.problem, [[*rest.claims, r] for r in rivals[:CLOSE_RIVALS]]):
@@ -79,7 +79,7 @@ def _one_more(search: "Search", found: Found) -> Found | None:
     if not tried:
         return None
     best = tried[0]
-    if not _needs_linearising(best, search.score(best) - found.null):
+    if not _needs_linearising(best.claims, search.score(best) - found.null):
         return Found(found.problem, best, search.score(best), found.null)
     margin = CLOSE_SHARE * (search.score(best) - found.null)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
@@ -87,8 +87,8 @@ def _one_more(search: "Search", found: Found) -> Found | None:
     return chosen if chosen.score > found.score else None
 
 
-def _needs_linearising(fit: Fit, worth: float) -> bool:
-    return worth > STRONG_NATS or any(c.effect.acts_on is ActsOn.TIMING for c in fit.claims)
+def _needs_linearising(claims: Sequence[Claim], worth: float) -> bool:
+    return worth > STRONG_NATS or any(c.effect.acts_on is ActsOn.TIMING for c in claims)
 
 
 def _linearised(problem: Problem, fit: Fit, null: float) -> Found:
@@ -109,7 +109,7 @@ class Search:
     """Chooses among the candidates of one problem."""
 
     def __init__(self, problem: Problem, known: Sequence[Claim] = ()):
-        self.problem, self.library = problem, Library(problem)
+        self.problem, self.library = problem, library_of(problem)
         self.known = {c.id for c in known}
 
     def score(self, fit: Fit) -> float:
@@ -184,8 +184,3 @@ def same_window(claim: Claim) -> list[Claim]:
 
 def _is_plausible(fit: Fit) -> bool:
     return all(map(is_plausible, fit.claims))
-
-
-def names(claims: Sequence[Claim]) -> list[str]:
-    """The effects' names, sorted."""
-    return sorted(c.id for c in claims)
