@@ -11,7 +11,8 @@ from pose_files import dead_reckoned, drive, write_poses
 from wheel_recordings import TOUR, Truth, write_drive
 
 from drd.cli import main
-from drd_tools.evaluate.results import FILE, Evaluation
+from drd_tools.evaluate.results import Evaluation
+from drd_tools.report.saved import FILE
 
 PNG = b"\x89PNG"
 

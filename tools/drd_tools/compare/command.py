@@ -6,9 +6,10 @@ from pathlib import Path
 from drd.schema import ConfigError
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.report import print_comparison, write_report
-from drd_tools.compare.results import FILE, Comparison
+from drd_tools.compare.results import Comparison
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.nominal import with_model
+from drd_tools.report.saved import FILE
 
 DESCRIPTION = """\
 Simulate the nominal model along a recording's path, and show recorded against simulated sensor increments, channel by

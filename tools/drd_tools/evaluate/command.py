@@ -12,8 +12,9 @@ from drd_tools.evaluate.alignment import KINDS
 from drd_tools.evaluate.compare import compare
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.report import print_runs, write_report
-from drd_tools.evaluate.results import FILE, Evaluation, Run
+from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.evaluate.trajectory import Poses, Reference, read_poses, read_reference
+from drd_tools.report.saved import FILE
 
 DESCRIPTION = """\
 Judge poses against a reference: error at the end and of the return, absolute and relative trajectory error, drift in

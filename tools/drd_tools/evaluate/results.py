@@ -1,7 +1,6 @@
 """What `drd evaluate` keeps: computed once, saved as JSON, reported, compared and drawn as often as wanted."""
 
 import dataclasses
-import json
 import types
 import typing
 from dataclasses import dataclass
@@ -11,17 +10,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
 from drd_tools.evaluate.alignment import Alignment
 from drd_tools.evaluate.consistency import Consistency
 from drd_tools.evaluate.drivers import Windows
 from drd_tools.evaluate.heading import HeadingDrift
 from drd_tools.evaluate.metrics import Absolute, Drift, EndError, Relative
+from drd_tools.report.saved import load, save
 
 Array = npt.NDArray[np.float64]
 
 FORMAT: Final = "drd-evaluation/1"
-FILE: Final = "results.json"
 SIGNIFICANT_DIGITS: Final = 7
 
 
@@ -76,26 +74,20 @@ class Evaluation:
     runs: list[Run]
 
     def save(self, folder: Path) -> None:
-        """Write FILE. Raises OSError."""
-        content = {"format": FORMAT, **_plain(self)}
-        (folder / FILE).write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+        """Write results.json. Raises OSError."""
+        save(folder, FORMAT, _plain(self))
 
     @staticmethod
     def load(folder: Path) -> "Evaluation":
-        """Read FILE. Raises ConfigError."""
-        file = folder / FILE
-        try:
-            content = json.loads(file.read_text(encoding="utf-8"))
-            if content.pop("format") != FORMAT:
-                raise ValueError("another format")
-            loaded: Evaluation = _revived(Evaluation, content)
-            if not loaded.runs:
-                raise ValueError("no run")
-            return loaded
-        except OSError as error:
-            raise ConfigError(str(file), "", "results of an earlier `drd evaluate`", str(error.strerror)) from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", f"something else ({error})") from error
+        """Read results.json. Raises ConfigError."""
+        return load(folder, FORMAT, "drd evaluate", _checked)
+
+
+def _checked(content: dict[str, Any]) -> Evaluation:
+    loaded: Evaluation = _revived(Evaluation, content)
+    if not loaded.runs:
+        raise ValueError("no run")
+    return loaded
 
 
 def _plain(value: Any) -> Any:

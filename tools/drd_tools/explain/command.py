@@ -8,8 +8,9 @@ from drd.schema import ConfigError
 from drd_tools.evaluate.trajectory import Reference, read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.report import print_explanation, write_report
-from drd_tools.explain.results import FILE, Explanation
+from drd_tools.explain.results import Explanation
 from drd_tools.explain.source import open_source
+from drd_tools.report.saved import FILE
 
 DESCRIPTION = """\
 Say where the pose's uncertainty comes from: gyro noise, bias, scale and calibration, wheel scales, tread, slip noise,

@@ -1,15 +1,13 @@
 """What `drd explain` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
 import dataclasses
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from drd.schema import ConfigError
+from drd_tools.report.saved import load, save
 
 FORMAT: Final = "drd-explanation/1"
-FILE: Final = "results.json"
 
 
 @dataclass(frozen=True)
@@ -106,23 +104,13 @@ class Explanation:
     heading_deg2: list[list[float]]
 
     def save(self, folder: Path) -> None:
-        """Write FILE. Raises OSError."""
-        content = {"format": FORMAT, **dataclasses.asdict(self)}
-        (folder / FILE).write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+        """Write results.json. Raises OSError."""
+        save(folder, FORMAT, dataclasses.asdict(self))
 
     @staticmethod
     def load(folder: Path) -> "Explanation":
-        """Read FILE. Raises ConfigError."""
-        file = folder / FILE
-        try:
-            content = json.loads(file.read_text(encoding="utf-8"))
-            if content.pop("format") != FORMAT:
-                raise ValueError("another format")
-            return _revived(content)
-        except OSError as error:
-            raise ConfigError(str(file), "", "results of an earlier `drd explain`", str(error.strerror)) from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", f"something else ({error})") from error
+        """Read results.json. Raises ConfigError."""
+        return load(folder, FORMAT, "drd explain", _revived)
 
 
 def _revived(content: dict[str, Any]) -> Explanation:
