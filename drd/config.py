@@ -427,10 +427,15 @@ class Output:
     connect: tuple[str, ...] = key((), "Zenoh end points to connect to, such as a router", "Zenoh end points")
     zenoh_config: str | None = key(
         None,
-        "Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then not looked at",
+        "Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then not looked at. "
+        "zenoh-tls.json5 is one with certificates and access control",
         "path",
     )
-    commands: bool = key(False, "Allow set_pose, reset and calibrate_bias over Zenoh")
+    commands: bool = key(
+        False,
+        "Allow set_pose, reset and calibrate_bias over Zenoh, to whoever reaches an end point or, with zenoh_config, "
+        "to whom its access_control allows it; each one is logged",
+    )
     ros2: bool = key(
         False,
         "Publish nav_msgs/Odometry for ROS 2 (rmw_zenoh) too; connect to its router, "
@@ -470,6 +475,62 @@ class Recording:
 
 
 @dataclass(frozen=True, kw_only=True)
+class State:
+    """What the daemon remembers over a restart, and how much of it is believed then."""
+
+    enabled: bool = key(True, "Keep the state, and go on from it at the start")
+    folder: str | None = key(
+        None,
+        "Where the file lies; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the "
+        "working directory. null = that directory under systemd, else no state is kept",
+        "path",
+    )
+    period_s: float = key(
+        5.0,
+        "How often it is written, beside each time that the robot starts to move or drd ends; longer spares flash, and "
+        "leaves more unseen way when drd is killed on the move",
+        "s",
+        low=0.5,
+        high=3600,
+    )
+    pose: str = key(
+        "continue",
+        "Where the robot is at the start: continue = where it was, origin = back at the origin with the uncertainty of "
+        "estimation.initial, for robots that restart at their dock; what was learned is kept either way",
+        choices=("continue", "origin"),
+    )
+    believed_s: float = key(
+        600.0,
+        "After a longer time off, or one that no clock tells, somebody may have carried the robot: the pose goes on, "
+        "but is degraded until set_pose or reset. Longer where nobody can",
+        "s",
+        low=0,
+        high=1e9,
+    )
+    position_m: float = key(
+        0.2,
+        "How far a robot that stands may have been pushed while drd was off, standard deviation of each coordinate; 0 "
+        "for one that is braked",
+        "m",
+        low=0,
+        high=1e4,
+    )
+    heading_deg: float = key(
+        5.0,
+        "How far it may have been turned meanwhile, standard deviation; 0 for one that is braked",
+        "deg",
+        low=0,
+        high=180,
+    )
+    wheel_scale: float = key(
+        5e-4, "How much each wheel's radius may have changed meanwhile: load, tyres, temperature", "1", low=0, high=0.5
+    )
+    tread: float = key(
+        0.005, "How much the tread may have changed meanwhile: another ground; 0.05 for skid-steer", "1", low=0, high=1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Realtime:
     """Scheduling; each is refused with a message, not an error, where the system does not permit it."""
 
@@ -490,4 +551,5 @@ class Config:
     estimation: Estimation = section(Estimation)
     output: Output = section(Output)
     recording: Recording = section(Recording)
+    state: State = section(State)
     realtime: Realtime = section(Realtime)

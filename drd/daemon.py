@@ -10,7 +10,6 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +19,14 @@ from drd.inputs import Inputs
 from drd.output.messages import Refused, pose_dict
 from drd.output.zenoh_link import ZenohLink
 from drd.pipeline import Pipeline
+from drd.reload import Prepared, prepare
 from drd.samples import Pose
-from drd.schema import Loaded
+from drd.schema import ConfigError, Loaded
 from drd.service import Notifier
-from drd.units import NS_PER_MS, S_PER_NS
+from drd.state.keeper import StateKeeper
+from drd.tasks import Tasks
+from drd.traffic import Traffic
+from drd.units import S_PER_NS
 
 if TYPE_CHECKING:
     from drd.recording.recorder import Recorder
@@ -33,37 +36,10 @@ log = logging.getLogger("drd")
 TICK_S = 0.05
 CLOSE_DEADLINE_S = 3.0
 RECORDER_DEADLINE_S = 2.0
+STATE_DEADLINE_S = 1.0
 EXIT_DEADLINE_S = 8.0
 # Metres or radians that set_pose takes; beyond, doubles no longer resolve a step of the robot.
 LARGEST_COMMANDED = 1e7
-
-
-class Traffic:
-    """Rates of wheel samples and poses, and time from an input's arrival to its pose, over the last full period."""
-
-    def __init__(self) -> None:
-        names = ("wheel_rate_hz", "pose_rate_hz", "latency_mean_ms", "latency_max_ms")
-        self.last: dict[str, float | None] = dict.fromkeys(names)
-        self._began_ns = time.monotonic_ns()
-        self._count = self._sum_ns = self._max_ns = self._wheel_samples = 0
-
-    def add(self, latency_ns: int) -> None:
-        """One pose was published."""
-        self._count += 1
-        self._sum_ns += latency_ns
-        self._max_ns = max(self._max_ns, latency_ns)
-
-    def close_period(self, now_ns: int, wheel_samples: int) -> None:
-        """Make `last` of what was added since the period before; `wheel_samples` counts them from the start."""
-        n, period_s = self._count, max((now_ns - self._began_ns) * S_PER_NS, S_PER_NS)
-        self.last = {
-            "wheel_rate_hz": (wheel_samples - self._wheel_samples) / period_s,
-            "pose_rate_hz": n / period_s,
-            "latency_mean_ms": self._sum_ns / n / NS_PER_MS if n else None,
-            "latency_max_ms": self._max_ns / NS_PER_MS if n else None,
-        }
-        self._began_ns, self._count, self._sum_ns, self._max_ns = now_ns, 0, 0, 0
-        self._wheel_samples = wheel_samples
 
 
 class Daemon:
@@ -74,6 +50,7 @@ class Daemon:
         self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
         self.pipeline = Pipeline(self._config, base, self._on_pose, self._recorder)
+        self._state = StateKeeper(self._config, self.pipeline)
         self._notifier = Notifier()
         self._link: ZenohLink | None = None
         self._pose: Pose | None = None
@@ -83,6 +60,11 @@ class Daemon:
         self._inputs: Inputs | None = None
         self._unreported: set[str] = set()
         self._ready = False
+        self._base = base
+        self._reload_due = asyncio.Event()
+        self._reloads: dict[str, Any] = {"done": 0, "refused": 0, "error": None, "waiting": []}
+        self._tasks: Tasks
+        self._input_tasks: list[asyncio.Task[None]] = []
 
     async def run(self, stop: asyncio.Event) -> bool:
         """Until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
@@ -98,29 +80,35 @@ class Daemon:
         self._link = ZenohLink(self._output, handlers, loop)
         if self._recorder is not None:
             self._recorder.start()
-        tasks = [asyncio.create_task(work) for work in self._work()]
+        self._state.begin(time.monotonic_ns())
+        self._tasks = Tasks()
+        self._open_inputs()
+        for work in (self._keep_time(), self._reload_when_asked()):
+            self._tasks.start(work)
         try:
             for message in realtime.apply(self._config.realtime):
                 log.warning("refused %s", message)
             stopping = asyncio.create_task(stop.wait())
-            done, _ = await asyncio.wait({stopping, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+            ended = self._tasks.ended
+            first: set[asyncio.Future[Any]] = {stopping, ended}
+            await asyncio.wait(first, return_when=asyncio.FIRST_COMPLETED)
             stopping.cancel()
-            for task in done - {stopping}:
-                task.result()  # only a bug of ours ends a task: let it be seen, and systemd start anew
+            if ended.done():
+                ended.result()  # only a bug of ours ends a task: let it be seen, and systemd start anew
         finally:
             self._notifier.stopping()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await self._tasks.cancel()
             if self._recorder is not None and not self._recorder.close(RECORDER_DEADLINE_S):
                 log.error("recording: the disk did not take the end within %g s", RECORDER_DEADLINE_S)
+            if not self._state.close(STATE_DEADLINE_S):
+                log.error("state: the disk did not take it within %g s", STATE_DEADLINE_S)
             closed = self._link.close(CLOSE_DEADLINE_S)
         return closed
 
-    def _work(self) -> list[Coroutine[Any, Any, None]]:
+    def _open_inputs(self) -> None:
         self._inputs = Inputs(self._config, self.pipeline, self._on_port_state)
         self._unreported = set(self._inputs.ports)
-        return [*self._inputs.work(), self._keep_time()]
+        self._input_tasks = [self._tasks.start(work) for work in self._inputs.work()]
 
     def _on_port_state(self, source: str, text: str | None) -> None:
         log.log(logging.INFO if text is None else logging.WARNING, "%s=%s", source, text or "open")
@@ -133,6 +121,7 @@ class Daemon:
         while True:
             now_ns = time.monotonic_ns()
             self.pipeline.tick(now_ns)
+            self._state.tick(now_ns)
             now_s = now_ns * S_PER_NS
             if not self._ready and not self._unreported:
                 self._ready = True
@@ -145,6 +134,49 @@ class Daemon:
                 next_health_s = now_s + self._config.output.health_period_s
                 self._publish_health()
             await asyncio.sleep(TICK_S)
+
+    # ---- reload ------------------------------------------------------------------------------------------------
+
+    def ask_for_reload(self) -> None:
+        """Read the configuration again, soon; from the event loop."""
+        self._reload_due.set()
+
+    async def _reload_when_asked(self) -> None:
+        while True:
+            await self._reload_due.wait()
+            self._reload_due.clear()
+            if self._ready:
+                self._notifier.reloading()
+            try:
+                # In a thread: poses go on meanwhile.
+                prepared = await asyncio.to_thread(prepare, self._loaded, self._base)
+            except Exception as error:
+                # A bug of ours, too, is no reason to take the pose away.
+                text = str(error) if isinstance(error, ConfigError) else f"internal error: {error!r}"
+                self._reloads["refused"] += 1
+                self._reloads["error"] = text
+                log.error("reload=refused, all stays as it was: %s", text)
+            else:
+                await self._put_in_force(prepared)
+            if self._ready:
+                self._notifier.ready(self._status())
+
+    async def _put_in_force(self, prepared: Prepared) -> None:
+        """Pose and covariance go on; ports are opened anew where their sections changed."""
+        reopen = prepared.moves_ports(self._config)
+        if reopen:
+            await self._tasks.cancel(self._input_tasks)
+        anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
+        self._loaded, self._config = prepared.loaded, prepared.loaded.value
+        if reopen:
+            self._open_inputs()
+        self._reloads["done"] += 1
+        self._reloads |= {"error": None, "waiting": prepared.waiting}
+        log.info("reload=done ports=%s", "opened anew" if reopen else "kept")
+        for text in anew:
+            log.info("reload: %s", text)
+        if prepared.waiting:
+            log.warning("reload: takes effect at the next start only: %s", ", ".join(prepared.waiting))
 
     # ---- outputs -----------------------------------------------------------------------------------------------
 
@@ -181,14 +213,22 @@ class Daemon:
         health["counters"]["zenoh"] = dict(self._link.counters)
         # Of its own: a full disk is no reason to trust the pose less.
         health["recording"] = self._recorder.health() if self._recorder is not None else None
+        health["state"] = self._state.health()
+        health["reload"] = dict(self._reloads)
         return health
 
     def _status(self) -> str:
         reasons = self.pipeline.reasons
         texts = [f"{r.source}: {r.text}" for r in reasons.active()]
         status = f"{reasons.validity.value}{': ' if texts else ''}{'; '.join(texts)}"
-        trouble = self._recorder.trouble if self._recorder is not None else None
-        return f"{status}; recording degraded: {trouble}" if trouble else status
+        recording = self._recorder.trouble if self._recorder is not None else None
+        status += f"; recording degraded: {recording}" if recording else ""
+        if self._reloads["error"]:
+            status += f"; reload refused: {self._reloads['error']}"
+        if self._reloads["waiting"]:
+            status += f"; restart for {', '.join(self._reloads['waiting'])}"
+        status += f"; state not kept: {self._state.trouble}" if self._state.trouble else ""
+        return f"{status}; {self._state.start_text}" if self._state.is_told else status
 
     # ---- queries -----------------------------------------------------------------------------------------------
 
@@ -243,8 +283,19 @@ def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
     return Recorder(loaded, base)
 
 
+def is_on_terminal() -> bool:
+    """Whether a person started this from a terminal, rather than a service manager."""
+    try:
+        return os.isatty(0)
+    except OSError:
+        return False
+
+
 def run(loaded: Loaded[Config], base: Path) -> int:
-    """Run the daemon until SIGINT or SIGTERM; the process's exit code. Raises ConfigError before the start."""
+    """Run the daemon until SIGINT or SIGTERM; the process's exit code. Raises ConfigError before the start.
+
+    SIGHUP has the configuration read again, unless a terminal's closing sends it.
+    """
     daemon = Daemon(loaded, base)
 
     async def main() -> bool:
@@ -259,6 +310,8 @@ def run(loaded: Loaded[Config], base: Path) -> int:
 
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, end)
+        if not is_on_terminal():  # where a hang-up means that the terminal was closed
+            loop.add_signal_handler(signal.SIGHUP, daemon.ask_for_reload)
         return await daemon.run(stop)
 
     if not asyncio.run(main()):

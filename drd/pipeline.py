@@ -2,14 +2,17 @@
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from drd.basis import basis_of, changes, learned_anew
 from drd.calibration import Calibration, load_calibration
-from drd.config import Config
+from drd.config import Config, Encoders, Fog
 from drd.effects.compensation import Compensation
 from drd.encoders.stream import EncoderStream
+from drd.estimate import Estimate
 from drd.estimator import Estimator
 from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
 from drd.fog.stream import FogStream
@@ -39,6 +42,19 @@ class Observer(Protocol):
         """Any other call that can change the estimate."""
 
 
+def _fog_decoding(config: Config) -> tuple[Fog, float]:
+    """What the gyro's decoding depends on; the port's own keys set to anything."""
+    fog = replace(config.fog, port="", baud=0, low_latency=False, silent_after_s=0.0)
+    return fog, config.robot.max_acceleration_deg_s2
+
+
+def _encoder_decoding(config: Config) -> tuple[Encoders, tuple[float, ...]]:
+    """What the encoders' decoding depends on; the port's own keys set to anything."""
+    e, r = config.encoders, config.robot
+    e = replace(e, interface="", channel="", bitrate=None, open_delay_s=0.0, queue_frames=0, silent_after_s=0.0)
+    return e, (r.wheel_radius_m, r.left_scale, r.right_scale, r.max_speed_m_s)
+
+
 class Pipeline:
     """Feed it what arrives, with the arrival's CLOCK_MONOTONIC time; it calls `on_pose(pose, input_ns)`.
 
@@ -62,14 +78,15 @@ class Pipeline:
         has_gyro = config.fog.protocol != "none"
         self.model: Model | None = load_model(base / config.model.file) if config.model.file else None
         self.model_notes: list[str] = []
-        compensation = self._compensation(recording) if self.model else None
+        self._compensation = self._make_compensation(recording) if self.model else None
         self.fog = FogStream(config.fog, config.robot.max_acceleration_deg_s2 * RAD_PER_DEG) if has_gyro else None
         self.encoders = EncoderStream(config.encoders, config.robot, base)
-        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m, compensation)
+        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m, self._compensation)
         self.reasons = self.estimator.reasons
+        self.basis = basis_of(config, self.calibration, self.model, self.estimator.estimates_gyro_scale)
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
 
-    def _compensation(self, recording: str | None) -> Compensation | None:
+    def _make_compensation(self, recording: str | None) -> Compensation | None:
         """What takes off the model's effects that hold in this run."""
         assert self.model is not None
         check_geometry(self.model, self._config)
@@ -77,6 +94,37 @@ class Pipeline:
         for note in self.model_notes:
             log.warning("%s: %s", self._config.model.file, note)
         return Compensation(terms, self._config.robot, self._config.fog.protocol != "none") if terms else None
+
+    def resume(self, now_ns: int, estimate: Estimate, bias_known: bool) -> None:
+        """Go on from an estimate of before a restart; before the first input. `bias_known`: its bias still holds."""
+        self._record("resume", now_ns, estimate=estimate.plain(), bias_known=bias_known)
+        self.estimator.resume(estimate, bias_known)
+
+    def reload(self, now_ns: int, fresh: "Pipeline", files: Mapping[str, str]) -> list[str]:
+        """Go on with the configuration of `fresh`, a pipeline that was fed nothing. What was learned anew is returned.
+
+        Pose, covariance and all that still applies of what was learned go on, and so does the decoding where nothing
+        changed for it; else the first samples are waited for, as after a gap. `files`: the texts of the new files in
+        force, from which a replay makes `fresh`.
+        """
+        self._record("reload", now_ns, files=dict(files))
+        old, new = self._config, fresh._config
+        if _fog_decoding(old) != _fog_decoding(new):
+            self.fog = fresh.fog
+        if _encoder_decoding(old) != _encoder_decoding(new):
+            self.encoders = fresh.encoders
+        wheels = changes(self.basis.wheels, fresh.basis.wheels)
+        gyro = changes(self.basis.gyro, fresh.basis.gyro)
+        same_model = not wheels and self.basis.gyro["model"] == fresh.basis.gyro["model"]
+        same_model &= old.fog.protocol == new.fog.protocol
+        if not same_model:
+            self._compensation = fresh._compensation
+        estimator = Estimator(new, fresh.calibration, self.encoders.resolution_m, self._compensation, self.reasons)
+        estimator.take_over(self.estimator, not wheels, not gyro, same_model)
+        self._config, self.estimator, self.basis = new, estimator, fresh.basis
+        self.calibration, self.model, self.model_notes = fresh.calibration, fresh.model, fresh.model_notes
+        self._side_silent_ns = fresh._side_silent_ns
+        return learned_anew(wheels, gyro)
 
     def on_fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's serial line."""

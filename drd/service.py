@@ -2,7 +2,10 @@
 
 import os
 import socket
+import time
 from collections.abc import Mapping
+
+NS_PER_US = 1000
 
 
 class Notifier:
@@ -26,6 +29,10 @@ class Notifier:
     def watchdog(self) -> None:
         """Alive; to be sent at least every `watchdog_period_s`, from the loop that must not stand still."""
         self._send("WATCHDOG=1")
+
+    def reloading(self) -> None:
+        """The configuration is being read again; `ready` ends it. (The time is what Type=notify-reload asks for.)"""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // NS_PER_US}")
 
     def stopping(self) -> None:
         """Shutting down of our own accord."""

@@ -1,5 +1,6 @@
 import os
 import socket
+import time
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,17 @@ def test_systemd_hears_ready_status_watchdog_and_stopping(tmp_path: Path, abstra
         said = [s.recv(4096) for _ in range(4)]
     assert said == [b"READY=1\nSTATUS=waiting for standstill", b"STATUS=valid", b"WATCHDOG=1", b"STOPPING=1"]
     assert notifier.counters == {"notify_errors": 0}
+
+
+def test_a_reload_carries_the_time_that_systemd_asks_for(tmp_path: Path) -> None:
+    with receiver(str(tmp_path / "notify")) as s:
+        before_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+        Notifier({"NOTIFY_SOCKET": str(tmp_path / "notify")}).reloading()
+        first, second = s.recv(4096).decode().split("\n")
+    assert first == "RELOADING=1"
+    name, microseconds = second.split("=")
+    assert name == "MONOTONIC_USEC"
+    assert before_us <= int(microseconds) <= time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
 
 
 def test_a_status_cannot_smuggle_in_another_assignment(tmp_path: Path) -> None:

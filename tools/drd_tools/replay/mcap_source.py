@@ -5,7 +5,7 @@ import dataclasses
 import hashlib
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from drd.config import CalibrationFile, Config, ModelFile
 from drd.config_file import load_config
+from drd.estimate import estimate_of
 from drd.pipeline import Pipeline
 from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
@@ -42,14 +43,14 @@ def replay_mcap(
     parts = [*map(open_mcap, earlier), last]
     if IN_FORCE not in last.attachments:
         raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
-    replay, kept = _Replay(), Samples()
+    changed = any(given is not None for given in (config, calibration, model))
+    replay, kept = _Replay(changed), Samples()
     with tempfile.TemporaryDirectory() as folder:
-        in_force, base = _in_force(last, Path(folder), config, calibration, model)
+        in_force, base = config_in_force(last, Path(folder), config, calibration, model)
         pipeline = Pipeline(in_force, base, replay.on_pose, kept, file.stem if model is not None else None)
     replay.run(pipeline, parts)
     counters = pipeline.counters()
     began = last.information.get("started_monotonic_ns", "")
-    changed = any(given is not None for given in (config, calibration, model))
     wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
     return Replayed(
         file,
@@ -62,6 +63,7 @@ def replay_mcap(
         inputs={part.path.name: _sha256(part.path) for part in parts} | _inputs(config, calibration, model),
         notes=[
             *_missing(parts, missing, replay.lost),
+            *replay.notes,
             *([] if changed or missing else [replay.comparison()]),
             *pipeline.model_notes,
             *wiring,
@@ -70,9 +72,11 @@ def replay_mcap(
 
 
 class _Replay:
-    """Poses of a replay beside those of the live run."""
+    """Poses of a replay beside those of the live run. `changed`: it is not the recorded configuration's."""
 
-    def __init__(self) -> None:
+    def __init__(self, changed: bool) -> None:
+        self._changed = changed
+        self.notes: list[str] = []
         self.poses: list[Pose] = []
         self.live: list[Pose] = []
         self.lost = 0
@@ -85,6 +89,8 @@ class _Replay:
         for recorded in self._in_order(parts):
             try:
                 made = call(pipeline, recorded) if recorded.topic in (RAW_FOG, RAW_CAN, RAW_EVENTS) else None
+                if self._changed and recorded.topic == RAW_EVENTS:
+                    made = self._as_changed(recorded.value()["event"], made)
                 if recorded.topic == POSE:
                     self.live.append(recorded_pose(recorded.value()))
             except (KeyError, TypeError, ValueError) as error:
@@ -92,6 +98,17 @@ class _Replay:
                 raise ConfigError(where, "", "what drd writes there", repr(error)) from error
             if made is not None:
                 made()
+
+    def _as_changed(self, event: str, made: Callable[[], object] | None) -> Callable[[], object] | None:
+        """What becomes of an event whose meaning another configuration changes."""
+        if event == "reload":
+            self.notes.append("the live run was given a new configuration on the way; here one holds throughout")
+            return None
+        if event == "resume":
+            self.notes.append(
+                "the run began with a warm restart: with what was learned with the recorded configuration"
+            )
+        return made
 
     def _in_order(self, parts: Sequence[McapFile]) -> Iterator[Recorded]:
         """All messages, while holes in their numbers are counted."""
@@ -128,13 +145,29 @@ def call(pipeline: Pipeline, recorded: Recorded) -> Callable[[], object] | None:
         )
     if recorded.topic == RAW_CAN:
         return partial(pipeline.on_frames, [_frame(row) for row in value["frames"]])
+    return _event(pipeline, value)
+
+
+def _event(pipeline: Pipeline, value: dict[str, Any]) -> Callable[[], object] | None:
     name, now_ns = value["event"], int(value["monotonic_ns"])
     if name == "port_state":
         return partial(pipeline.port_state, value["source"], value["text"], now_ns)
     if name == "set_pose":
         return partial(pipeline.set_pose, now_ns, **{name: float(value[name]) for name in SET_POSE})
+    if name == "resume":
+        return partial(pipeline.resume, now_ns, estimate_of(value["estimate"]), bool(value["bias_known"]))
+    if name == "reload":
+        return partial(_reload, pipeline, now_ns, {str(k): str(v) for k, v in value["files"].items()})
     calls = {"tick": pipeline.tick, "reset": pipeline.reset, "calibrate_bias": pipeline.calibrate_bias}
     return partial(calls[name], now_ns) if name in calls else None
+
+
+def _reload(pipeline: Pipeline, now_ns: int, files: dict[str, str]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        attached = {name: text.encode() for name, text in files.items()}
+        config = _attached(attached, Path(folder), f"reload, {IN_FORCE}")
+        fresh = Pipeline(config, Path(folder), lambda *_: None)
+    pipeline.reload(now_ns, fresh, files)
 
 
 def _frame(row: dict[str, Any]) -> CanFrame:
@@ -168,30 +201,42 @@ def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
     return BITS.pack(p.t_ns, p.sequence, *numbers), p.validity, p.reasons
 
 
-def _in_force(
-    recording: McapFile, folder: Path, config: Path | None, calibration: Path | None, model: Path | None
+def config_in_force(
+    recording: McapFile,
+    folder: Path,
+    config: Path | None = None,
+    calibration: Path | None = None,
+    model: Path | None = None,
 ) -> tuple[Config, Path]:
-    """The configuration and where its relative paths start from; `folder` takes the attached files."""
+    """The configuration and where its relative paths start from; `folder` takes the attached files.
+
+    Raises ConfigError.
+    """
     if config is not None:
         found, base = load_config(config).value, config.parent
     else:
-        where = f"{recording.path}, {IN_FORCE}"
-        found, base = loads(recording.attachments[IN_FORCE].decode("utf-8", "replace"), Config, where).value, folder
-        for name in (CALIBRATION, MODEL, DBC):
-            if name in recording.attachments:
-                (folder / name).write_bytes(recording.attachments[name])
-        if found.calibration.file is not None:
-            found = dataclasses.replace(found, calibration=CalibrationFile(file=CALIBRATION))
-        if found.model.file is not None:
-            found = dataclasses.replace(found, model=ModelFile(file=MODEL))
-        if found.encoders.dbc.file is not None:
-            dbc = dataclasses.replace(found.encoders.dbc, file=DBC)
-            found = dataclasses.replace(found, encoders=dataclasses.replace(found.encoders, dbc=dbc))
+        found, base = _attached(recording.attachments, folder, f"{recording.path}, {IN_FORCE}"), folder
     if calibration is not None:
         found = dataclasses.replace(found, calibration=CalibrationFile(file=str(calibration.resolve())))
     if model is not None:
         found = dataclasses.replace(found, model=ModelFile(file=str(model.resolve())))
     return found, base
+
+
+def _attached(files: Mapping[str, bytes], folder: Path, where: str) -> Config:
+    """The configuration in force among these files; the others go into `folder`, where it finds them."""
+    found = loads(files[IN_FORCE].decode("utf-8", "replace"), Config, where).value
+    for name in (CALIBRATION, MODEL, DBC):
+        if name in files:
+            (folder / name).write_bytes(files[name])
+    if found.calibration.file is not None:
+        found = dataclasses.replace(found, calibration=CalibrationFile(file=CALIBRATION))
+    if found.model.file is not None:
+        found = dataclasses.replace(found, model=ModelFile(file=MODEL))
+    if found.encoders.dbc.file is not None:
+        dbc = dataclasses.replace(found.encoders.dbc, file=DBC)
+        found = dataclasses.replace(found, encoders=dataclasses.replace(found.encoders, dbc=dbc))
+    return found
 
 
 def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> list[str]:

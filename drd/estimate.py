@@ -1,0 +1,151 @@
+"""What one estimator hands to the next: over a restart by way of a file, over a reload directly."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from drd.config import Initial
+from drd.filter import (
+    GYRO_BIAS,
+    GYRO_HEADING,
+    GYRO_SCALE,
+    HEADING,
+    HEADING_UNKNOWN_RAD2,
+    POSITION_UNKNOWN_M2,
+    SCALE_L,
+    SCALE_R,
+    TREAD,
+    Filter,
+    Matrix,
+    N,
+    Nominal,
+    Sigmas,
+    X,
+    Y,
+)
+from drd.units import RAD_PER_DEG
+
+# What a computed quantity can be at all: beyond 1e7 m doubles no longer resolve a step of the robot, and the rest is
+# what the configuration allows, amply.
+LIMITS: Final = {
+    "tread_m": (0.005, 50.0),
+    "x_m": (-1e7, 1e7),
+    "y_m": (-1e7, 1e7),
+    "heading_rad": (-1e7, 1e7),
+    "scale_right": (-0.9, 0.9),
+    "scale_left": (-0.9, 0.9),
+    "gyro_heading_rad": (-1e7, 1e7),
+    "gyro_scale": (0.1, 10.0),
+    "gyro_bias_rad_s": (-1.0, 1.0),
+}
+LARGEST_VARIANCE: Final = 1e10
+# Rounding leaves the correlations of a live filter indefinite by less.
+INDEFINITE: Final = 1e-6
+
+
+def initial_sigmas(initial: Initial, tread_m: float, estimates_gyro_scale: bool) -> Sigmas:
+    """Of a cold start, as configured."""
+    return Sigmas(
+        position_m=initial.position_m,
+        heading_rad=initial.heading_deg * RAD_PER_DEG,
+        wheel_scale=initial.wheel_scale,
+        tread_m=initial.tread * tread_m,
+        gyro_scale=initial.gyro_scale if estimates_gyro_scale else 0.0,
+        gyro_bias_rad_s=initial.gyro_bias_deg_s * RAD_PER_DEG,
+    )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The filter's quantities with their covariance, (9, 9) in the order of drd.filter, and what was known of motion.
+
+    `at_rest`: the encoders confirmed a standstill. `lost`: only a pose from outside makes the pose good again.
+    """
+
+    nominal: Nominal
+    P: Matrix
+    at_rest: bool
+    lost: bool
+    speed_m_s: float
+    rate_rad_s: float
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON has it, exact to the bit."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return values | {"nominal": dataclasses.asdict(self.nominal), "P": self.P.tolist()}
+
+
+def estimate_of(plain: Mapping[str, Any]) -> Estimate:
+    """The inverse of `plain()`, checked. Raises KeyError, TypeError or ValueError with what is wrong."""
+    nominal = plain["nominal"]
+    values = {name: _number(nominal[name], f"nominal.{name}", low, high) for name, (low, high) in LIMITS.items()}
+    at_rest, lost = plain["at_rest"], plain["lost"]
+    if not (isinstance(at_rest, bool) and isinstance(lost, bool)):
+        raise TypeError(f"at_rest, lost: expected true or false, got {at_rest!r}, {lost!r}")
+    speed_m_s, rate_rad_s = (_number(plain[name], name, -1e3, 1e3) for name in ("speed_m_s", "rate_rad_s"))
+    rows = plain["P"]
+    if not isinstance(rows, list) or len(rows) != N or any(not isinstance(r, list) or len(r) != N for r in rows):
+        raise TypeError(f"P: expected {N} rows of {N} numbers")
+    P = np.array([[_number(v, "P", -LARGEST_VARIANCE, LARGEST_VARIANCE) for v in row] for row in rows])
+    check_covariance(P)
+    return Estimate(Nominal(**values), P, at_rest, lost, speed_m_s, rate_rad_s)
+
+
+def check_covariance(P: Matrix) -> None:
+    """Raises ValueError unless P is finite, symmetric and positive semidefinite, up to a filter's rounding."""
+    variances = np.diag(P)
+    if not np.isfinite(P).all() or variances.min() < 0.0 or variances.max() > LARGEST_VARIANCE:
+        raise ValueError("P: expected finite numbers with variances from 0")
+    if P[variances == 0.0].any():
+        raise ValueError("P: a covariance where the variance is 0")
+    sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    with np.errstate(all="ignore"):  # of numbers near the smallest
+        correlation = P / np.outer(sigma, sigma)
+    if not np.abs(correlation - correlation.T).max() < INDEFINITE:
+        raise ValueError("P: expected a symmetric matrix")
+    if not np.linalg.eigvalsh(correlation)[0] > -INDEFINITE:
+        raise ValueError("P: expected a positive semidefinite matrix")
+
+
+def _number(value: Any, name: str, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{name}: expected a number, got {value!r}")
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ValueError(f"{name}: expected a number from {low:g} to {high:g}, got {value:g}")
+    return float(value)
+
+
+def put_into(kf: Filter, estimate: Estimate) -> None:
+    """Let the filter go on from the estimate."""
+    kf.nominal = dataclasses.replace(estimate.nominal)
+    np.copyto(kf.P, estimate.P)
+
+
+def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
+    """Wheel scales and tread start anew, the rest stays."""
+    n = kf.nominal
+    n.scale_right, n.scale_left, n.tread_m = 0.0, 0.0, tread_m
+    _forget(kf.P, {SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m})
+
+
+def forget_gyro(kf: Filter, s: Sigmas) -> None:
+    """The gyro's scale and bias start anew, the rest stays."""
+    kf.nominal.gyro_scale, kf.nominal.gyro_bias_rad_s = 1.0, 0.0
+    _forget(kf.P, {GYRO_SCALE: s.gyro_scale, GYRO_BIAS: s.gyro_bias_rad_s})
+
+
+def _forget(P: Matrix, sigmas: Mapping[int, float]) -> None:
+    for i, sigma in sigmas.items():
+        P[i, :] = P[:, i] = 0.0
+        P[i, i] = sigma**2
+
+
+def forget_pose(P: Matrix) -> None:
+    """The robot may be anywhere and look anywhere."""
+    _forget(P, {X: math.sqrt(POSITION_UNKNOWN_M2), Y: math.sqrt(POSITION_UNKNOWN_M2)})
+    _forget(P, dict.fromkeys((HEADING, GYRO_HEADING), math.sqrt(HEADING_UNKNOWN_RAD2)))
+    P[HEADING, GYRO_HEADING] = P[GYRO_HEADING, HEADING] = P[HEADING, HEADING]

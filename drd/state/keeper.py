@@ -1,0 +1,92 @@
+"""The state of a running daemon: taken up at the start, and handed to its file at the right moments."""
+
+import logging
+import os
+import time
+from typing import Any
+
+from drd.config import Config
+from drd.pipeline import Pipeline
+from drd.state.restart import has_clock_chip, warm_restart
+from drd.state.saved import Saved, StateError, moment_now, this_boot
+from drd.state.store import Store, state_file
+from drd.units import NS_PER_S
+
+log = logging.getLogger(__name__)
+
+
+class StateKeeper:
+    """Lets a pipeline go on from its robot's state, and has the state written from then on.
+
+    It is written each `state.period_s`, when the robot starts to move (so that a file that says "at rest" is true
+    however the daemon ends), and at the end.
+    """
+
+    def __init__(self, config: Config, pipeline: Pipeline):
+        self._config, self._pipeline = config, pipeline
+        file = state_file(config.state.folder, os.environ.get("STATE_DIRECTORY"), config.robot.name)
+        self._store = Store(file) if config.state.enabled and file is not None else None
+        self._boot_id = this_boot(os.environ)
+        self._due_ns = 0
+        self._said_at_rest = False
+        self.start_text = "cold start"
+        self._start: dict[str, Any] = {"kind": "cold", "off_s": None}
+
+    def begin(self, now_ns: int) -> None:
+        """Read the state and let the pipeline go on from it. To be called before the first input."""
+        if self._store is None:
+            return
+        try:
+            saved = self._store.load()
+            if saved is None:
+                self.start_text = "cold start, no state yet"
+        except StateError as error:
+            saved, self.start_text = None, f"cold start, the state was refused: {error}"
+        if saved is not None:
+            restart = warm_restart(saved, moment_now(self._boot_id), self._config, self._pipeline, has_clock_chip())
+            self._pipeline.resume(now_ns, restart.estimate, restart.bias_known)
+            self._start = {"kind": "warm", "off_s": restart.off_s}
+            self.start_text = restart.text
+        log.log(logging.WARNING if "refused" in self.start_text else logging.INFO, "start=%s", self.start_text)
+        self._store.start()
+
+    def tick(self, now_ns: int) -> None:
+        """To be called often: has the state written where it is time."""
+        if self._store is None:
+            return
+        departed = self._said_at_rest and not self._pipeline.estimator.at_rest
+        if departed or now_ns >= self._due_ns:
+            self._put(now_ns)
+
+    def close(self, deadline_s: float) -> bool:
+        """Write the last state; False where the disk did not take it in time."""
+        if self._store is None:
+            return True
+        self._put(time.monotonic_ns())
+        return self._store.close(deadline_s)
+
+    def _put(self, now_ns: int) -> None:
+        assert self._store is not None
+        estimate = self._pipeline.estimator.estimate()
+        if estimate is None:
+            return
+        self._due_ns = now_ns + round(self._config.state.period_s * NS_PER_S)
+        self._said_at_rest = estimate.at_rest
+        moment = moment_now(self._boot_id)
+        self._store.put(Saved(estimate, moment, self._pipeline.basis, self._config.robot.name))
+
+    @property
+    def is_told(self) -> bool:
+        """Whether a state was there at the start, for better or worse."""
+        return self._start["kind"] == "warm" or (self._store is not None and self._store.counters["refused"] > 0)
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the state may not survive; None: all is well."""
+        return self._store.trouble if self._store is not None else None
+
+    def health(self) -> dict[str, Any] | None:
+        """How the daemon started, and how the writing goes; None where no state is kept."""
+        if self._store is None:
+            return None
+        return {"start": self._start | {"text": self.start_text}, **self._store.health()}

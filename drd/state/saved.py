@@ -1,0 +1,112 @@
+"""The content of a state file: written and read to the bit, and checked."""
+
+import hashlib
+import json
+import re
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from drd import __version__
+from drd.basis import Basis
+from drd.estimate import Estimate, estimate_of
+
+VERSION: Final = 1
+LARGEST_BYTES: Final = 1 << 18
+HEAD: Final = re.compile(rb"drd-state/(\d{1,9}) sha256=([0-9a-f]{64})\n")
+BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
+
+
+class StateError(Exception):
+    """A state file cannot be used; the text says why."""
+
+
+class Moment(NamedTuple):
+    """A time on CLOCK_REALTIME, and on CLOCK_BOOTTIME of the boot with that id ("": not known)."""
+
+    wall_ns: int
+    boottime_ns: int
+    boot_id: str
+
+
+def moment_now(boot_id: str) -> Moment:
+    """The present of this boot."""
+    return Moment(time.time_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME), boot_id)
+
+
+def this_boot(environment: Mapping[str, str]) -> str:
+    """The boot's id, "" where nobody tells. The unit hands it over, since its sandbox hides the kernel's file."""
+    boot_id = environment.get("DRD_BOOT_ID", "")
+    if not boot_id:
+        try:
+            boot_id = BOOT_ID.read_text(encoding="ascii")
+        except (OSError, ValueError):
+            boot_id = ""
+    # systemd writes the same digits without hyphens.
+    return boot_id.strip().replace("-", "")
+
+
+@dataclass(frozen=True)
+class Saved:
+    """An estimate, when it was one, and what its learned values were learned with."""
+
+    estimate: Estimate
+    moment: Moment
+    basis: Basis
+    robot: str
+
+
+def encoded(saved: Saved) -> bytes:
+    """The file's bytes. Raises ValueError where the estimate is one that `decoded` would refuse."""
+    plain = saved.estimate.plain()
+    try:
+        estimate_of(plain)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+    content = {
+        "robot": saved.robot,
+        "drd": __version__,
+        **saved.moment._asdict(),
+        "estimate": plain,
+        "basis": saved.basis._asdict(),
+    }
+    body = json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
+    return f"drd-state/{VERSION} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
+
+
+def decoded(data: bytes) -> Saved:
+    """The inverse of `encoded`. Raises StateError; nothing else escapes."""
+    head = HEAD.match(data)
+    if head is None:
+        raise StateError("it does not begin as a state file of drd does")
+    if (version := int(head[1])) != VERSION:
+        raise StateError(f"version {version}; this drd reads version {VERSION}")
+    body = data[head.end() :]
+    if hashlib.sha256(body).hexdigest().encode() != head[2]:
+        raise StateError("its checksum is wrong: it was cut or changed")
+    try:
+        return _saved(json.loads(body))
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise StateError(what[:200]) from error
+
+
+def _saved(content: Any) -> Saved:
+    if not isinstance(content, dict):
+        raise TypeError("expected an object")
+    wall_ns, boottime_ns = (_nanoseconds(content, name) for name in ("wall_ns", "boottime_ns"))
+    basis = content["basis"]
+    parts = {name: basis[name] for name in Basis._fields}
+    if not all(isinstance(part, dict) for part in parts.values()):
+        raise TypeError("basis: expected objects")
+    moment = Moment(wall_ns, boottime_ns, str(content["boot_id"]))
+    return Saved(estimate_of(content["estimate"]), moment, Basis(**parts), str(content["robot"]))
+
+
+def _nanoseconds(content: Mapping[str, Any], name: str) -> int:
+    value = content[name]
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 63:
+        raise TypeError(f"{name}: expected nanoseconds, got {value!r}")
+    return value
