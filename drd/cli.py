@@ -25,6 +25,7 @@ COMMANDS = {
     "run": Command("drd.commands.run", "run the daemon"),
     "check": Command("drd.commands.check", "check a configuration and, with --live, the wiring"),
     "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
+    "install-service": Command("drd.commands.install_service", "install the daemon as a service of systemd"),
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
     "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),
@@ -35,6 +36,7 @@ COMMANDS = {
     "explain": Command("drd_tools.explain.command", "the error budget of the pose, by cause", "tools"),
     "compare": Command("drd_tools.compare.command", "show recorded against simulated increments", "tools"),
     "diagnose": Command("drd_tools.diagnose.command", "find the physics that the nominal model leaves out", "tools"),
+    "trial": Command("drd_tools.trial.command", "score the diagnosis on drives whose answer is known", "tools"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
 

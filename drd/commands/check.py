@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from drd.commands import config_argument, placed
 from drd.config_file import load_config
-from drd.output.session import check_output
+from drd.output.exposure import exposure
+from drd.output.session import check_output, unreadable_files
 from drd.pipeline import Pipeline
 from drd.schema import Key
 
@@ -66,11 +67,13 @@ def main(argv: list[str]) -> int:
         print(f"calibration holds from {low:.4g} to {high:.4g} deg/s and {cold:.4g} to {warm:.4g} degC: {source}")
     print(f"the gyro's scale is {'' if pipeline.estimator.estimates_gyro_scale else 'not '}estimated")
     print(f"wheel travel is resolved to {pipeline.encoders.resolution_m * 1e3:.4g} mm")
-    output = loaded.value.output
+    output = loaded.value.output.beside(arguments.config.parent)
     if output.ros2 and not output.connect and output.zenoh_config is None:
         print(
             "note: ROS 2's router is usually at tcp/localhost:7447; name it in output.connect and change output.listen"
         )
+    for text in exposure(output) + unreadable_files(output):
+        print(f"note: {text}")
     print(f"{arguments.config}: good")
     return 0
 

@@ -8,13 +8,27 @@ import shutil
 import sys
 import time
 from collections import deque
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import zenoh
 
 from drd.output.session import isolated_config, tidy
 from drd.units import DEG_PER_RAD, NS_PER_S
 
+DESCRIPTION: Final = """\
+Show the pose, its uncertainty, the reasons where it is not simply valid, and the counters that change, live, from a
+running drd. Ctrl-C ends it. The robot does not notice: drd sends the same to whoever listens.
+"""
+EPILOG: Final = """\
+examples:
+  drd watch
+  drd watch --connect tcp/192.168.1.10:7447 --prefix fleet/mybot
+  drd watch --zenoh-config zenoh-tls-client.json5
+  drd watch --plain --seconds 60 > minute.txt
+
+Exit code: 0 good, 1 drd cannot be reached or nothing was heard from it within --seconds, 2 bad usage.
+"""
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
 
@@ -23,12 +37,13 @@ def main(argv: list[str]) -> int:
     """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard."""
     arguments = _arguments(argv)
     plain = arguments.plain or not sys.stdout.isatty()
-    view = View(arguments.prefix, arguments.connect)
+    where = arguments.connect if arguments.zenoh_config is None else str(arguments.zenoh_config)
+    view = View(arguments.prefix, where)
     try:
-        with zenoh.open(isolated_config("client", (), (arguments.connect,))) as session:
+        with zenoh.open(_zenoh_config(arguments)) as session:
             _show(session, view, arguments.prefix, arguments.seconds, plain)
     except zenoh.ZError as error:
-        print(f"drd watch: {arguments.connect}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
+        print(f"drd watch: {where}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
         print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -43,8 +58,9 @@ def main(argv: list[str]) -> int:
 def _arguments(argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="drd watch",
-        description="Show the pose, its uncertainty and what is wrong, live, from a running drd. Ctrl-C ends it.",
-        epilog="Exit code 1 where drd cannot be reached or nothing was heard from it within --seconds.",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--connect",
@@ -52,12 +68,24 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
         metavar="ENDPOINT",
         help="Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)",
     )
+    parser.add_argument(
+        "--zenoh-config",
+        type=Path,
+        metavar="FILE",
+        help="Zenoh's own configuration file instead of --connect: certificates, for instance",
+    )
     parser.add_argument("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
     parser.add_argument("--seconds", type=float, default=math.inf, metavar="N", help="end after N seconds")
     parser.add_argument(
         "--plain", action="store_true", help="one line a second, as is done where the output is not a terminal"
     )
     return parser.parse_args(argv)
+
+
+def _zenoh_config(arguments: argparse.Namespace) -> zenoh.Config:
+    if arguments.zenoh_config is None:
+        return isolated_config("client", (), (arguments.connect,))
+    return zenoh.Config.from_file(arguments.zenoh_config)
 
 
 def _show(session: Any, view: "View", prefix: str, seconds: float, plain: bool) -> None:

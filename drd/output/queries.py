@@ -10,11 +10,16 @@ from typing import Any
 
 import zenoh
 
+from drd.output.allowance import Allowance
+from drd.output.command_log import CommandLog, neighbours
 from drd.output.messages import MAX_REQUEST_BYTES, Refused, decode_request, encode
 
 COMMANDS = ("set_pose", "reset", "calibrate_bias")
 QUESTIONS = ("pose", "health", "config")
 MAX_IN_FLIGHT = 64
+# Beyond, queries are refused before anything is read: parsing them would take the time that poses need.
+QUERIES_PER_S = 200.0
+QUERIES_AT_ONCE = 100.0
 
 Handler = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -25,7 +30,9 @@ class QueryDesk:
     """Takes queries in, has them handled in `loop`, sends the replies from a thread of its own.
 
     The loop never replies itself: a getter that has stopped reading blocks a reply for 5 s, the time after which
-    Zenoh gives the neighbour up. At most MAX_IN_FLIGHT queries are between arrival and reply; more are refused.
+    Zenoh gives the neighbour up. At most MAX_IN_FLIGHT queries are between arrival and reply, and QUERIES_PER_S are
+    read; more are refused, whoever sent them. Commands are logged, carried out or refused; a get with a wildcard that
+    only touches a command is none.
     """
 
     def __init__(
@@ -38,13 +45,16 @@ class QueryDesk:
         self._handlers = handlers
         self._commands_allowed = commands_allowed
         self._loop = loop
+        self._allowance = Allowance(QUERIES_PER_S, QUERIES_AT_ONCE)
         self._lock = threading.Lock()
         self._in_flight = 0
         self._closed = False
-        self._outbox: queue.SimpleQueue[tuple[Any, str, bytes, bool] | None] = queue.SimpleQueue()
+        self._session: Any = None
+        self._outbox: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._command_log = CommandLog(self._neighbours, self._outbox.put)
         self.counters = counters
         counters.update(dict.fromkeys(("queries", "query_errors", "queries_refused", "commands"), 0))
-        threading.Thread(target=self._send_replies, name="zenoh-replies", daemon=True).start()
+        threading.Thread(target=self._work, name="zenoh-replies", daemon=True).start()
 
     def declare(self, session: Any, prefix: str) -> None:
         """Make every handler's name a queryable under `prefix`.
@@ -52,6 +62,7 @@ class QueryDesk:
         The callbacks run in Zenoh's receiving threads (`indirect=False`): threads of Python's own would keep the
         interpreter from exiting if the session were not closed.
         """
+        self._session = session
         for name in (*QUESTIONS, *COMMANDS):
             key = f"{prefix}/{name}"
             callback = zenoh.handlers.Callback(self._callback(name, key), indirect=False)
@@ -73,15 +84,18 @@ class QueryDesk:
             self._count("queries_refused")
             query.drop()
         elif name in COMMANDS and not self._commands_allowed:
-            self._refuse(query, "queries_refused", f"{name} is not allowed: output.commands is false")
+            self._refuse(name, key, query, "queries_refused", f"{name} is not allowed: output.commands is false")
+        elif not self._allowance.take():
+            self._refuse(name, key, query, "queries_refused", f"more than {QUERIES_PER_S:g} queries a second")
         else:
             try:
                 payload = self._payload(query)
             except Refused as error:
-                self._refuse(query, "query_errors", str(error))
+                self._refuse(name, key, query, "query_errors", str(error))
                 return
             if not self._submit(name, key, query, payload):
-                self._refuse(query, "queries_refused", f"stopping, or busy with {MAX_IN_FLIGHT} queries")
+                busy = f"stopping, or busy with {MAX_IN_FLIGHT} queries"
+                self._refuse(name, key, query, "queries_refused", busy)
 
     @staticmethod
     def _payload(query: Any) -> dict[str, Any]:
@@ -106,28 +120,41 @@ class QueryDesk:
 
     def _handle(self, name: str, key: str, query: Any, payload: dict[str, Any]) -> None:
         """In the event loop."""
+        refusal = None
         try:
-            answer, failed = encode(self._handlers[name](payload)), False
+            answer = encode(self._handlers[name](payload))
             if name in COMMANDS:
                 self._count("commands")
-                log.warning("zenoh: command=%s payload=%s", name, encode(payload)[:200].decode("ascii"))
+                self._command_log.accepted(key, query.payload)
         except Refused as error:
-            answer, failed = encode({"error": str(error)}), True
-            self._count("query_errors")
+            refusal = str(error)
         except Exception:
             log.exception("zenoh: handler=%s failed", name)
-            answer, failed = encode({"error": "internal error, see the log"}), True
-            self._count("query_errors")
-        self._outbox.put((query, key, answer, failed))
+            refusal = "internal error, see the log"
+        if refusal is not None:
+            answer = self._refusal(name, key, query, "query_errors", refusal)
+        self._outbox.put(lambda: self._reply(query, key, answer, refusal is not None))
+        self._outbox.put(self._release)
 
-    def _send_replies(self) -> None:
-        while (item := self._outbox.get()) is not None:
-            self._reply(*item)
-            self._release()
+    def _work(self) -> None:
+        while (work := self._outbox.get()) is not None:
+            work()
 
-    def _refuse(self, query: Any, counter: str, text: str) -> None:
+    def _neighbours(self) -> list[str]:
+        try:
+            return neighbours(self._session) if self._session is not None else []
+        except zenoh.ZError:  # the session is closed
+            return []
+
+    def _refuse(self, name: str, key: str, query: Any, counter: str, text: str) -> None:
+        self._reply(query, "", self._refusal(name, key, query, counter, text), failed=True)
+
+    def _refusal(self, name: str, key: str, query: Any, counter: str, text: str) -> bytes:
+        """Count and log; the answer."""
         self._count(counter)
-        self._reply(query, "", encode({"error": text}), failed=True)
+        if name in COMMANDS:
+            self._command_log.refused(key, query.payload, text)
+        return encode({"error": text})
 
     @staticmethod
     def _reply(query: Any, key: str, payload: bytes, failed: bool) -> None:

@@ -13,6 +13,43 @@ from drd.schema import ConfigError
 
 # A message above this is dropped where it arrives, before it takes memory. Zenoh's own limit is 1 GiB.
 MAX_MESSAGE_BYTES = 65_536
+# Neighbours of the daemon at a time; each costs buffers. Zenoh's own limit is 1000.
+MAX_SESSIONS = 64
+
+# What a neighbour may say to the daemon, and the daemon to it. The rest is not passed on either: Zenoh connects a
+# session's neighbours with each other, so that without this anybody could publish a pose under our name.
+# `**` does not reach into chunks that begin with @.
+_ACCESS: dict[str, Any] = {
+    "enabled": True,
+    "default_permission": "deny",
+    "rules": [
+        {
+            "id": "in",
+            "permission": "allow",
+            "flows": ["ingress"],
+            "messages": ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"],
+            "key_exprs": ["**", "@ros2_lv/**"],
+        },
+        {
+            "id": "out",
+            "permission": "allow",
+            "flows": ["egress"],
+            "messages": ["put", "reply", "declare_queryable", "liveliness_token"],
+            "key_exprs": ["**", "@ros2_lv/**"],
+        },
+    ],
+    "subjects": [{"id": "everybody"}],
+    "policies": [{"rules": ["in", "out"], "subjects": ["everybody"]}],
+}
+
+
+_TLS_FILES = (
+    "root_ca_certificate",
+    "listen_certificate",
+    "listen_private_key",
+    "connect_certificate",
+    "connect_private_key",
+)
 
 
 def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
@@ -40,6 +77,19 @@ def isolated_config(mode: str, listen: tuple[str, ...], connect: tuple[str, ...]
         values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     for path, value in values.items():
         config.insert_json5(path, json.dumps(value))
+    return config
+
+
+def session_config(output: Output) -> zenoh.Config:
+    """The daemon's configuration: `output.zenoh_config` as it stands, else a peer that listens to queries only.
+
+    Raises ConfigError for a file, zenoh.ZError for end points that cannot be used.
+    """
+    if output.zenoh_config is not None:
+        return _from_file(output.zenoh_config)
+    config = isolated_config("peer", output.listen, output.connect)
+    config.insert_json5("transport/unicast/max_sessions", json.dumps(MAX_SESSIONS))
+    config.insert_json5("access_control", json.dumps(_ACCESS))
     return config
 
 
@@ -74,18 +124,29 @@ def open_session(output: Output) -> Any:
     The result is a zenoh.Session; it is Any because zenoh's stubs leave most results unannotated.
     """
     check_output(output)
-    if output.zenoh_config is not None:
-        try:
-            return zenoh.open(_from_file(output.zenoh_config))
-        except zenoh.ZError as error:
-            got = f"{output.zenoh_config}: {tidy(error)}"
-            raise ConfigError("configuration", "output.zenoh_config", "one that opens", got) from error
     try:
-        return zenoh.open(isolated_config("peer", output.listen, output.connect))
+        return zenoh.open(session_config(output))
     except zenoh.ZError as error:
-        raise ConfigError(
-            "configuration", _blamed(str(error), output), "Zenoh end points that open", tidy(error)
-        ) from error
+        if output.zenoh_config is not None:
+            reasons = "; ".join(unreadable_files(output)) or tidy(error)
+            key, expected, got = "output.zenoh_config", "one that opens", f"{output.zenoh_config}: {reasons}"
+        else:
+            key, expected, got = _blamed(str(error), output), "Zenoh end points that open", tidy(error)
+        raise ConfigError("configuration", key, expected, got) from error
+
+
+def unreadable_files(output: Output) -> list[str]:
+    """Each TLS file of `output.zenoh_config` that cannot be opened, with the reason; Zenoh's error does not name it."""
+    if output.zenoh_config is None:
+        return []
+    found, files = [], json.loads(_from_file(output.zenoh_config).get_json("transport/link/tls"))
+    for name in _TLS_FILES:
+        if file := files[name]:
+            try:
+                Path(file).open("rb").close()
+            except OSError as error:
+                found.append(f"{name} {file}: {error.strerror}")
+    return found
 
 
 def tidy(error: zenoh.ZError) -> str:

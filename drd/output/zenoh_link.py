@@ -11,6 +11,7 @@ import zenoh
 from drd.config import Output
 from drd.output import ros2
 from drd.output.cdr import OdometryEncoder
+from drd.output.exposure import exposure
 from drd.output.messages import health_json, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.session import open_session, tidy
@@ -40,6 +41,8 @@ class ZenohLink:
         self._closing: threading.Thread | None = None
         self._closed_well = True
         self._session = open_session(output)
+        for text in exposure(output):
+            log.warning("zenoh: %s", text)
         topic = ros2.topic_name(output.ros2_topic)
         assert topic is not None  # open_session has checked it
         self._desk = QueryDesk(handlers, output.commands, loop, self.counters)

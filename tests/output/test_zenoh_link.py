@@ -1,4 +1,3 @@
-import asyncio
 import contextlib
 import json
 import logging
@@ -7,8 +6,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 import zenoh.ext
+from links import HANDLERS, PATIENCE_S, POSE, a_link, ask, event_loop, first_sample, free_endpoint, subscribe, wait_for
 from rosbags.typesys import Stores, get_typestore
 
 from drd.config import Output
@@ -24,81 +22,7 @@ from drd.output.messages import MAX_REQUEST_BYTES, Refused, pose_json
 from drd.output.queries import COMMANDS, MAX_IN_FLIGHT, QUESTIONS, QueryDesk
 from drd.output.session import MAX_MESSAGE_BYTES, isolated_config
 from drd.output.zenoh_link import ZenohLink
-from drd.samples import Pose, Validity
 from drd.schema import ConfigError
-
-PATIENCE_S = 10.0
-POSE = Pose(1, 2, 3.0, 4.0, 0.5, 1.0, 0.1, 0.01, 0.001, (1, 0, 0, 1, 0, 1), 0.2, Validity.VALID, ())
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
-
-
-def echo(name: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    return lambda payload: {"handler": name, "payload": payload}
-
-
-HANDLERS = {name: echo(name) for name in (*QUESTIONS, *COMMANDS)}
-
-
-@contextlib.contextmanager
-def event_loop() -> Iterator[asyncio.AbstractEventLoop]:
-    """A loop that runs in another thread, as the daemon's does from the test's point of view."""
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever)
-    thread.start()
-    try:
-        yield loop
-    finally:
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join()
-        loop.close()
-
-
-@contextlib.contextmanager
-def a_link(handlers: Any = HANDLERS, **output: Any) -> Iterator[tuple[ZenohLink, Any]]:
-    """A link and, over loopback, somebody else's session."""
-    endpoint = free_endpoint()
-    with event_loop() as loop:
-        link = ZenohLink(Output(**({"listen": (endpoint,)} | output)), handlers, loop)
-        try:
-            with zenoh.open(isolated_config("client", (), (endpoint,))) as other:
-                yield link, other
-        finally:
-            assert link.close(PATIENCE_S)
-
-
-def first_sample(subscriber: Any, publish: Callable[[], None]) -> Any:
-    """Publish until the subscription has made its way and something arrives."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        publish()
-        time.sleep(0.01)
-        if sample := subscriber.try_recv():
-            return sample
-    raise AssertionError("nothing was received")
-
-
-def subscribe(session: Any, key: str) -> Any:
-    return session.declare_subscriber(key, zenoh.handlers.RingChannel(16))
-
-
-def ask(session: Any, key: str, payload: bytes | None = None) -> list[tuple[bool, Any]]:
-    """(good, JSON) of each reply; the getter must end long before its timeout."""
-    started = time.monotonic()
-    replies = list(session.get(key, payload=payload, timeout=60.0))
-    assert time.monotonic() - started < 30.0
-    return [(r.ok is not None, json.loads((r.ok if r.ok is not None else r.err).payload.to_bytes())) for r in replies]
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def test_a_subscriber_gets_pose_odometry_and_health() -> None:
@@ -168,14 +92,16 @@ def test_a_get_on_a_wildcard_reads_and_never_commands() -> None:
         assert link.counters["queries_refused"] == len(COMMANDS)
 
 
-def test_an_accepted_command_is_logged_without_letting_the_payload_break_the_line(
+def test_commands_are_logged_without_letting_the_payload_break_the_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with caplog.at_level(logging.INFO), a_link(commands=True) as (_, other):
+        ask(other, "drd/reset", b'{"why": "new\\nline", "a": "\n"}')
         ask(other, "drd/reset", b'{"why": "new\\nline"}')
-    [message] = [r.getMessage() for r in caplog.records if "command=reset" in r.getMessage()]
-    assert "\n" not in message
-    assert "new" in message
+    lines = [r.getMessage() for r in caplog.records if "command=drd/reset" in r.getMessage()]
+    assert ["refused" in line for line in lines] == [True, False]
+    assert "outcome=accepted" in lines[1]
+    assert all("new" in line and "\n" not in line for line in lines)
 
 
 def test_what_a_handler_refuses_reaches_the_asker_and_a_broken_handler_stays_inside(

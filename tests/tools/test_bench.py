@@ -11,14 +11,17 @@ from drd_tools.bench.__main__ import BENCHMARKS, main
 from drd_tools.bench.cpu import usage
 from drd_tools.bench.report import Refused, table
 
-FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "recording": 7, "replay": 2}
+FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "flood": 9, "recording": 7, "replay": 2}
 # Zero is what they are to be.
 MAY_BE_ZERO = {"allocation"}
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.process] if name in {"cpu", "recording"} else []) for name in BENCHMARKS],
+    [
+        pytest.param(name, marks=[pytest.mark.process] if name in {"cpu", "flood", "recording"} else [])
+        for name in BENCHMARKS
+    ],
 )
 def test_each_benchmark_gives_all_its_figures(name: str) -> None:
     report = BENCHMARKS[name](True)

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,17 @@ Array = npt.NDArray[np.float64]
 # The daemon's start and its measurement of the bias fit in; the rest of the time the robot drives.
 STAND_MARGIN_S = 2.5
 CONNECT_S = 15.0
+DESCRIPTION: Final = """\
+Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true and the estimated path, the
+error and the bound that was published. Needs no hardware.
+"""
+EPILOG: Final = """\
+examples:
+  drd demo
+  drd demo --seconds 120 --seed 3 --output out/demo.png
+
+Exit code: 0 done, 1 the daemon failed or gave no pose, 2 bad usage or configuration.
+"""
 
 
 class Result(NamedTuple):
@@ -90,8 +101,9 @@ def main(argv: list[str]) -> int:
 def _arguments(argv: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="drd demo",
-        description="Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true "
-        "and the estimated path. Needs no hardware.",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--config",

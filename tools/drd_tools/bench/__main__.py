@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from drd_tools.bench import allocation, cpu, filter, latency, rates, recording, replay
+from drd_tools.bench import allocation, cpu, filter, flood, latency, rates, recording, replay
 from drd_tools.bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
@@ -15,6 +15,7 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "rates": rates.run,
     "latency": latency.run,
     "cpu": cpu.run,
+    "flood": flood.run,
     "recording": recording.run,
     "replay": replay.run,
 }

@@ -43,7 +43,7 @@ def run(quick: bool) -> Report:
             subprocess.Popen([sys.executable, "-m", "drd", "run", str(file)], stderr=log) as daemon,
         ):
             try:
-                _wait_until_ready(daemon, folder / "log")
+                wait_until_ready(daemon, folder / "log")
                 with listening((endpoint,), (POSE_KEY,)) as listener:
                     time.sleep(SETTLING_S)
                     start_ns, before = time.monotonic_ns(), usage(daemon.pid)
@@ -80,9 +80,10 @@ def usage(pid: int) -> Usage:
     return Usage(ticks / os.sysconf("SC_CLK_TCK"), int(fields[24 - 3]) * os.sysconf("SC_PAGE_SIZE"))
 
 
-def _wait_until_ready(daemon: "subprocess.Popen[bytes]", log: Path) -> None:
+def wait_until_ready(daemon: "subprocess.Popen[bytes]", log: Path) -> None:
+    """Until the daemon's log says so. Raises Refused."""
     deadline_s = time.monotonic() + READY_TIMEOUT_S
     while "ready robot=" not in (text := log.read_text(encoding="utf-8")):
         if daemon.poll() is not None or time.monotonic() > deadline_s:
-            raise Refused(f"cpu: the daemon did not become ready: {text[-500:]}")
+            raise Refused(f"the daemon did not become ready: {text[-500:]}")
         time.sleep(0.05)

@@ -10,12 +10,26 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from drd.config_file import load_config
 from drd.schema import ConfigError
 from drd_tools.emulate.drive import Drive, demo_drive, square_drive
 from drd_tools.emulate.hardware import Emulator, Truth
 
+DESCRIPTION: Final = """\
+Emulate the gyro and the wheel encoders of a configuration, driving a path in real time, with the noise of their data
+sheets. The gyro's port and an slcan adapter's become pseudo-terminals, linked at the configured paths, which must be
+free; for socketcan, make a vcan interface first. Start drd with the same configuration to see it work.
+"""
+EPILOG: Final = """\
+examples:
+  drd emulate config/demo.yaml                           and in other terminals: drd run config/demo.yaml, drd watch
+  drd emulate mybot.yaml --path square --truth truth.csv
+  ip link add dev vcan0 type vcan && ip link set vcan0 up && drd emulate mybot.yaml     encoders.channel: vcan0
+
+Exit code: 0 done, 1 a device failed meanwhile, 2 bad usage, or the devices cannot be made.
+"""
 # How far the path goes where no --seconds ends it.
 DEMO_S = 600.0
 
@@ -60,9 +74,9 @@ def write_truth(file: Path, rows: Iterable[Truth]) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="drd emulate",
-        description="Emulate the gyro and the wheel encoders of a configuration, driving a path in real time. The "
-        "gyro's port and an slcan adapter's become pseudo-terminals, linked at the configured paths, which must be "
-        "free; for socketcan, make a vcan interface first. Start drd with the same configuration to see it work.",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the daemon's configuration file")
     parser.add_argument(

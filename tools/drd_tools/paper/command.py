@@ -47,7 +47,8 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
         "each calibrated on a rate table, ten runs around the 210 m path in the four configurations of Table II, "
         "estimated by the daemon's own classes. Prints Table II beside the paper's and writes pictures, a report and "
         "the results.",
-        epilog="example: drd paper --output paper; later: drd paper --output paper --draw",
+        epilog="example: drd paper --output paper; later: drd paper --output paper --draw. "
+        "Exit code: 0 done, 2 bad usage or results that cannot be read.",
     )
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for report.html and pictures")
     parser.add_argument("--gyros", type=int, default=50, metavar="N", help="how many gyros are drawn (default: 50)")

@@ -46,6 +46,8 @@ in the catalogue's units:
       parameters: {k: 0.002}
     - effect: wheel_radius_error
       parameters: {left: 0.001, right: {value: -0.0005, std: 0.0002}}
+
+Exit code: 0 done, 2 bad usage or input.
 """
 
 

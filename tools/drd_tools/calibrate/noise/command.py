@@ -42,6 +42,8 @@ examples:
   drd calibrate noise fog.csv --output noise
   drd calibrate noise fog.csv --skip 1200
   drd calibrate noise --live mybot.yaml --seconds 7200 --output noise
+
+Exit code: 0 done, 1 the recording failed, 2 bad usage or input.
 """
 
 

@@ -1,0 +1,268 @@
+"""`drd install-service NAME`: the daemon as a service of systemd, started with the robot; and out again."""
+
+import argparse
+import grp
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import drd
+from drd.commands.installation import Installation
+from drd.schema import ConfigError
+
+UNIT: Final = "etc/systemd/system/drd@.service"
+DROP_INS: Final = "etc/systemd/system/drd@.service.d"
+RULES: Final = "etc/udev/rules.d/99-drd.rules"
+CONFIGS: Final = "etc/drd"
+# systemd keeps the state of a DynamicUser in the second and links to it from the first.
+STATES: Final = ("var/lib", "var/lib/private")
+EXAMPLES: Final = ("canopen", "pioneer-at", "agilex-scout", "odrive")
+SERIAL_GROUPS: Final = ("dialout", "uucp")
+# ProtectHome and PrivateTmp of the unit: the service sees nothing of these.
+HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+PROGRAM_IN_UNIT: Final = "/opt/drd/bin/drd"
+
+DESCRIPTION: Final = """\
+Install drd as a service of systemd: `drd@NAME` runs with /etc/drd/NAME.yaml, in a sandbox, under a watchdog, and
+starts with the robot. Needs root, unless --root says otherwise. Nothing is started or enabled: the commands for that
+are printed.
+
+Files (under --root):
+  /etc/systemd/system/drd@.service    the unit; ExecStart is the drd that you call, in whatever environment it lives
+  /etc/udev/rules.d/99-drd.rules      stable names for the gyro's and the CAN adapter's serial ports, to be edited
+  /etc/drd/NAME.yaml                  an example configuration (--example), where there is none yet
+  /etc/drd/.installed.json            what was written, for --uninstall
+with --realtime
+  /etc/systemd/system/drd@.service.d/realtime.conf    priority, locked memory
+with --tls
+  /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
+  /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
+
+Calling it again changes nothing; calling it with another version of drd brings the files up to date. A configuration
+that is there is never touched. Another file that you have changed is not either: the new version is written beside it
+as FILE.new. Put settings of your own into a drop-in (`systemctl edit drd@NAME`), and there is nothing to merge.
+
+--uninstall stops and disables all instances and removes what was installed. Configurations, files that you have
+changed and state (the pose that was kept, recordings) stay and are listed; --purge removes those, too.
+"""
+EPILOG: Final = """\
+examples:
+  sudo /opt/drd/bin/drd install-service mybot
+  sudo /opt/drd/bin/drd install-service scout --example agilex-scout --realtime
+  drd install-service mybot --root build/package --program /usr/bin/drd
+  sudo /opt/drd/bin/drd install-service --uninstall
+
+Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Install or uninstall; says each file and what to type next."""
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.purge and not arguments.uninstall:
+        parser.error("--purge goes with --uninstall")
+    if arguments.uninstall and arguments.name is not None:
+        parser.error("--uninstall takes all instances out; it needs no NAME")
+    if not arguments.uninstall and arguments.name is None:
+        parser.error("NAME is missing: which robot base is it?")
+    root = Path(arguments.root).absolute()
+    try:
+        if arguments.uninstall:
+            _uninstall(root, arguments.purge)
+        else:
+            _install(root, arguments)
+    except OSError as error:
+        hint = "; it needs root" if isinstance(error, PermissionError) else ""
+        print(f"drd install-service: {error.filename}: {error.strerror}{hint}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="drd install-service",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("name", nargs="?", type=_instance, metavar="NAME", help="name of the instance and of its configuration")
+    add(
+        "--example",
+        choices=EXAMPLES,
+        default=EXAMPLES[0],
+        help="which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)",
+    )
+    add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
+    add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
+    add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
+    add(
+        "--root",
+        default="/",
+        metavar="DIR",
+        help="install into this folder, as packages are built (default: %(default)s)",
+    )
+    add(
+        "--uninstall", action="store_true", help="stop and disable drd@*, remove what was installed, keep what is yours"
+    )
+    add(
+        "--purge",
+        action="store_true",
+        help="with --uninstall: remove installed configurations, changed files and state (recordings!), too",
+    )
+    return parser
+
+
+def _instance(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", text):
+        raise argparse.ArgumentTypeError(f"letters, digits, '_', '.' and '-' make a name, got {text!r}")
+    return text
+
+
+def _install(root: Path, arguments: argparse.Namespace) -> None:
+    name, program = arguments.name, _program(arguments.program, root)
+    config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
+    with _installation(root) as files:
+        files.put(UNIT, _unit(program, group), f"starts {program}")
+        files.put(RULES, _rules(group), "edit it: your gyro's serial number")
+        files.put_once(config, _shipped("config", f"{arguments.example}.yaml"), f"edit it: this is {arguments.example}")
+        for drop_in, wanted in (("realtime.conf", arguments.realtime), ("tls.conf", arguments.tls)):
+            if wanted or f"{DROP_INS}/{drop_in}" in files.files:
+                files.put(f"{DROP_INS}/{drop_in}", _shipped("systemd", drop_in))
+        if arguments.tls:
+            text = _shipped("config", "zenoh-tls.json5").replace("drd@mybot.service", f"drd@{name}.service")
+            files.put_once(f"{CONFIGS}/{name}-tls.json5", text, "edit it: its head says how")
+    if root != Path("/"):
+        return
+    print("\nnext, when the files say what your robot is:")
+    print(f"  {shlex.quote(program)} check /{config}")
+    print("  udevadm control --reload && udevadm trigger")
+    print(f"  systemctl daemon-reload && systemctl enable --now drd@{name}")
+    print(f"  systemctl status drd@{name}")
+
+
+def _uninstall(root: Path, purge: bool) -> None:
+    with _installation(root) as files:
+        if not files.files:
+            print(f"nothing is installed under {root} (by this command)")
+            return
+        instances = sorted(Path(f).stem for f in files.files if _is_config(f))
+        _stop(root)
+        files.remove(lambda f: f.startswith(f"{CONFIGS}/"), purge)
+        for folder in [root / state / f"drd-{name}" for state in STATES for name in instances]:
+            _remove_state(files, folder, purge)
+    if _is_live(root):
+        _run("systemctl", "daemon-reload")
+        _run("udevadm", "control", "--reload")
+
+
+def _is_config(name: str) -> bool:
+    return Path(name).parent == Path(CONFIGS) and Path(name).suffix == ".yaml"
+
+
+def _remove_state(files: Installation, folder: Path, purge: bool) -> None:
+    if folder.is_symlink():
+        if purge:
+            folder.unlink()
+    elif folder.is_dir():
+        if purge:
+            shutil.rmtree(folder)
+        files.say("removed" if purge else "kept", folder, "" if purge else "state and recordings; --purge removes it")
+
+
+def _stop(root: Path) -> None:
+    """No instance runs or is enabled any more. Where no systemd runs, only the links that enable one are removed."""
+    units = root / "etc/systemd/system"
+    enabled = sorted(link for link in units.glob("*.wants/drd@*.service") if link.is_symlink())
+    if _is_live(root):
+        _run("systemctl", "stop", "drd@*.service")
+        if enabled:
+            _run("systemctl", "disable", *(link.name for link in enabled))
+    for link in enabled:
+        link.unlink(missing_ok=True)
+
+
+def _is_live(root: Path) -> bool:
+    return root == Path("/") and Path("/run/systemd/system").is_dir()
+
+
+def _run(*command: str) -> None:
+    """A command of the system; that it fails is told and changes nothing."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        print(f"{shlex.join(command)}: {error}")
+        return
+    if done.returncode:
+        print(f"{shlex.join(command)}: {done.stderr.strip() or f'exit code {done.returncode}'}")
+
+
+@contextmanager
+def _installation(root: Path) -> Iterator[Installation]:
+    """The files under `root`; the manifest is written whatever happens, so that it knows of each file that was."""
+
+    def say(what: str, path: Path, remark: str) -> None:
+        print(f"{what:9}  {path}{f'  ({remark})' if remark else ''}")
+
+    files = Installation.read(root, say)
+    try:
+        yield files
+    finally:
+        files.save()
+
+
+def _program(given: str | None, root: Path) -> str:
+    """What ExecStart is to run. Raises ConfigError where the service could not run it."""
+    program = Path(given) if given is not None else Path(sysconfig.get_path("scripts")) / "drd"
+    if not program.is_absolute() or not re.fullmatch(r"[\w./+@-]+", str(program)):
+        raise _unfit("an absolute path of letters, digits and ./+@_-", repr(str(program)))
+    if root == Path("/"):
+        if not program.is_file():
+            raise _unfit("the installed program", f"{program}, which is not there")
+        places = [program, program.resolve()]
+        if given is None:  # its Python and its package may lie elsewhere: pyenv, an editable installation
+            places += [Path(sys.base_prefix).resolve(), Path(drd.__file__).resolve()]
+        hidden = [place for place in places if any(place.is_relative_to(folder) for folder in HIDDEN)]
+        if hidden:
+            got = f"{hidden[0]}, which the service does not see (ProtectHome, PrivateTmp)"
+            raise _unfit("a drd and a Python outside of people's folders, such as in /opt/drd", got)
+    return str(program)
+
+
+def _unfit(expected: str, got: str) -> ConfigError:
+    return ConfigError("drd@.service", "ExecStart", expected, got)
+
+
+def _unit(program: str, group: str) -> str:
+    """The shipped unit with this program and this group."""
+    text = _shipped("systemd", "drd@.service")
+    assert f"ExecStart={PROGRAM_IN_UNIT} " in text  # a test holds the unit to it
+    text = text.replace(f"ExecStart={PROGRAM_IN_UNIT} ", f"ExecStart={program} ")
+    return text.replace(f"SupplementaryGroups={SERIAL_GROUPS[0]}\n", f"SupplementaryGroups={group}\n")
+
+
+def _rules(group: str) -> str:
+    return _shipped("systemd", "99-drd.rules").replace(f'GROUP="{SERIAL_GROUPS[0]}"', f'GROUP="{group}"')
+
+
+def _serial_group(root: Path) -> str:
+    """The group that serial ports have: on the running system the one that it knows."""
+    if root != Path("/"):
+        return SERIAL_GROUPS[0]
+    known = {g.gr_name for g in grp.getgrall()}
+    return next((name for name in SERIAL_GROUPS if name in known), SERIAL_GROUPS[0])
+
+
+def _shipped(folder: str, name: str) -> str:
+    """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
+    package = Path(drd.__file__).parent
+    beside = package.parent / folder / name
+    return (beside if beside.exists() else package / "data" / folder / name).read_text(encoding="utf-8")

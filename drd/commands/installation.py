@@ -1,0 +1,147 @@
+"""Files that a command puts into the system, and takes out again: never over somebody else's work."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from drd.schema import ConfigError
+
+MANIFEST = "etc/drd/.installed.json"
+_MANIFEST_VERSION = 1
+
+Say = Callable[[str, Path, str], None]  # what was done, to which file, and a remark
+
+
+@dataclass
+class Installation:
+    """What stands under `root` by this program: each file with the SHA-256 of what was written, each folder made.
+
+    `say` hears of every file. Methods raise OSError. The manifest is written by `save`.
+    """
+
+    root: Path
+    say: Say
+    files: dict[str, str] = field(default_factory=dict)  # by path relative to `root`
+    folders: list[str] = field(default_factory=list)  # in the order they were made
+
+    @classmethod
+    def read(cls, root: Path, say: Say) -> "Installation":
+        """As the manifest has it, or an empty one. Raises ConfigError for a manifest that cannot be understood."""
+        file = root / MANIFEST
+        if not file.exists():
+            return cls(root, say)
+        try:
+            value: Any = json.loads(file.read_text(encoding="utf-8"))
+            if value["version"] != _MANIFEST_VERSION:
+                raise ValueError(f"version {value['version']!r}")
+            files, folders = dict[str, str](value["files"]), [str(name) for name in value["folders"]]
+            if any(".." in Path(name).parts or Path(name).is_absolute() for name in (*files, *folders)):
+                raise ValueError("a path that leads out of the root")
+        except (ValueError, TypeError, KeyError) as error:
+            raise ConfigError(str(file), "", "the list of installed files that drd wrote", str(error)) from error
+        return cls(root, say, files, folders)
+
+    def put(self, name: str, text: str, remark: str = "") -> None:
+        """Write a file, unless somebody has changed or put there another: then NAME.new beside it."""
+        path, beside = self.root / name, f"{name}.new"
+        if not os.path.lexists(path):
+            self._write(name, text)
+            self.say("wrote", path, remark)
+        elif not path.is_symlink() and _sha256(path) == _digest(text):
+            self.files[name] = _digest(text)
+            self.say("unchanged", path, "")
+        elif self._is_as_written(name):
+            self._write(name, text)
+            self.say("updated", path, remark)
+        else:
+            self._write(beside, text)
+            self.say("kept", path, f"not as it was installed; this version is {Path(beside).name} beside it")
+            return
+        if beside in self.files:
+            self._remove(beside)
+
+    def put_once(self, name: str, text: str, remark: str = "") -> None:
+        """Write a file only where there is none: from then on it is its owner's."""
+        path = self.root / name
+        if os.path.lexists(path):
+            self.say("kept", path, "it is yours")
+        else:
+            self._write(name, text)
+            self.say("wrote", path, remark)
+
+    def remove(self, yours: Callable[[str], bool], purge: bool) -> None:
+        """Remove what was installed. What is `yours` or has been changed stays, unless `purge`."""
+        for name in list(self.files):
+            path = self.root / name
+            if not os.path.lexists(path):
+                del self.files[name]
+            elif purge or (self._is_as_written(name) and not yours(name)):
+                self._remove(name)
+                self.say("removed", path, "")
+            else:
+                self.say("kept", path, f"{'it is yours' if yours(name) else 'changed'}; --purge removes it")
+
+    def save(self) -> None:
+        """Write the manifest; where nothing is left, remove it and the folders that were made for it."""
+        file = self.root / MANIFEST
+        if self.files:
+            self._make_folder(file.parent)
+            value = {"version": _MANIFEST_VERSION, "files": self.files, "folders": self.folders}
+            _replace(file, json.dumps(value, indent=1) + "\n")
+            return
+        file.unlink(missing_ok=True)
+        for name in reversed(self.folders):
+            try:
+                (self.root / name).rmdir()
+            except FileNotFoundError:
+                pass
+            except OSError:  # somebody keeps other files there
+                self.say("kept", self.root / name, "it holds other files")
+        self.folders = []
+
+    def _is_as_written(self, name: str) -> bool:
+        path = self.root / name
+        return not path.is_symlink() and path.is_file() and _sha256(path) == self.files.get(name)
+
+    def _write(self, name: str, text: str) -> None:
+        self._make_folder((self.root / name).parent)
+        _replace(self.root / name, text)
+        self.files[name] = _digest(text)
+
+    def _remove(self, name: str) -> None:
+        (self.root / name).unlink(missing_ok=True)
+        del self.files[name]
+
+    def _make_folder(self, folder: Path) -> None:
+        missing = [f for f in (folder, *folder.parents) if not f.exists()]
+        for f in reversed(missing):
+            f.mkdir()
+            f.chmod(0o755)  # whatever the umask: the service has a user of its own
+            if f.is_relative_to(self.root) and f != self.root:
+                self.folders.append(str(f.relative_to(self.root)))
+
+
+def _replace(file: Path, text: str) -> None:
+    """All or nothing, readable by everybody."""
+    beside = file.with_name(f".{file.name}.part")
+    try:
+        with beside.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            os.fchmod(stream.fileno(), 0o644)
+            stream.flush()
+            os.fsync(stream.fileno())
+        beside.replace(file)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""

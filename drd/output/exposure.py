@@ -1,0 +1,61 @@
+"""What the Zenoh configuration lets others do, said before somebody finds it out."""
+
+import ipaddress
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import zenoh
+
+from drd.config import Output
+from drd.output.session import session_config
+
+_ENCRYPTED = ("tls", "quic")
+
+
+def exposure(output: Output) -> list[str]:
+    """Sentences on what is open to people who have no business there; none where nothing is.
+
+    `output` must have passed session.check_output. Only what the daemon listens on is looked at: whoever answers at
+    `connect` decides by its own configuration who may speak through it.
+    """
+    config = session_config(output)
+    source = "output.listen" if output.zenoh_config is None else output.zenoh_config
+    return [f"{source}: {text}" for text in _open_doors(config, output)]
+
+
+def _open_doors(config: zenoh.Config, output: Output) -> Iterator[str]:
+    allowed = " and move its pose (output.commands)" if output.commands else ""
+    outside = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]
+    plain = [endpoint for endpoint in outside if endpoint.partition("/")[0] not in _ENCRYPTED]
+    if plain:
+        yield f"whoever reaches {', '.join(plain)} can read the robot's pose{allowed}: no encryption, no login"
+    elif outside and not _value(config, "transport/link/tls/enable_mtls"):
+        yield f"whoever reaches {', '.join(outside)} can read the robot's pose{allowed}: tls/enable_mtls is not true"
+    elif outside and not _value(config, "access_control/enabled"):
+        yield f"every certificate of the authority can read the robot's pose{allowed}: access_control is off"
+    if _value(config, "scouting/multicast/enabled") is not False:
+        yield "scouting/multicast is on: Zenoh connects to whoever answers in the network"
+
+
+def _endpoints(config: zenoh.Config) -> list[str]:
+    """Where it listens; Zenoh takes a list for all modes, or one for each."""
+    found = _value(config, "listen/endpoints")
+    if isinstance(found, dict):
+        found = found.get(_value(config, "mode") or "peer", [])
+    return [str(endpoint) for endpoint in found or []]
+
+
+def _is_local(endpoint: str) -> bool:
+    protocol, _, address = endpoint.partition("/")
+    if protocol.startswith(("unix", "serial", "vsock")):
+        return True
+    host = address.partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name
+        return host == "localhost"
+
+
+def _value(config: zenoh.Config, path: str) -> Any:
+    return json.loads(config.get_json(path))

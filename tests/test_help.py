@@ -1,0 +1,34 @@
+"""`--help` is the manual page: what, form of the input, examples, exit codes."""
+
+import re
+
+import pytest
+
+from drd.cli import COMMANDS, main
+
+KINDS = [("calibrate", kind) for kind in ("gyro", "noise", "wheels")]
+PAGES = [(name,) for name in COMMANDS if name != "calibrate"] + KINDS
+
+
+def help_of(*command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as end:
+        main([*command, "--help"])
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", PAGES, ids=" ".join)
+def test_a_page_has_examples_and_exit_codes(command: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    page = help_of(*command, capsys=capsys)
+    assert page.startswith(f"usage: drd {' '.join(command)} ")
+    examples = re.search(r"^examples?:(.*?)(?:\n\n|\Z)", page, re.MULTILINE | re.DOTALL)
+    assert examples
+    assert f"drd {' '.join(command)}" in examples[1]
+    assert re.search(r"exit codes?\b", page, re.IGNORECASE)
+    assert max(map(len, page.splitlines())) <= 120
+
+
+def test_calibrate_lists_its_kinds(capsys: pytest.CaptureFixture[str]) -> None:
+    page = help_of("calibrate", capsys=capsys)
+    for _, kind in KINDS:
+        assert re.search(rf"^  {kind} ", page, re.MULTILINE)
