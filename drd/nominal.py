@@ -74,3 +74,31 @@ class Stated(Nominal):
 
     wheel: StatedWheel = section(StatedWheel)
     tread_m: float = key(math.nan, "Distance between left and right wheels", "m", low=0.01, high=50)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsentWheel:
+    """Wheels without encoders: nothing need be known of them."""
+
+    radius_m: float | None = key(None, "Rolling radius", "m", low=0.001, high=5)
+    counts_per_revolution: float | None = key(None, "Counts of one turn of the wheel", "1", low=1e-3, high=1e9)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheelless:
+    """robot.yaml of a recording without encoders: its keys, of which the wheels' may be null."""
+
+    name: str = key("robot", "Name of the recording or robot")
+    wheel: AbsentWheel = section(AbsentWheel)
+    tread_m: float | None = key(None, "Distance between left and right wheels", "m", low=0.01, high=50)
+    fog: FogSheet = section(FogSheet)
+    encoders: EncoderSheet = section(EncoderSheet)
+    reference: ReferenceSheet = section(ReferenceSheet)
+    standstill_at_start_s: float = key(0.0, "How long the robot stands at first", "s", low=0, high=1e6)
+
+    def nominal(self) -> Nominal:
+        """The same as a nominal robot; NaN where nothing is known."""
+        radius_m, tread_m = (math.nan if v is None else v for v in (self.wheel.radius_m, self.tread_m))
+        values = {name: getattr(self, name) for name in ("name", "fog", "encoders", "reference")}
+        wheel = Wheel(radius_m=radius_m, counts_per_revolution=self.wheel.counts_per_revolution)
+        return Nominal(wheel=wheel, tread_m=tread_m, standstill_at_start_s=self.standstill_at_start_s, **values)

@@ -48,7 +48,7 @@ def diagnosed(folder: Path, output: Path, *more: str) -> dict[str, Any]:
     found: dict[str, Any] = json.loads((output / "diagnosis.json").read_text())
     assert set(found) >= KEYS
     assert found["schema"] == 1
-    assert found["recording"] == folder.name
+    assert found["recording"] == folder.name.removesuffix(".mcap")
     assert found["verdict"] in ("nothing_missing", "explained", "partly_explained", "unknown")
     assert (found["verdict"] == "nothing_missing") == (found["findings"] == [])
     assert set(found["fit"]) == {"train", "held_out"}

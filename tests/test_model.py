@@ -368,7 +368,7 @@ def test_time_counts_from_the_recordings_zero_if_it_begins_near_it(
     moved = dataclasses.replace(
         short,
         fog=dataclasses.replace(short.fog, time_s=short.fog.time_s + shift_s),
-        encoders=dataclasses.replace(short.encoders, time_s=short.encoders.time_s + shift_s),
+        wheels=dataclasses.replace(short.encoders, time_s=short.encoders.time_s + shift_s),
         terms=make_model([{"effect": "gyro_bias_step", "parameters": {"b": 1.0, "t0": 2.0}}]).terms,
     )
     first_s = float(min(moved.fog.time_s[0], moved.encoders.time_s[0])) if moved.fog else 0.0

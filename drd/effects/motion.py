@@ -51,12 +51,21 @@ class Motion:
         # Of a ramp from a to b over h the lag makes y k + a (r - k) + b (1 - r), k = exp(-h/lag), r = lag (1 - k)/h.
         share = lag_s * (1.0 - kept) / step_s
         driven = values[:-1] * (share - kept) + values[1:] * (1.0 - share)
-        y = float(values[0])
-        result = [y]
-        for k, u in zip(kept.tolist(), driven.tolist(), strict=True):
-            y = y * k + u
-            result.append(y)
-        return np.array(result)
+        # Blocks side by side, then from block to block: about 2 sqrt(n) calls instead of n.
+        n = len(step_s)
+        length = max(1, round(n**0.5))
+        count = -(-n // length)
+        k, u = np.ones(count * length), np.zeros(count * length)
+        k[:n], u[:n] = kept, driven
+        k = np.multiply.accumulate(factors := k.reshape(count, length), axis=1)
+        y = u.reshape(count, length)
+        for j in range(1, length):
+            y[:, j] += factors[:, j] * y[:, j - 1]
+        begin = float(values[0])
+        for b in range(count):
+            y[b] += k[b] * begin
+            begin = float(y[b, -1])
+        return np.concatenate([values[:1], y.ravel()[:n]])
 
     def delayed(self, values: Array, delay_s: Array | float) -> Array:
         """What `values` were `delay_s` ago (each sample its own, or all the same); the ends are held."""

@@ -149,7 +149,7 @@ def test_bad_input_is_refused(wide: Path, tmp_path: Path, capsys: pytest.Capture
         (bare / name).unlink()
     with pytest.raises(ConfigError, match="wheels alone"):
         main([str(bare), "--output", str(tmp_path / "out")])
-    with pytest.raises(ConfigError, match="a recording folder"):
+    with pytest.raises(ConfigError, match="a readable MCAP file"):
         main([str(tmp_path / "run.mcap"), "--output", str(tmp_path / "out")])
     with pytest.raises(ConfigError, match=r"an earlier `drd compare`"):
         main(["--draw", str(tmp_path / "nothing")])

@@ -1,5 +1,6 @@
 """`drd diagnose` as its users call it: files, sentences and exit codes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,9 @@ from diagnosis_runs import SCALE, diagnosed, written
 
 from drd.cli import main
 from drd.model import load_model
+from drd.schema import ConfigError
+from drd_tools.diagnose.run import run_all
+from drd_tools.recordings.daemon_log import read
 
 
 def test_nothing_is_said_of_the_nominal_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,10 +40,28 @@ def test_an_effect_is_named_with_its_size_and_the_model_helps_another_day(
         assert after["heading_rms_deg"] < 0.8 * before["heading_rms_deg"]
 
 
-def test_several_recordings_have_a_folder_each(tmp_path: Path) -> None:
-    runs = [str(written(tmp_path / name, drive=("slalom", 60.0))) for name in ("a", "b")]
-    assert main(["diagnose", *runs, "--output", str(tmp_path / "out")]) == 0
-    assert sorted(f.parent.name for f in (tmp_path / "out").glob("*/diagnosis.json")) == ["a", "b"]
+def test_several_recordings_have_a_folder_each_the_same_to_the_bit_for_any_jobs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The slow one first: what is said comes in the order given."""
+    runs = [str(written(tmp_path / n, SCALE, drive=("slalom", s))) for n, s in (("b", 90.0), ("a", 30.0))]
+    told = []
+    for jobs in ("1", "2"):
+        out = tmp_path / f"out_{jobs}"
+        assert main(["diagnose", *runs, "--jobs", jobs, "--output", str(out)]) == 0
+        told.append(capsys.readouterr().out.replace(str(out), ""))
+    assert told[0] == told[1]
+    assert told[0].index("b: ") < told[0].index("\na: ") < told[0].index("b, a: ")
+    files = ("diagnosis.json", "series.json", "model.yaml", "report.html")
+    for name in (*files, *(f"{folder}/{f}" for folder in "ab" for f in files)):
+        assert (tmp_path / "out_1" / name).read_bytes() == (tmp_path / "out_2" / name).read_bytes(), name
+
+
+def test_what_is_wrong_with_one_of_several_comes_back_from_its_process(tmp_path: Path) -> None:
+    good = read(written(tmp_path / "a", drive=("slalom", 30.0)))
+    alone = replace(good, fog=None, reference=None)
+    with pytest.raises(ConfigError, match="wheels alone"):
+        list(run_all([good, alone], [], [tmp_path / "out/a", tmp_path / "out/b"], 2))
 
 
 def test_bad_input_is_one_clear_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,7 +85,7 @@ def test_bad_input_is_one_clear_error(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "robot.yaml" in told(str(folder), "--output", out)
 
 
-@pytest.mark.parametrize("arguments", [[], ["run"], ["--output", "out"]])
+@pytest.mark.parametrize("arguments", [[], ["run"], ["--output", "out"], ["run", "--output", "out", "--jobs", "0"]])
 def test_missing_arguments_are_bad_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["diagnose", *arguments])

@@ -99,7 +99,7 @@ def test_one_count_more_gives_another_digest(short: Recording) -> None:
 
 
 def _with_left(recording: Recording, left: Array) -> Recording:
-    return replace(recording, encoders=replace(recording.encoders, left_counts=left))
+    return replace(recording, wheels=replace(recording.encoders, left_counts=left))
 
 
 @settings(deadline=None, max_examples=15)
@@ -108,7 +108,7 @@ def test_the_clock_on_which_the_recording_began_does_not_matter(short: Recording
     assert short.fog is not None
     shifted = replace(
         short,
-        encoders=replace(short.encoders, time_s=short.encoders.time_s + shift_s),
+        wheels=replace(short.encoders, time_s=short.encoders.time_s + shift_s),
         fog=replace(short.fog, time_s=short.fog.time_s + shift_s),
     )
     replayed = replay_folder(shifted)
@@ -123,8 +123,8 @@ def test_stamps_of_an_epoch_keep_what_a_double_holds() -> None:
 @pytest.mark.parametrize(
     ("which", "change", "expected"),
     [
-        ("encoders", lambda t: t * 1e9 + 1e18, r"encoders.csv: time_s: expected seconds, at most 4e\+09"),
-        ("encoders", lambda t: np.where(t < 2.0, t, t + 1e6), r"encoders.csv: time_s: .* rows at most 86400 s apart"),
+        ("wheels", lambda t: t * 1e9 + 1e18, r"encoders.csv: time_s: expected seconds, at most 4e\+09"),
+        ("wheels", lambda t: np.where(t < 2.0, t, t + 1e6), r"encoders.csv: time_s: .* rows at most 86400 s apart"),
         ("fog", lambda t: t + 1.7e9, r"fog.csv: time_s: .* overlap encoders.csv's, 0 to 5 s, got 17000000"),
         ("fog", lambda t: t - 100.0, r"fog.csv: time_s: expected times that overlap"),
     ],
@@ -215,7 +215,7 @@ def test_in_a_long_gap_of_the_wheels_poses_go_on_and_say_so(with_gyro: Recording
     assert log.right_counts is not None
     keep = (log.time_s < 30.0) | (log.time_s > 33.0)
     cut = EncoderLog(log.time_s[keep], log.left_counts[keep], log.right_counts[keep], None, None)
-    replayed = replay_folder(replace(with_gyro, encoders=cut, fog=with_gyro.fog if gyro else None))
+    replayed = replay_folder(replace(with_gyro, wheels=cut, fog=with_gyro.fog if gyro else None))
     assert replayed.counters["encoders"] == {"gaps": 1, "jumps": 0}
     assert replayed.counters["estimator"]["wheel_gaps"] == 1
     silent = [p for p in replayed.poses if 31.0 < (p.t_ns - replayed.zero_ns) / NS_PER_S < 33.0]

@@ -44,7 +44,7 @@ def first_seconds(recording: Recording) -> Recording:
     """The recording, cut short to save time."""
     end_s = recording.encoders.time_s[0] + LONGEST_S
     logs = {}
-    for name in ("encoders", "fog", "reference"):
+    for name in ("wheels", "fog", "reference"):
         log = getattr(recording, name)
         if log is not None:
             keep = log.time_s <= end_s

@@ -55,7 +55,7 @@ def test_the_folder_reads_as_the_recording_in_memory(tmp_path: Path, counts: flo
     write_folder(made, tmp_path / "run", ABOUT)
     read = read_recording(tmp_path / "run")
     if counts is None:
-        made = replace(made, recording=replace(made.recording, encoders=read.encoders))
+        made = replace(made, recording=replace(made.recording, wheels=read.encoders))
     assert_equal(read, made.recording)
     assert replay_folder(read).digest() == replay_folder(read_recording(tmp_path / "run")).digest()
 

@@ -7,7 +7,8 @@ from drd.schema import ConfigError
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.report import print_comparison, write_report
 from drd_tools.compare.results import Comparison
-from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.recordings.daemon_log import read
+from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import with_model
 from drd_tools.report.saved import FILE
 
@@ -16,9 +17,10 @@ Simulate the nominal model along a recording's path, and show recorded against s
 channel, before anyone names a cause: gyro, left and right wheel, their mean (distance) and difference (turn), the
 wheels' turn against the gyro's, and the sideways motion that the model does not have.
 
-RECORDING is a recording folder (robot.yaml, encoders.csv; fog.csv and reference.csv where there are). The path is the
-best one by reference and sensors; without a reference the gyro's and the wheels', and then only the wheels' turn
-against the gyro's can be compared.
+RECORDING is a recording folder (robot.yaml, encoders.csv; fog.csv and reference.csv where there are), or a file that
+the daemon recorded (FILE.mcap; a reference may lie beside it as FILE.reference.csv). The path is the best one by
+reference and sensors; without a reference the gyro's and the wheels', and then only the wheels' turn against the
+gyro's can be compared.
 
 For each channel: the mismatch's rms beside what noise alone makes of it, its mean, what it adds up to at the end, and
 how much of it a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or place foretells
@@ -65,9 +67,8 @@ def main(argv: list[str]) -> int:
 
 
 def _read(path: Path, model: Path | None) -> Recording:
-    if path.suffix == ".mcap":
-        raise ConfigError(str(path), "", "a recording folder: the daemon's MCAP files are not compared", "an MCAP file")
-    recording = read_recording(path)
+    recording = read(path)
+    assert recording.encoders  # raises where there are none
     return recording if model is None else with_model(recording, model)
 
 
@@ -79,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder")
+    add("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder or .mcap file")
     add("--model", type=Path, metavar="FILE", help="model file: keys of robot.yaml that replace the folder's, effects")
     add("--seed", type=int, default=0, metavar="N", help="of the simulated noise (default: 0); the same seed repeats")
     add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")

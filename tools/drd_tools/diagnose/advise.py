@@ -28,6 +28,7 @@ from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import soft_forms
 from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.missions import MISSIONS, Drive
+from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.route import RATE_HZ, Route, Steps
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import Truth, make_truth
@@ -171,6 +172,8 @@ def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Op
         fog=replace(nominal.fog, rate_hz=rate_hz) if e.gyro_rad is not None else FogSheet(),
         standstill_at_start_s=min(nominal.standstill_at_start_s, LONGEST_STAND_S),
     )
+    if not e.has_wheels:  # those of some robot
+        nominal = replace(nominal, wheel=DEFAULT.wheel, tread_m=DEFAULT.tread_m)
     period_s = reference.period_s
     if period_s is not None and period_s < FIX_S:
         share = math.sqrt(FIX_S / period_s)
@@ -185,7 +188,7 @@ def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Op
             continue
         runs = [(m, (m,)) for m in MINUTES_OF_ENDS] if period_s is None and len(e.fix) else [(MINUTES[-1], MINUTES)]
         for longest, lengths in runs:
-            evidence, path = _driven(name, longest, nominal, reference, knows_temperature)
+            evidence, path = _driven(name, longest, nominal, reference, knows_temperature, e.has_wheels)
             nats = _nats(evidence, path, noise, questions, others, lengths)
             options += [_Option(name, m, n) for m, n in zip(lengths, nats, strict=True)]
     return options
@@ -227,11 +230,12 @@ def drive(name: str, minutes: int, stand_s: float) -> Truth:
 
 @lru_cache(maxsize=64)
 def _driven(
-    name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool
+    name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool, has_wheels: bool
 ) -> tuple[Evidence, Path]:
     """What perfect sensors say of a manoeuvre, and the true path."""
     truth = drive(name, minutes, nominal.standstill_at_start_s)
-    e = gather(simulate(truth, nominal, (), replace(PERFECT, reference=reference), name=name).recording)
+    recording = simulate(truth, nominal, (), replace(PERFECT, reference=reference), name=name).recording
+    e = gather(recording if has_wheels else replace(recording, wheels=None))
     if not knows_temperature:
         e = replace(e, temperature_c=np.full(len(e.time_s), np.nan))
     edges_s = e.edges_s

@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.diagnose.problem import Claim
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import EncoderLog, Recording
 
 Array = npt.NDArray[np.float64]
 
@@ -51,10 +51,11 @@ class Audit:
 
 def audit(recording: Recording, e: Evidence) -> Audit:
     """Look for events."""
-    gyro, left, right = (np.zeros(len(e.time_s)) for _ in range(3))
-    events = clipped(e, gyro)
-    events += stopped(recording, e, left, right)
-    events += bumps(recording, e, left, right)
+    gyro, left, right = (doubt.copy() for doubt in (e.gyro_doubt_rad2, e.left_doubt_m2, e.right_doubt_m2))
+    events = clipped(e, gyro) if e.has_wheels else []
+    if recording.wheels is not None:
+        events += stopped(recording.wheels, e, left, right)
+        events += bumps(recording.wheels, e, left, right)
     return Audit(events, replace(e, gyro_doubt_rad2=gyro, left_doubt_m2=left, right_doubt_m2=right))
 
 
@@ -89,9 +90,8 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
     return [Event(Claim(effect, {"limit": limit}, ()), _spans(e.time_s, e.step_s, at), nats, seen)]
 
 
-def stopped(recording: Recording, e: Evidence, left: Array, right: Array) -> list[Event]:
+def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
     """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
-    log = recording.encoders
     if log.left_counts is None or log.right_counts is None:
         return []
     events = []
@@ -136,9 +136,8 @@ def _turned(e: Evidence, inside: npt.NDArray[np.bool_], t0: float, t1: float) ->
     return None
 
 
-def bumps(recording: Recording, e: Evidence, left: Array, right: Array) -> list[Event]:
+def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
     """Sudden travel of one wheel that is always too much: stones and cracks. Slip goes both ways."""
-    log = recording.encoders
     if log.left_counts is None or log.right_counts is None:
         return []
     more, less, added, way = 0, 0, 0.0, 0.0

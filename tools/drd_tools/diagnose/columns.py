@@ -1,5 +1,7 @@
 """Signatures of the catalogue's effects in one recording."""
 
+from functools import cached_property
+
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
@@ -7,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
+from drd_tools.diagnose.denoise import denoised
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.diagnose.linear import Path, Signature
 
@@ -16,6 +19,7 @@ SPEED_SMOOTHING_S = 0.3
 TEMPERATURE_SMOOTHING_S = 5.0
 SLOW_S = 3.0
 TURN_SMOOTHING_S = 0.8
+CALM_SMOOTHING_S = 0.4
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -27,7 +31,8 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     middle = 0.5 * (fine[1:] + fine[:-1])
     h = np.diff(fine)
     forward = 0.5 * (e.left_m + e.right_m)
-    speed = gaussian_filter1d(forward / np.diff(edges), SPEED_SMOOTHING_S / typical)
+    # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
+    speed = denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical)
     way = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
     heading = CubicSpline(edges, path.pose[:, 2])
     turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical))]))
@@ -52,6 +57,12 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     return Motion(
         middle, w, v, a, heading(middle), v - 0.5 * w * B, v + 0.5 * w * B, wl, wr, T, still_c, B, float(edges[-1])
     )
+
+
+def _speed_sigma_m_s(e: Evidence) -> Array:
+    """Deviation of each step's speed, (n,), m/s."""
+    way = e.sheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.sheet.count_m**2 / 12.0
+    return np.asarray(np.sqrt(way) / e.step_s, float)
 
 
 def _ratio(a: Array, b: Array) -> Array:
@@ -80,6 +91,12 @@ class Signatures:
         self.e, self.motion = e, motion_along(e, path)
         edges = e.edges_s
         self.h = np.repeat(np.diff(edges) / SUB, SUB)
+
+    @cached_property
+    def calm_rate_rad_s(self) -> Array:
+        """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves."""
+        step_s = float(self.motion.time_s[1] - self.motion.time_s[0])
+        return np.asarray(gaussian_filter1d(self.motion.rate_rad_s, CALM_SMOOTHING_S / step_s), float)
 
     def of(self, errors: Errors) -> Signature:
         """Rates on the fine grid, added up over each step."""

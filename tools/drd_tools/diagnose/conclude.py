@@ -17,6 +17,7 @@ from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
 from drd_tools.diagnose.search import Found, Search, same_window
+from drd_tools.diagnose.uncertainty import told
 
 Array = npt.NDArray[np.float64]
 
@@ -59,15 +60,16 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     by_events = refine(found.problem, [c for c in found.fit.claims if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
     findings = []
-    for claim in found.fit.claims:
+    for claim, reported in zip(found.fit.claims, told(found.problem, found.fit, search.known), strict=True):
         event = by_logic.get(claim.id)
         if event is not None:
             findings.append(_event_finding(claim, event))
         else:
-            findings.append(_finding(found, search, smooths, claim, chance, total))
+            findings.append(_finding(found, search, smooths, claim, reported, chance, total))
     left = smooths.best(found.fit.claims)
     unexplained = 0.0
-    if left is not None and left.gain > max(UNKNOWN_NATS, UNKNOWN_SHARE * total):
+    all_explained = total + sum(e.nats for e in events)
+    if left is not None and left.gain > max(UNKNOWN_NATS, UNKNOWN_SHARE * all_explained):
         p = family_wise_p(left.gain + smooths.cost, chance)
         unexplained = left.gain / (left.gain + total)
         same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
@@ -82,18 +84,24 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
 
 def _held(found: Found, search: Search) -> Found:
     """Without the claims that do not hold on data that they were not fitted to."""
-    kept = [c for c in found.fit.claims if c.id in search.known or sum(unseen_nats(found.problem, found.fit, c)) > 0.0]
+    kept = [
+        c
+        for c in found.fit.claims
+        if c.id in search.known or sum(unseen_nats(found.problem, search.library, found.fit, c)) > 0.0
+    ]
     if len(kept) == len(found.fit.claims):
         return found
     fit = refine(found.problem, kept)
     return Found(found.problem, fit, search.score(fit), found.null)
 
 
-def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chance: Array, total: float) -> Finding:
+def _finding(
+    found: Found, search: Search, smooths: Smooths, claim: Claim, reported: Claim, chance: Array, total: float
+) -> Finding:
     problem, fit = found.problem, found.fit
     rest = refine(problem, [c for c in fit.claims if c is not claim])
     worth = rest.cost - fit.cost
-    nats = unseen_nats(problem, fit, claim)
+    nats = unseen_nats(problem, search.library, fit, claim)
     e = e_value(nats)
     p = family_wise_p(worth, chance)
     sure = p <= FAMILY_WISE
@@ -112,8 +120,8 @@ def _finding(found: Found, search: Search, smooths: Smooths, claim: Claim, chanc
     curve = _curve(smooths, found, claim, rival)
     explains = min(1.0, worth / total)
     return Finding(
-        claim, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
-        sentence(claim, explains, also), curve, gain_over_time(problem, fit, claim),
+        reported, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
+        sentence(reported, explains, also), curve, gain_over_time(problem, fit, claim),
         {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
 

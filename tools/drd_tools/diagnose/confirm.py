@@ -1,14 +1,15 @@
 """How sure a claim is: against chance anywhere in the catalogue, and on data it was not fitted to."""
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.library import Library
+from drd_tools.diagnose.library import Library, is_plausible
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit
+from drd_tools.diagnose.refine import Fit, refine
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +31,8 @@ def chance_gains(problem: Problem, library: Library, left: Array) -> Array:
 
     What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together.
     """
+    if not library.columns.size:
+        return np.zeros(FLIPS)
     index = blocks(problem)
     B = np.stack([library.columns[index == b].T @ left[index == b].astype(np.float32) for b in np.unique(index)])
     diagonal = np.maximum(np.diag(library.products).astype(float), 1e-30)
@@ -43,8 +46,8 @@ def family_wise_p(gain: float, chance: Array) -> float:
     return float((1 + (chance >= gain).sum()) / (1 + len(chance)))
 
 
-def unseen_nats(problem: Problem, fit: Fit, claim: Claim) -> tuple[float, float]:
-    """Log likelihood ratio of a claim on each half of the data, its size fitted on the other half.
+def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> tuple[float, float]:
+    """Log likelihood ratio of a claim on each half of the data, its parameters found anew on the other half.
 
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it.
     """
@@ -56,12 +59,48 @@ def unseen_nats(problem: Problem, fit: Fit, claim: Claim) -> tuple[float, float]
         return 0.0, 0.0
     half = np.zeros(len(data), bool)
     half[order] = (np.minimum(seen / seen[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-    found = []
-    for train, test in ((half, ~half), (~half, half)):
-        size = float(effect[train] @ data[train]) / max(float(effect[train] @ effect[train]), 1e-30)
-        test_gain = size * float(effect[test] @ data[test]) - 0.5 * size**2 * float(effect[test] @ effect[test])
-        found.append(test_gain)
-    return found[0], found[1]
+    return _nats(problem, library, data, claim, half), _nats(problem, library, data, claim, ~half)
+
+
+def _nats(problem: Problem, library: Library, data: Array, claim: Claim, train: npt.NDArray[np.bool_]) -> float:
+    """Of the effect on rows that are not of `train`; 0 where those of `train` show none."""
+    part, test = problem.part(train, data), problem.part(~train, data)
+    if "t0" not in claim.values:
+        found = _relearned(part, library, train, claim)
+        choices = 1
+    else:
+        # Half of the data does not know where a stretch ends: its place is kept, and its choice among all is paid for.
+        found = _resized(part, claim)
+        choices = max(1, sum(c.effect.id == claim.id for c in library.candidates))
+    if found is None:
+        return 0.0
+    effect = test.effect_rows([found])
+    return float(effect @ test.data) - 0.5 * float(effect @ effect) - math.log(choices)
+
+
+def _resized(part: Problem, claim: Claim) -> Claim:
+    """The claim with the linear parameters that a part of the data gives it."""
+    free = tuple(name for name in claim.free if claim.parameter(name).linear)
+    return refine(part, [replace(claim, free=free)]).claims[0]
+
+
+def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], claim: Claim) -> Claim | None:
+    """The claim's effect as a part of the data alone shows it: its best variant in the library, refined."""
+    best, most = None, 0.0
+    variants = [c for c in library.candidates if c.effect.id == claim.id]
+    index = sorted({i for c in variants for i in c.columns})
+    columns = library.columns[:, index][train]
+    G, b = np.asarray(columns.T @ columns, float), np.asarray(columns.T @ part.data.astype(np.float32), float)
+    for variant in variants:
+        at = [index.index(i) for i in variant.columns]
+        x = np.linalg.lstsq(G[np.ix_(at, at)], b[at], rcond=1e-8)[0]
+        gain = float(b[at] @ x)
+        if gain > most and (found := variant.claim(x)) is not None and found.free == claim.free:
+            best, most = found, gain
+    if best is None:
+        return None
+    refined = refine(part, [best]).claims[0]
+    return refined if is_plausible(refined) else best
 
 
 def e_value(nats: tuple[float, float]) -> float:
@@ -89,16 +128,19 @@ def rms_per_block(problem: Problem, left: Array) -> tuple[Array, Array]:
 
 
 def unseen_rms(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Rms of the whitened data without claims, and with claims whose sizes were fitted on the other half each time."""
-    effects = [problem.effect_rows([claim]) for claim in fit.claims]
-    data = fit.left + sum(effects, np.zeros(len(fit.left)))
-    if not effects or not len(data):
-        rms = float(np.sqrt(np.mean(data**2))) if len(data) else 0.0
-        return rms, rms
-    E = np.column_stack(effects)
-    odd = (blocks(problem) % 2).astype(bool)
+    """Rms of the whitened data without claims, and with claims whose parameters are those of the other half each time.
+
+    The halves are alternating blocks.
+    """
+    data = fit.left + problem.effect_rows(fit.claims)
     left = data.copy()
-    for train, test in ((odd, ~odd), (~odd, odd)):
-        size = np.linalg.lstsq(E[train], data[train], rcond=None)[0]
-        left[test] -= E[test] @ size
-    return float(np.sqrt(np.mean(data**2))), float(np.sqrt(np.mean(left**2)))
+    if fit.claims:
+        odd = (blocks(problem) % 2).astype(bool)
+        for train in (odd, ~odd):
+            claims = refine(problem.part(train, data), fit.claims).claims
+            left[~train] -= problem.part(~train, data).effect_rows(claims)
+    return _rms(data), _rms(left)
+
+
+def _rms(rows: Array) -> float:
+    return float(np.sqrt(np.mean(rows**2))) if len(rows) else 0.0

@@ -35,10 +35,13 @@ class Diagnosis:
     def noise_ratios(self) -> dict[str, float]:
         """Fitted noise over its data sheet's."""
         noise, sheet = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.sheet
+        heading = {"heading": noise.heading_rad / sheet.heading_rad}
+        if not self.conclusion.found.problem.evidence.has_wheels:
+            return heading
         return {
             "slip": noise.slip_m_per_sqrt_m / sheet.slip_m_per_sqrt_m,
             "position": noise.position_m / sheet.position_m,
-            "heading": noise.heading_rad / sheet.heading_rad,
+            **heading,
         }
 
 

@@ -42,7 +42,7 @@ class _Smooth:
     channel: str
     driver: str
     knots: Array
-    rows: Array
+    rows: npt.NDArray[np.float32]
 
 
 class Smooths:
@@ -57,7 +57,7 @@ class Smooths:
             for channel, made in self._channels(x, knots, driver):
                 spans.append((channel, driver, knots, len(made)))
                 signatures += made
-        rows = problem.whiten(signatures)
+        rows = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
         first = 0
         for channel, driver, knots, count in spans:
             self._smooths.append(_Smooth(channel, driver, knots, rows[:, first : first + count]))
@@ -71,6 +71,8 @@ class Smooths:
         found = []
         if problem.evidence.gyro_rad is not None:
             found.append(("gyro", [of(Errors(gyro_rad_s=GYRO_UNIT * h)) for h in hats]))
+        if not problem.evidence.has_wheels:
+            return found
         gain = [of(Errors(left_m_s=WHEEL_UNIT * h * m.left_m_s, right_m_s=WHEEL_UNIT * h * m.right_m_s)) for h in hats]
         spread = [of(Errors(left_m_s=-0.5 * WHEEL_UNIT * h * m.left_m_s, right_m_s=0.5 * WHEEL_UNIT * h * m.right_m_s)) for h in hats]  # noqa: E501  # fmt: skip
         half = 0.5 * (m.right_m_s - m.left_m_s)
@@ -99,7 +101,7 @@ class Smooths:
         for smooth in self._smooths:
             if wanted is not None and (smooth.channel, smooth.driver) != wanted:
                 continue
-            S = smooth.rows
+            S = smooth.rows.astype(float)
             C = S.T @ held
             G = S.T @ S - C @ np.linalg.solve(A, C.T)
             gain, value, sigma = _marginal(G, S.T @ cleared, smooth.driver in PERIODIC)
@@ -116,8 +118,9 @@ class Smooths:
         for smooth in self._smooths:
             if (smooth.channel, smooth.driver) == (curve.channel, curve.driver):
                 rows = self._problem.effect_rows([claim])
-                G = smooth.rows.T @ smooth.rows
-                values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), smooth.rows.T @ rows, rcond=None)[0]
+                S = smooth.rows.astype(float)
+                G = S.T @ S
+                values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
                 result: Array = values * _UNITS[curve.channel][1]
                 return result
         raise KeyError(curve.channel, curve.driver)
@@ -198,6 +201,6 @@ def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
         ("left_wheel_phase", m.left_wheel_rad),
         ("right_wheel_phase", m.right_wheel_rad),
     ):
-        if np.ptp(x) > 2 * np.pi:
+        if np.ptp(x) > 2 * np.pi and (name == "heading" or problem.evidence.has_wheels):
             found[name] = (np.mod(x, 2 * np.pi), np.linspace(0.0, 2 * np.pi, KNOTS, endpoint=False))
     return found

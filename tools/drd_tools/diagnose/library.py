@@ -85,14 +85,13 @@ class Library:
 
     def __init__(self, problem: Problem):
         e = problem.evidence
-        has_gyro = e.gyro_rad is not None
-        effects = [x for x in catalogue().values() if x.id not in AUDITED and (has_gyro or x.channel != "gyro")]
+        effects = [x for x in catalogue().values() if x.id not in AUDITED and x.channel in e.channels]
         self.candidates: list[Candidate] = []
         signatures: list[Signature] = []
         for effect in effects:
             for shape in self._shapes(problem, effect):
                 signatures += self._add(problem, effect, shape, len(signatures))
-        self.columns: npt.NDArray[np.float32] = problem.whiten(signatures).astype(np.float32)
+        self.columns: npt.NDArray[np.float32] = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
         self.products: npt.NDArray[np.float32] = self.columns.T @ self.columns
 
     @staticmethod

@@ -6,8 +6,9 @@ sequences in white noise, and what is left is linear regression. (55) to (58)
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -15,14 +16,16 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from drd_tools.diagnose.evidence import Evidence, Noise
+from drd_tools.diagnose.recursion import Recursion
 
 Array = npt.NDArray[np.float64]
 
 STATES: Final = 4
 PARTS: Final = 8  # of a step, in which the heading is followed
-CHUNK: Final = 500  # steps for which inputs are laid out at once
+COLUMNS: Final = 24  # passed at once: so many stay near the processor
 NOWHERE_M2: Final = 1e4  # before the first fix
 NO_HEADING_RAD2: Final = 10.0
+NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading error does leaves gains as they are
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,14 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
 class Linear:
     """The model around `path`, with noise of given sizes. `doubt` (m,) multiplies the variance of each fix."""
 
-    def __init__(self, evidence: Evidence, path: Path, noise: Noise, doubt: Array | None = None):
+    def __init__(
+        self,
+        evidence: Evidence,
+        path: Path,
+        noise: Noise,
+        doubt: Array | None = None,
+        like: "Linear | None" = None,
+    ):
         self.evidence, self.path, self.noise = evidence, path, noise
         self.doubt = np.ones(len(evidence.fix)) if doubt is None else doubt
         self._forward, self._left, self._turn = path.steps()
@@ -104,7 +114,7 @@ class Linear:
         # What a heading error does to x and y in a step.
         self._hx = -self._forward * self._s - self._left * self._c
         self._hy = self._forward * self._c - self._left * self._s
-        self._gain()
+        self._gain(like)
 
     # ---- the data -----------------------------------------------------------------------------------------------
 
@@ -127,13 +137,10 @@ class Linear:
 
     # ---- the filter ---------------------------------------------------------------------------------------------
 
-    def _gain(self) -> None:
-        """Run the covariance, which does not depend on the data, and keep the gains."""
-        e, noise = self.evidence, self.noise
+    def _gain(self, like: "Linear | None") -> None:
+        """Run the covariance, which does not depend on the data, and keep the gains; or take those of `like`."""
+        e = self.evidence
         n, m = len(e.step_s), len(e.fix)
-        self.R_wheels, Q = noise.wheels(e, self._turn), noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)
-        R = np.diag([noise.position_m**2, noise.position_m**2, noise.heading_rad**2])
-        P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
         self._F = np.tile(np.eye(STATES), (n, 1, 1))
         self._F[:, 0, 2], self._F[:, 1, 2], self._F[:, 2, 3] = self._hx, self._hy, -e.step_s
         self._F[:, 0, 3], self._F[:, 1, 3] = -0.5 * e.step_s * self._hx, -0.5 * e.step_s * self._hy
@@ -142,111 +149,169 @@ class Linear:
         k, share = e.fix_step, e.fix_share
         self._H[:, 0, 2], self._H[:, 1, 2] = -share * self._hx[k], -share * self._hy[k]
         self._H[:, 2, 3] = share * e.step_s[k]
-        self._K_wheels, self._sigma = np.zeros((n, STATES)), np.ones(n)
-        self._K, self._L = np.zeros((m, STATES, 3)), np.zeros((m, 3, 3))
-        self._P_after, self._P_before = np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES))
+        if like is not None and self._is_near(like):
+            self._gains: _Gains = like._gains
+        else:
+            self._gains = self._run_covariance()
+
+    def _is_near(self, like: "Linear") -> bool:
+        """Whether gains of the same noise on a path that is nearly the same whiten as well."""
+        if like.noise != self.noise or not np.array_equal(like.doubt, self.doubt):
+            return False
+        largest = max(float(np.abs(h).max()) for h in (self._hx, self._hy))
+        return all(
+            float(np.abs(h - was).max()) <= NEAR_SHARE * largest
+            for h, was in ((self._hx, like._hx), (self._hy, like._hy))
+        )
+
+    def _run_covariance(self) -> "_Gains":
+        e, noise = self.evidence, self.noise
+        n, m, k = len(e.step_s), len(e.fix), e.fix_step
+        R_wheels = noise.wheels(e, self._turn)
+        Q = noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)
+        R = np.diag([noise.position_m**2, noise.position_m**2, noise.heading_rad**2])
+        P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
+        gains = _Gains(
+            np.zeros((n, STATES)), np.ones(n), np.zeros((m, STATES, 3)), np.zeros((m, 3, 3)),
+            np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
+        )  # fmt: skip
         bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
-        self._bounds = bounds
         has_gyro = e.gyro_rad is not None
         for i in range(n):
             if has_gyro:
                 h = float(e.step_s[i])
-                sigma = (h * h * float(P[3, 3]) + float(self.R_wheels[i])) ** 0.5
+                sigma = (h * h * float(P[3, 3]) + float(R_wheels[i])) ** 0.5
                 K = P[:, 3] * (-h / sigma)
-                self._K_wheels[i], self._sigma[i] = K, sigma
+                gains.K_wheels[i], gains.sigma[i] = K, sigma
                 P = P - K[:, None] * K
-            self._P_before[i] = P
+            gains.P_before[i] = P
             F = self._F[i]
             P = F @ P @ F.T + Q[i]
-            self._P_after[i] = P
+            gains.P_after[i] = P
             for j in range(bounds[i], bounds[i + 1]):
                 H = self._H[j]
                 PH = P @ H.T
-                self._L[j] = L = _inverse_root(H @ PH + R * self.doubt[j])
-                self._K[j] = K = PH @ L.T
+                gains.L[j] = L = _inverse_root(H @ PH + R * self.doubt[j])
+                gains.K[j] = K = PH @ L.T
                 P = P - K @ K.T
+        return gains
 
-    def inputs(self, signatures: Sequence[Signature], begin: int, end: int) -> tuple[Array, Array]:
-        """For a chunk of steps: what is added to the state (c, 4, p), and the wheels' turn less the gyro's (c, p)."""
-        c = end - begin
+    @cached_property
+    def _events(self) -> "_Events":
+        """The filter as one recursion. A step's second fix is an event of its own, in which no time passes."""
+        e = self.evidence
+        n, m = len(e.step_s), len(e.fix)
+        first = np.concatenate([[True], np.diff(e.fix_step) > 0])[:m]
+        # Events before a fix: one for each step up to its own, and one for each further fix of a step.
+        later = np.cumsum(~first)
+        of_fix = e.fix_step + later
+        count = n + int((~first).sum())
+        of_step = np.delete(np.arange(count), of_fix[~first])
+        A = np.tile(np.eye(STATES), (count, 1, 1))
+        per_sigma = e.step_s / self._gains.sigma
+        FK = np.einsum("nij,nj->ni", self._F, self._gains.K_wheels)
+        A[of_step] = self._F
+        if e.gyro_rad is not None:
+            A[of_step, :, 3] += FK * per_sigma[:, None]
+        LH = self._gains.L @ self._H
+        LHA = LH @ A[of_fix]
+        A[of_fix] -= self._gains.K @ LHA
+        return _Events(Recursion(A), count, of_step, of_fix, per_sigma, FK, LH, LHA)
 
-        def stacked(channel: int) -> Array:
-            return np.stack(
-                [np.broadcast_to(v[begin:end] if isinstance(v := s.channels[channel], np.ndarray) else v, c)
-                 for s in signatures], axis=1)  # fmt: skip
-
-        e, at = self.evidence, slice(begin, end)
-        left, right, lateral = stacked(1), stacked(2), stacked(3)
+    def _inputs(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
+        """What is added to the state in each step (n, 4, p), and the wheels' turn less the gyro's (n, p)."""
+        e, n = self.evidence, len(self.evidence.step_s)
+        gyro, left, right, lateral = (
+            np.stack([np.broadcast_to(np.asarray(s.channels[i], float), n) for s in signatures], axis=1)
+            for i in range(4)
+        )
         wheels = (right - left) / e.tread_m
-        turn = wheels if e.gyro_rad is None else stacked(0)
+        turn = wheels if e.gyro_rad is None else gyro
         forward = 0.5 * (left + right)
-        cos, sin, hx, hy = (v[at, None] for v in (self._c, self._s, self._hx, self._hy))
-        u = np.empty((c, STATES, left.shape[1]))
+        cos, sin, hx, hy = (v[:, None] for v in (self._c, self._s, self._hx, self._hy))
+        u = np.zeros((n, STATES, left.shape[1]))
         u[:, 0] = forward * cos + lateral * sin + 0.5 * hx * turn
         u[:, 1] = forward * sin - lateral * cos + 0.5 * hy * turn
         u[:, 2] = turn
-        u[:, 3] = 0.0
         return u, (wheels - turn if e.gyro_rad is not None else np.zeros_like(turn))
 
-    def rows(self, signatures: Sequence[Signature]) -> Iterator[tuple[Array, Array]]:
-        """Pass p signatures through the filter, chunk by chunk of steps.
+    def _passed(self, signatures: Sequence[Signature]) -> tuple[Array, Array, Array, Array, Array]:
+        """Rows (n, p) and (m, 3, p) of `whiten`, inputs (n, 4, p), states before each step (n, 4, p) and at the end."""
+        v, has_gyro = self._events, self.evidence.gyro_rad is not None
+        u, wheels = self._inputs(signatures)
+        wheels /= self._gains.sigma[:, None]
+        z = np.zeros((len(self.evidence.fix), 3, len(signatures)))
+        for j, signature in enumerate(signatures):
+            if isinstance(signature.fix, np.ndarray):
+                z[:, :, j] = signature.fix
+        Lz = self._gains.L @ z
+        inputs = np.zeros((v.count, *u.shape[1:]))
+        inputs[v.of_step] = u
+        if has_gyro:
+            inputs[v.of_step] += v.FK[:, :, None] * wheels[:, None]
+        fixes = Lz - v.LH @ inputs[v.of_fix]
+        inputs[v.of_fix] += self._gains.K @ fixes
+        X, last = v.recursion.states(inputs)
+        fixes -= v.LHA @ X[v.of_fix]
+        if has_gyro:
+            wheels += v.per_sigma[:, None] * X[v.of_step, 3]
+        return wheels, fixes, u, X[v.of_step], last
 
-        Gives innovations over their standard deviations: of the wheels against the gyro (c, p), zero without a gyro,
-        and of the chunk's fixes (f, 3, p).
+    def rows(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
+        """Innovations over their standard deviations, (n + 3 m, p): of the wheels against the gyro, 0 without one, then
+        of the fixes.
         """
-        e, bounds, p = self.evidence, self._bounds, len(signatures)
-        X = np.zeros((STATES, p))
-        for begin in range(0, len(e.step_s), CHUNK):
-            end = min(begin + CHUNK, len(e.step_s))
-            u, wheels = self.inputs(signatures, begin, end)
-            wheels /= self._sigma[begin:end, None]
-            first = bounds[begin]
-            fixes = np.zeros((bounds[end] - first, 3, p))
-            for j, signature in enumerate(signatures):
-                if isinstance(signature.fix, np.ndarray):
-                    fixes[:, :, j] = signature.fix[first : bounds[end]]
-            per_sigma = (e.step_s / self._sigma)[begin:end].tolist()
-            for i in range(begin, end):
-                if e.gyro_rad is not None:
-                    w = wheels[i - begin]
-                    w += per_sigma[i - begin] * X[3]
-                    X += self._K_wheels[i][:, None] * w
-                X = self._F[i] @ X
-                X += u[i - begin]
-                for j in range(bounds[i], bounds[i + 1]):
-                    w = self._L[j] @ (fixes[j - first] - self._H[j] @ X)
-                    fixes[j - first] = w
-                    X += self._K[j] @ w
-            yield wheels, fixes
+        n = len(self.evidence.step_s)
+        rows: Array = np.empty((n + 3 * len(self.evidence.fix), len(signatures)), dtype)
+        for i in range(0, len(signatures), COLUMNS):
+            wheels, fixes, *_ = self._passed(signatures[i : i + COLUMNS])
+            rows[:n, i : i + COLUMNS] = wheels
+            rows[n:, i : i + COLUMNS] = fixes.reshape(-1, wheels.shape[1])
+        return rows
 
     def whiten(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
-        """All rows at once: (n, p) and (m, 3, p)."""
-        parts = list(self.rows(signatures))
-        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+        """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
+        rows, n = self.rows(signatures), len(self.evidence.step_s)
+        return rows[:n], rows[n:].reshape(-1, 3, len(signatures))
 
-    def smoothed(self) -> Path:
-        """The path, corrected by what the data say of it (Rauch, Tung and Striebel)."""
-        e = self.evidence
-        n = len(e.step_s)
-        data = self.data()
-        u, wheels = self.inputs([data], 0, n)
-        X = np.zeros(STATES)
-        after, before = np.zeros((n, STATES)), np.zeros((n + 1, STATES))
-        for i in range(n):
-            if e.gyro_rad is not None:
-                X = X + self._K_wheels[i] * ((wheels[i, 0] + e.step_s[i] * X[3]) / self._sigma[i])
-            before[i] = X
-            X = self._F[i] @ X + u[i, :, 0]
-            after[i] = X
-            for j in range(self._bounds[i], self._bounds[i + 1]):
-                X = X + self._K[j] @ (self._L[j] @ (data.fix[j] - self._H[j] @ X))  # type: ignore[index]
-        state = before
-        state[n] = X
-        P = self._P_after + 1e-18 * np.eye(STATES)
-        G = np.linalg.solve(P, self._F @ self._P_before).transpose(0, 2, 1)
-        for i in range(n - 1, -1, -1):
-            state[i] += G[i] @ (state[i + 1] - after[i])
-        return Path(self.path.pose + state[:, :3])
+    def smoothed(self, data: Signature | None = None) -> Path:
+        """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
+        wheels, _, u, X, last = self._passed([self.data() if data is None else data])
+        before = X[:, :, 0] + self._gains.K_wheels * wheels
+        after = np.einsum("nij,nj->ni", self._F, before) + u[:, :, 0]
+        P = self._gains.P_after + 1e-18 * np.eye(STATES)
+        G = np.linalg.solve(P, self._F @ self._gains.P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
+        v = before - np.einsum("nij,nj->ni", G, after)
+        states, first = Recursion(G[::-1]).states(v[::-1, :, None], last)
+        return Path(self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
+
+
+@dataclass(frozen=True)
+class _Gains:
+    """Of the wheels: K over sigma (n, 4), sigma (n,). Of the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P (n, 4, 4)
+    after the wheels and after the step.
+    """
+
+    K_wheels: Array
+    sigma: Array
+    K: Array
+    L: Array
+    P_before: Array
+    P_after: Array
+
+
+@dataclass(frozen=True)
+class _Events:
+    """The recursion of `count` events, which of them are steps (n,) and fixes (m,), and what their inputs pass."""
+
+    recursion: Recursion
+    count: int
+    of_step: npt.NDArray[np.intp]
+    of_fix: npt.NDArray[np.intp]
+    per_sigma: Array
+    FK: Array
+    LH: Array
+    LHA: Array
 
 
 def _inverse_root(S: Array) -> Array:

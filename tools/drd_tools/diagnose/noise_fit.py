@@ -33,7 +33,13 @@ def tempered(problem: Problem, left: Array) -> Temper:
 
 
 def _untempered(problem: Problem, left: Array) -> tuple[Array, Array]:
-    """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them."""
+    """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them.
+
+    Without wheels only the fixes' headings are there.
+    """
+    if not problem.evidence.has_wheels:
+        headings = left[len(left) - len(problem.evidence.fix) :]
+        return left[:0], np.outer(headings, (0.0, 0.0, problem.temper.fixes[2]))
     n = len(left) - 3 * len(problem.evidence.fix)
     return left[:n] * problem.temper.wheels, left[n:].reshape(-1, 3) * np.array(problem.temper.fixes)
 

@@ -13,23 +13,24 @@ LOOSER: Final = 10.0
 ROUNDS: Final = 2
 
 
-def follow(e: Evidence, near: Path | None = None) -> Path:
-    """Dead-reckon, then bend the path to the fixes, with sensors that are trusted less than their sheets say.
-
-    `near`: a path that is near already, and is bent once more.
-    """
+def follow(e: Evidence) -> Path:
+    """Dead-reckon, then bend the path to the fixes, with sensors that are trusted less than their sheets say."""
     turn = (e.right_m - e.left_m) / e.tread_m
     if e.gyro_rad is not None:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
         bias = float(e.gyro_rad[known].sum() / e.step_s[known].sum()) if known.any() else 0.0
         turn = e.gyro_rad - bias * e.step_s
-    path = (
-        near
-        if near is not None and len(e.fix)
-        else dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
-    )
-    if not len(e.fix):
-        return path
+    path = dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
+    for _ in range(ROUNDS if len(e.fix) else 0):
+        path = loosened(e, path).smoothed()
+    return path
+
+
+def loosened(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
+    """The model around a path by which it is bent to the fixes; `like`: one whose gains serve where it is near.
+
+    With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
+    """
     sheet = e.sheet
     loose = replace(
         sheet,
@@ -38,6 +39,4 @@ def follow(e: Evidence, near: Path | None = None) -> Path:
         slip_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
         lateral_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
     )
-    for _ in range(ROUNDS if near is None else 1):
-        path = Linear(e, path, loose).smoothed()
-    return path
+    return Linear(e, path, loose, like=like)

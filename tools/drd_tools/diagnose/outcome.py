@@ -16,7 +16,7 @@ from drd_tools.diagnose.finding import Finding
 from drd_tools.diagnose.problem import SCALE, Problem
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run
-from drd_tools.evaluate.trajectory import Poses, read_reference
+from drd_tools.evaluate.trajectory import Poses, reference_of
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
@@ -102,9 +102,11 @@ def _model(effects: list[dict[str, Any]], recording: Recording, names: str, vers
         "wheel": {"radius_m": nominal.wheel.radius_m, "counts_per_revolution": nominal.wheel.counts_per_revolution},
         "tread_m": nominal.tread_m,
     }
-    if nominal.wheel.counts_per_revolution is None:
+    if recording.wheels is None:
+        robot = {}
+    elif nominal.wheel.counts_per_revolution is None:
         del robot["wheel"]["counts_per_revolution"]  # type: ignore[attr-defined]
-    sha = recording.sha256.get("encoders.csv", "")
+    sha = recording.sha256.get("encoders.csv") or next(iter(recording.sha256.values()), "")
     return make_model(effects, robot, recording=names, tool=f"drd diagnose {version}", sha256=sha)
 
 
@@ -116,7 +118,7 @@ def judged(recording: Recording, model: Path | None) -> tuple[Run | None, npt.ND
     covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
     poses = Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance)
     try:
-        return judge(poses, read_reference(recording.folder)), rows
+        return judge(poses, reference_of(recording)), rows
     except ConfigError:
         return None, rows  # start and end only, the start before the first pose
 

@@ -88,9 +88,11 @@ def _path(axes: Any, path: Section, windows: Windows) -> None:
 
 def _distance(axes: Any, path: Section, windows: Windows) -> None:
     reference = path["reference"]
-    if reference is None or not reference["time_s"].size:
+    has_reference = reference is not None and reference["time_s"].size
+    if not has_reference or not path["nominal"]["time_s"].size:
         axes.set_axis_off()
-        axes.text(0.5, 0.5, "no reference", color=GREY, ha="center", transform=axes.transAxes)
+        why = "no wheels, so no path of its own" if has_reference else "no reference"
+        axes.text(0.5, 0.5, why, color=GREY, ha="center", transform=axes.transAxes)
         return
     looks: dict[str, Any] = {
         "nominal": {"color": BLUE if path["corrected"] is None else VERMILION, "linewidth": 1.2},

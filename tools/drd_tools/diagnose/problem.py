@@ -2,20 +2,19 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors, Parameter
-from drd.effects.motion import Motion
 from drd_tools.diagnose.columns import Signatures, nuisances
 from drd_tools.diagnose.evidence import Evidence, Noise
 from drd_tools.diagnose.linear import Linear, Path, Signature
-from drd_tools.diagnose.nominal_path import follow
+from drd_tools.diagnose.nominal_path import follow, loosened
 
 Array = npt.NDArray[np.float64]
 Values = Mapping[str, float | str]
@@ -27,9 +26,8 @@ Wanted = tuple[Effect, Values, str]
 # constant scale error where the form is known up to one only.
 BIAS: Final = Parameter("bias", "rad/s", "the gyro's own bias", 1e-6, 1e-2, linear=False)
 SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5, 0.05)
-CACHED: Final = 800
+CACHED_BYTES: Final = 300e6
 CLEARINGS: Final = 2
-READOUT_SMOOTHING_S: Final = 0.4
 FORM: Final = "form "
 
 
@@ -107,12 +105,14 @@ class Problem:
         doubt: Array | None = None,
         cleared: Evidence | None = None,
         temper: Temper = UNTEMPERED,
+        near: "Problem | None" = None,
     ):
         self.evidence = evidence
         self.path = follow(evidence) if path is None else path
         self.noise = evidence.sheet if noise is None else noise
         self.doubt, self.temper = doubt, temper
-        self.linear = Linear(evidence, self.path, self.noise, doubt)
+        self.linear: Linear = Linear(evidence, self.path, self.noise, doubt, None if near is None else near.linear)
+        self._loose: Linear | None = None if near is None else near._loose
         self.signatures = Signatures(evidence if cleared is None else cleared, self.path)
         self.nuisances = nuisances(evidence, self.path)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
@@ -120,6 +120,13 @@ class Problem:
         self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
         self._cache: dict[Key, Array] = {}
         self._form_counts: dict[str, int] = {}
+        self._rows: npt.NDArray[np.bool_] | None = None
+
+    def part(self, rows: npt.NDArray[np.bool_], data: Array) -> "Problem":
+        """The same with some rows only, of `data` (r,)."""
+        made = copy(self)
+        made._rows, made.data, made.nuisance = rows, data[rows], self.nuisance[rows]
+        return made
 
     @property
     def per_parameter(self) -> float:
@@ -137,8 +144,11 @@ class Problem:
 
     def around(self, claims: Sequence[Claim]) -> "Problem":
         """The same around the path, and along the motion, that the sensors tell once the claims are taken off."""
-        cleared = self._cleared(claims)
-        return Problem(self.evidence, follow(cleared, self.path), self.noise, self.doubt, cleared, self.temper)
+        cleared, path = self._cleared(claims), self.path
+        if len(cleared.fix):
+            self._loose = loosened(cleared, path, self._loose)
+            path = self._loose.smoothed()
+        return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.temper, near=self)
 
     def _cleared(self, claims: Sequence[Claim]) -> Evidence:
         """The evidence without the claims: what, with them added, gives the readings."""
@@ -163,40 +173,42 @@ class Problem:
             signatures = Signatures(clear, self.path)
             added = Signature()
             for claim in claims:
-                added = added + signatures.of(self._errors(signatures.motion, claim.effect, claim.values))
+                added = added + signatures.of(self._errors(signatures, claim.effect, claim.values))
         return clear
 
     @staticmethod
-    def _errors(motion: Motion, effect: Effect, values: Values) -> Errors:
+    def _errors(signatures: Signatures, effect: Effect, values: Values) -> Errors:
+        motion = signatures.motion
         if effect.acts_on is ActsOn.READOUT:
-            # Smoothed: small rates with the gyro's own noise in them would be correlated with what they explain.
-            step_s = float(motion.time_s[1] - motion.time_s[0])
-            rate = gaussian_filter1d(motion.rate_rad_s, READOUT_SMOOTHING_S / step_s)
-            motion = replace(motion, rate_rad_s=rate + float(values.get(BIAS.name, 0.0)))
+            motion = replace(motion, rate_rad_s=signatures.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
         errors = effect.error(motion, values)
         if SCALE.name in values:
             errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + float(values[SCALE.name]) * motion.rate_rad_s)
         return errors
 
-    def whiten(self, signatures: Sequence[Signature]) -> Array:
-        """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes."""
-        wheels, fixes = self.linear.whiten(signatures)
-        wheels, fixes = wheels / self.temper.wheels, fixes / np.array(self.temper.fixes)[:, None]
-        p = wheels.shape[1]
-        return np.concatenate([wheels if self.evidence.gyro_rad is not None else wheels[:0], fixes.reshape(-1, p)])
+    def whiten(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
+        """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes.
+
+        Those of absent sensors are left out: without a gyro the first, without wheels the fixes' positions, and of the
+        first all but those at standstill.
+        """
+        rows, n = self.linear.rows(signatures, dtype), len(self.evidence.step_s)
+        rows[:n] /= self.temper.wheels
+        rows[n:] /= np.tile(self.temper.fixes, len(self.evidence.fix))[:, None]
+        return rows[self.evidence.telling]
 
     @property
     def row_time_s(self) -> Array:
         """When each row is, (r,)."""
         e = self.evidence
         fixes = np.repeat(e.time_s[e.fix_step], 3)
-        return np.concatenate([e.time_s, fixes]) if e.gyro_rad is not None else fixes
+        return np.concatenate([e.time_s, fixes])[e.telling]
 
     # ---- signatures of effects, whitened ------------------------------------------------------------------------
 
     def signature(self, effect: Effect, values: Values) -> Signature:
         """What an effect with these parameters adds."""
-        return self.signatures.of(self._errors(self.signatures.motion, effect, values))
+        return self.signatures.of(self._errors(self.signatures, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Signature:
         """Of a unit of a linear parameter ("": there is none), or one of the other forms."""
@@ -214,11 +226,12 @@ class Problem:
         keys: list[Key] = [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
         missing = {key: i for i, key in enumerate(keys) if key not in self._cache}
         if missing:
-            if len(self._cache) > CACHED:
+            if len(self._cache) * 8 * len(self.data) > CACHED_BYTES:
                 self._cache = {key: self._cache[key] for key in keys if key in self._cache}
-            made = self.whiten([self.unit(*wanted[i]) for i in missing.values()])
-            self._cache.update({key: np.ascontiguousarray(made[:, j]) for j, key in enumerate(missing)})
-        return [self._cache[key] for key in keys]
+            rows = self.whiten([self.unit(*wanted[i]) for i in missing.values()])
+            self._cache.update({key: np.ascontiguousarray(rows[:, j]) for j, key in enumerate(missing)})
+        made = [self._cache[key] for key in keys]
+        return made if self._rows is None else [row[self._rows] for row in made]
 
     def forms(self, claim: Claim) -> Array:
         """Other shapes of a claim's cause, (r, s), each as large as the claim itself."""

@@ -100,10 +100,32 @@ def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, 
     C = soft.T @ T
     S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
     g = T.T @ fit.left
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    inverse = np.linalg.pinv(S * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
+    inverse = _inverse(S)
     moves = inverse @ g
     return replace(fit, claims=_with_covariance(claims, inverse)), moves, cost - 0.5 * float(g @ moves)
+
+
+def responses(problem: Problem, fit: Fit) -> Array:
+    """What other shapes of the claims' causes, each as large as its claim, move the claims' free parameters by.
+
+    Shape (k, s): the rows are the parameters of all claims.
+    """
+    claims = fit.claims
+    T = problem.tangents(claims)
+    soft = np.column_stack([problem.nuisance, *(soft_forms(problem, claim) for claim in claims)])
+    F = np.column_stack([np.zeros((len(T), 0)), *(problem.forms(claim) for claim in claims)])
+    A = soft.T @ soft + np.eye(soft.shape[1])
+    C = soft.T @ T
+    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in claims)])
+    S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
+    b = T.T @ F - C.T @ np.linalg.solve(A, soft.T @ F)
+    return _inverse(S) @ b
+
+
+def _inverse(S: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+    inverse: Array = np.linalg.pinv(S * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
+    return inverse
 
 
 def soft_forms(problem: Problem, claim: Claim) -> Array:

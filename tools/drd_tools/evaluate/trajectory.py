@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from drd.schema import ConfigError
 from drd.units import RAD_PER_DEG
-from drd_tools.recordings.folder import POSES, read_recording, read_table
+from drd_tools.recordings.folder import POSES, Recording, read_recording, read_table
 
 Array = npt.NDArray[np.float64]
 
@@ -127,10 +127,15 @@ def read_reference(path: Path, position_sigma_m: float | None = None, heading_si
         pose = np.column_stack([x_m, y_m, continuous(heading_deg * RAD_PER_DEG)])
         sigma_rad = (heading_sigma_deg or 0.0) * RAD_PER_DEG
         return Reference(path.stem, time_s, pose, position_sigma_m or 0.0, sigma_rad, None, hash_of(path))
-    recording = read_recording(path)
+    return reference_of(read_recording(path), position_sigma_m, heading_sigma_deg)
+
+
+def reference_of(recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
+    """The reference of a recording that was read. Raises ConfigError where there is none."""
     log, sheet, fog = recording.reference, recording.nominal.reference, recording.fog
     if log is None or len(log.time_s) < 2:
-        raise ConfigError(str(path), "reference.csv", "a reference of at least 2 rows", "none" if log is None else "1")
+        got = "none" if log is None else "1"
+        raise ConfigError(str(recording.folder), "reference.csv", "a reference of at least 2 rows", got)
     sigma_m = sheet.position_sigma_m if position_sigma_m is None else position_sigma_m
     sigma_deg = sheet.heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
     return Reference(
@@ -140,7 +145,7 @@ def read_reference(path: Path, position_sigma_m: float | None = None, heading_si
         sigma_m or 0.0,
         (sigma_deg or 0.0) * RAD_PER_DEG,
         (fog.time_s, fog.temperature_c) if fog is not None and fog.temperature_c is not None else None,
-        recording.sha256["reference.csv"],
+        next((digest for name, digest in recording.sha256.items() if name.endswith("reference.csv")), ""),
     )
 
 

@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.config import Config
 from drd.model import Term
 from drd.nominal import Nominal as Nominal  # noqa: PLC0414  # found here, too
+from drd.nominal import Wheelless
 from drd.schema import ConfigError, Loaded, load
 from drd.units import RAD_PER_DEG
 
@@ -34,13 +36,17 @@ class FogLog:
 
 @dataclass(frozen=True)
 class EncoderLog:
-    """Wheel motion, shape (n,) each, n >= 2: cumulative counts, or else speeds over the interval that ends there."""
+    """Wheel motion, shape (n,) each, n >= 2: cumulative counts, or else speeds over the interval that ends there.
+
+    `is_lost` (n,): nothing is known of the travel since the row before; None: all of it is known.
+    """
 
     time_s: Array
     left_counts: Array | None
     right_counts: Array | None
     left_rad_s: Array | None
     right_rad_s: Array | None
+    is_lost: npt.NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -55,26 +61,36 @@ class ReferenceLog:
 
 @dataclass(frozen=True)
 class Recording:
-    """A whole folder. `sha256` has the hash of each file that was read.
+    """A whole folder, or a file that the daemon recorded. `sha256` has the hash of each file that was read.
 
-    `model`: the model file that changed the nominal robot, `terms` the effects that it adds, `notes` sentences about
-    those that are left out.
+    `wheels`: None where the robot has no encoders; its radius and tread are NaN then, if robot.yaml does not say.
+    `config`: the daemon's configuration that was in force, where it is known. `model`: the model file that changed the
+    nominal robot, `terms` the effects that it adds, `notes` sentences about those that are left out.
     """
 
     folder: Path
     nominal: Nominal
-    encoders: EncoderLog
+    wheels: EncoderLog | None
     fog: FogLog | None
     reference: ReferenceLog | None
     sha256: dict[str, str]
     model: Path | None = None
     terms: tuple[Term, ...] = ()
     notes: tuple[str, ...] = ()
+    config: Config | None = None
 
     @property
     def name(self) -> str:
-        """The folder's name."""
-        return self.folder.resolve().name
+        """The folder's name, or the file's without its ending."""
+        path = self.folder.resolve()
+        return path.stem if path.suffix == ".mcap" else path.name
+
+    @property
+    def encoders(self) -> EncoderLog:
+        """The wheels' log, for those who cannot do without. Raises ConfigError where there is none."""
+        if self.wheels is None:
+            raise ConfigError(str(self.folder), "encoders.csv", "this file in the folder", "none")
+        return self.wheels
 
     def wheel_angles_rad(self) -> tuple[Array, Array]:
         """How far the left and the right wheel have turned since the first row, rad, shape (n,) each."""
@@ -93,17 +109,19 @@ def read_recording(folder: Path) -> Recording:
     if not folder.is_dir():
         raise ConfigError(str(folder), "", "a recording folder", "a file" if folder.exists() else "nothing there")
     names = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv")
-    for name in names[:2]:
-        if not (folder / name).exists():
-            raise ConfigError(str(folder), name, "this file in the folder", "none")
-    loaded = load(folder / "robot.yaml", Nominal)
     sha256 = {name: file_hash(folder / name) for name in names if (folder / name).exists()}
+    if "robot.yaml" not in sha256 or not sha256.keys() & {"encoders.csv", "fog.csv"}:
+        name = "robot.yaml" if "robot.yaml" not in sha256 else "encoders.csv"
+        raise ConfigError(str(folder), name, "this file in the folder", "none")
+    has_wheels = "encoders.csv" in sha256
+    robot = folder / "robot.yaml"
+    loaded = load(robot, Nominal) if has_wheels else Loaded(load(robot, Wheelless).value.nominal(), {})
     return Recording(
         folder,
         loaded.value,
-        _read_encoders(folder / "encoders.csv", loaded),
+        _read_encoders(folder / "encoders.csv", loaded) if has_wheels else None,
         _read_fog(folder / "fog.csv") if "fog.csv" in sha256 else None,
-        _read_reference(folder / "reference.csv") if "reference.csv" in sha256 else None,
+        read_reference_log(folder / "reference.csv") if "reference.csv" in sha256 else None,
         sha256,
     )
 
@@ -205,7 +223,8 @@ def _read_fog(file: Path) -> FogLog:
     return FogLog(table.values[:, 0], table.values[:, 1] * RAD_PER_DEG, temperature_c)
 
 
-def _read_reference(file: Path) -> ReferenceLog:
+def read_reference_log(file: Path) -> ReferenceLog:
+    """Read a reference.csv. Raises ConfigError."""
     time_s, x_m, y_m, heading_deg = read_table(file, (POSES,)).values.T
     heading_rad = heading_deg * RAD_PER_DEG
     # More than a turn in all: whole turns are in the file, and sparse rows may truly be more than half a turn apart.

@@ -135,7 +135,7 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
         assert log.right_rad_s is not None
         left_m = log.left_rad_s[1:] * robot.wheel_radius_m * robot.left_scale * step_s
         right_m = log.right_rad_s[1:] * robot.wheel_radius_m * robot.right_scale * step_s
-    gaps = step_ns > gap_ns
+    gaps = step_ns > gap_ns if log.is_lost is None else (step_ns > gap_ns) | log.is_lost[1:]
     # As the daemon's counters: rows that were written in bunches may carry a whole period's travel each.
     largest_m = robot.max_speed_m_s * np.maximum(step_s, 1.0 / config.encoders.rate_hz)
     jumps = ~gaps & (np.maximum(np.abs(left_m), np.abs(right_m)) > largest_m)

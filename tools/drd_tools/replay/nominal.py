@@ -22,7 +22,7 @@ from drd.config import (
 )
 from drd.config_file import load_config
 from drd.model import Model, check_geometry, load_model
-from drd.nominal import FogSheet
+from drd.nominal import FogSheet, Nominal
 from drd.schema import ConfigError, Loaded
 from drd_tools.recordings.folder import Recording
 
@@ -74,7 +74,8 @@ def with_model(recording: Recording, file: Path) -> Recording:
     """The recording, its nominal model changed by the model file, with the file's effects. Raises ConfigError."""
     model = load_model(file)
     nominal = overlay(recording.nominal, model.robot)
-    if recording.encoders.left_counts is not None and nominal.wheel.counts_per_revolution is None:
+    wheels = recording.wheels
+    if wheels is not None and wheels.left_counts is not None and nominal.wheel.counts_per_revolution is None:
         path = "wheel.counts_per_revolution"
         raise ConfigError(model.robot.place(path), path, "a number, since encoders.csv has counts", "null")
     return _with_terms(replace(recording, nominal=nominal), model, file)
@@ -96,8 +97,13 @@ def _with_terms(recording: Recording, model: Model, file: Path) -> Recording:
 
 
 def configuration(recording: Recording) -> Config:
-    """The daemon's configuration that robot.yaml stands for. Nothing in it comes from the recorded motion."""
+    """The daemon's configuration that robot.yaml stands for. Nothing in it comes from the recorded motion.
+
+    Of a recording that the daemon made, the configuration that was in force.
+    """
     nominal = recording.nominal
+    if recording.config is not None:
+        return _as_believed(recording.config, nominal)
     sheet, bias_s = data_sheet(nominal.fog), nominal.standstill_at_start_s
     wheels_hz = nominal.encoders.rate_hz or _rate_hz(recording.encoders.time_s)
     gyro_hz = sheet.rate_hz or (_rate_hz(recording.fog.time_s) if recording.fog is not None else 10.0)
@@ -133,6 +139,13 @@ def configuration(recording: Recording) -> Config:
         reorder_s=max(Estimation.reorder_s, 2.5 / gyro_hz),
     )
     return Config(robot=robot, fog=_stated(fog, sheet, FOG_KEYS), encoders=encoders, estimation=estimation)
+
+
+def _as_believed(config: Config, nominal: Nominal) -> Config:
+    """The configuration with the robot's geometry, which a model file may have changed."""
+    robot = replace(config.robot, wheel_radius_m=nominal.wheel.radius_m, tread_m=nominal.tread_m)
+    encoders = replace(config.encoders, counts_per_revolution=nominal.wheel.counts_per_revolution)
+    return replace(config, robot=robot, encoders=encoders)
 
 
 def data_sheet(fog: FogSheet) -> FogSheet:

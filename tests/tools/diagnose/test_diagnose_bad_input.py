@@ -1,0 +1,180 @@
+"""Damaged and absurd recordings: an answer or one clear error, never anything else."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from diagnosis_drives import claim, recorded, simulated
+from diagnosis_runs import written
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drd.cli import main
+from drd.schema import ConfigError
+from drd_tools.diagnose.audit import audit
+from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.grids import MOST_STEPS
+from drd_tools.recordings.folder import EncoderLog, FogLog, Recording
+from drd_tools.simulate.conditions import Conditions, Reference
+
+Array = npt.NDArray[np.float64]
+SHORT = ("slalom", 25.0)
+VALUES = {"fog": ("rate_rad_s",), "wheels": ("left_counts", "right_counts"), "reference": ("x_m", "y_m", "heading_rad")}
+
+
+@lru_cache
+def short(reference: str) -> Recording:
+    return simulated(SHORT, 1, conditions=Conditions(reference=Reference.parse(reference))).recording
+
+
+def changed(recording: Recording, which: str, keep: Array, shift_s: float = 0.0, factor: float = 1.0) -> Recording:
+    """With these rows of a log, later and larger."""
+    log = getattr(recording, which)
+    columns = {name: getattr(log, name)[keep] * factor for name in VALUES[which]}
+    if which == "fog":
+        columns["temperature_c"] = log.temperature_c[keep]
+    return replace(recording, **{which: replace(log, time_s=log.time_s[keep] + shift_s, **columns)})
+
+
+@st.composite
+def damaged(draw: Any) -> Recording:
+    recording = short(draw(st.sampled_from(["full", "sparse:5"])))
+    for which in VALUES:
+        n = len(getattr(recording, which).time_s)
+        begin, end = sorted(draw(st.tuples(st.integers(0, n - 1), st.integers(0, n - 1))))
+        inside = (np.arange(n) >= begin) & (np.arange(n) <= end)
+        keep = draw(st.sampled_from([np.ones(n, bool), np.ones(n, bool), inside, ~inside]))
+        keep[:2] |= which == "wheels"  # the form asks for two rows
+        shift_s, factor = (
+            draw(st.sampled_from([0.0, 0.0, 0.0, 3.0, 1e4])),
+            draw(st.sampled_from([1.0, 1.0, 0.0, -1.0, 1e6])),
+        )
+        if draw(st.booleans()):
+            recording = changed(recording, which, keep, shift_s, factor)
+        elif draw(st.integers(0, 4)) == 0:
+            absent: dict[str, Any] = {which: None}
+            recording = replace(recording, **absent)
+    if draw(st.booleans()):
+        nominal = recording.nominal
+        encoders = replace(nominal.encoders, slip_noise_m_per_sqrt_m=0.0)
+        reference = replace(nominal.reference, position_sigma_m=0.0, heading_sigma_deg=0.0)
+        fog = replace(nominal.fog, angle_random_walk_deg_per_sqrt_h=0.0, bias_repeatability_deg_s=0.0)
+        recording = replace(recording, nominal=replace(nominal, encoders=encoders, reference=reference, fog=fog))
+    return recording
+
+
+@settings(deadline=None, max_examples=10)
+@given(damaged())
+def test_whatever_is_damaged_is_answered_or_refused(recording: Recording) -> None:
+    try:
+        conclusion = diagnose(recording).conclusion
+    except ConfigError:
+        return
+    for finding in conclusion.findings:
+        assert np.isfinite(finding.gain_nats)
+        assert 0.0 < finding.family_wise_p <= 1.0
+
+
+ROW = "time_s,left_counts,right_counts\n0,0,0\n"
+FLAT = "time_s,left_counts,right_counts\n" + "".join(f"{0.05 * k:.2f},7,7\n" for k in range(500))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "told"),
+    [
+        ("encoders.csv", lambda _: "", "encoders.csv: .*an empty file"),
+        ("encoders.csv", lambda _: ROW, "encoders.csv: .*at least 2 rows of numbers, got 1"),
+        ("encoders.csv", lambda t: t.replace("\n1.", "\nnan", 1), r"encoders.csv:\d+: time_s: .*finite number"),
+        ("fog.csv", lambda t: t[: t.index("\n", 60) + 1], "fog.csv: .*at least 2 rows|at least 10 steps"),
+        ("fog.csv", lambda t: "\n".join([*t.splitlines()[:20], t.splitlines()[5]]), r"fog.csv:21: time_s: .*after"),
+        ("fog.csv", lambda t: "\n".join(t.splitlines()[:6]), "at least 10 steps of all sensors together, got 5"),
+        ("reference.csv", lambda _: "time_s,x_m,y_m,heading_deg\n900,0,0,0\n", "reference.csv: time_s: .*overlap"),
+        ("reference.csv", lambda _: "time_s,x_m,y_m,heading_deg\n1,0,0,0\n2,9e9,0,0\n", "reference.csv: speed in m/s"),
+        ("robot.yaml", lambda _: "", "robot.yaml: wheel.radius_m: .*required"),
+        ("robot.yaml", lambda t: t.replace("tread_m:", "tread_mm:"), r"robot.yaml:\d+: tread_mm: .*unknown key"),
+    ],
+)  # fmt: skip
+def test_the_error_names_file_line_expected_and_got(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, change: Callable[[str], str], told: str
+) -> None:
+    run = written(tmp_path / "run", drive=SHORT)
+    (run / name).write_text(change((run / name).read_text()))
+    assert main(["diagnose", str(run), "--output", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    assert captured.err.startswith("drd diagnose: ")
+    with pytest.raises(AssertionError, match=told):  # what was told, searched
+        raise AssertionError(captured.err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_three_seconds_of_data_are_an_answer() -> None:
+    recording = short("full")
+    for which in VALUES:
+        time_s = getattr(recording, which).time_s
+        recording = changed(recording, which, (time_s >= 12.0) & (time_s <= 15.0))
+    assert diagnose(recording).conclusion.findings == []
+
+
+@pytest.mark.parametrize("factor", [0.0])
+def test_counts_that_are_all_zero_while_the_gyro_turns_are_no_standstill_of_the_model(factor: float) -> None:
+    """Both counters dead: the wheels disagree with everything, which is told in some form."""
+    n = len(short("full").encoders.time_s)
+    found = diagnose(changed(short("full"), "wheels", np.ones(n, bool), factor=factor)).conclusion.findings
+    assert found
+
+
+def test_days_of_standstill_take_bounded_steps() -> None:
+    time_s = np.arange(1.0, 2 * 86_400.0, 0.1)
+    rate = np.random.default_rng(1).normal(0.0, 1e-4, len(time_s)) + 1e-4
+    zeros = np.zeros(len(time_s))
+    recording = replace(
+        short("full"),
+        fog=FogLog(time_s, rate, None),
+        wheels=EncoderLog(time_s, zeros, zeros, None, None),
+        reference=None,
+    )
+    e = gather(recording)
+    assert len(e.time_s) <= MOST_STEPS
+    assert e.gyro_rad is not None
+    # Whatever is added up, the whole angle stays.
+    assert e.gyro_rad.sum() == pytest.approx(float(rate.sum()) * 0.1, rel=1e-9)
+    assert e.step_s.sum() == pytest.approx(len(time_s) * 0.1, rel=1e-9)
+    assert e.still.all()
+
+
+def test_a_fast_gyro_is_added_up_to_steps() -> None:
+    base = short("full")
+    assert base.fog is not None
+    time_s: Array = np.arange(1.0, 20_001.0) * 1e-3
+    rate = np.asarray(np.interp(time_s, base.fog.time_s, base.fog.rate_rad_s), np.float64)
+    e = gather(replace(base, fog=FogLog(time_s, rate, None)))
+    assert len(e.time_s) == 1000
+    assert e.gyro_rad is not None
+    assert e.gyro_rad.sum() == pytest.approx(float(rate.sum()) * 1e-3, rel=1e-9)
+
+
+@pytest.mark.parametrize("which", ["fog", "wheels"])
+@pytest.mark.parametrize("length_s", [0.3, 2.0, 10.0])
+@pytest.mark.parametrize("drive", [("slalom", 90.0), ("square-cw", 120.0)])
+def test_a_hole_in_a_log_is_no_physics(which: str, length_s: float, drive: tuple[str, float]) -> None:
+    recording = recorded(drive, 2)
+    time_s = getattr(recording, which).time_s
+    recording = changed(recording, which, (time_s < 40.02) | (time_s > 40.02 + length_s))
+    assert audit(recording, gather(recording)).events == []
+    assert diagnose(recording).conclusion.findings == []
+
+
+def test_an_effect_is_found_beside_holes() -> None:
+    recording = recorded(("slalom", 120.0), 2, claim("gyro_scale_error", k=0.003))
+    for which, begin_s in (("fog", 40.02), ("wheels", 70.02), ("fog", 90.02)):
+        time_s = getattr(recording, which).time_s
+        recording = changed(recording, which, (time_s < begin_s) | (time_s > begin_s + 3.0))
+    (found,) = diagnose(recording).conclusion.findings
+    assert "gyro_scale_error" in (found.effect, *found.also_fits)

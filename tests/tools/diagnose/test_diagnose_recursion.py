@@ -1,0 +1,31 @@
+"""Linear recursions in blocks: the same as step by step."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drd_tools.diagnose.recursion import Recursion
+
+
+@settings(deadline=None)
+@given(st.integers(1, 60), st.integers(1, 4), st.integers(1, 3), st.integers(0, 2**32 - 1), st.booleans())
+def test_blocks_give_what_single_steps_give(n: int, k: int, p: int, seed: int, begins: bool) -> None:
+    rng = np.random.default_rng(seed)
+    A, v = rng.standard_normal((n, k, k)) * 0.5, rng.standard_normal((n, k, p))
+    x = start = rng.standard_normal((k, p)) * begins
+    before = []
+    for i in range(n):
+        before.append(x)
+        x = A[i] @ x + v[i]
+    states, last = Recursion(A).states(v, start)
+    scale = max(1.0, float(np.abs(before).max()), float(np.abs(x).max()))
+    np.testing.assert_allclose(states, before, rtol=0.0, atol=1e-12 * scale)
+    np.testing.assert_allclose(last, x, rtol=0.0, atol=1e-12 * scale)
+
+
+def test_states_that_grow_without_bound_stay_exact() -> None:
+    # An error that is never corrected adds up over hours.
+    n = 40000
+    states, last = Recursion(np.ones((n, 1, 1))).states(np.ones((n, 1, 1)))
+    np.testing.assert_array_equal(states[:, 0, 0], np.arange(n))
+    assert last[0, 0] == n

@@ -1,0 +1,134 @@
+"""All combinations of sensors and references: an honest answer, or one clear error; of absent sensors nothing."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from diagnosis_drives import claim, recorded, simulated
+from diagnosis_runs import diagnosed, names, written
+
+from drd.cli import main
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Errors
+from drd_tools.diagnose.columns import Signatures
+from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.run import not_observable
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.simulate.conditions import Conditions, Reference
+
+DRIVE = ("warehouse", 150.0)
+SCALE = claim("gyro_scale_error", k=0.01)
+REFERENCES = ("full", "sparse:60", "ends", "none")
+
+
+def folder(path: Path, *claims: Any, gyro: bool, wheels: bool, reference: str, drive: Any = DRIVE) -> Path:
+    written(path, *claims, reference=reference, drive=drive, seed=3)
+    for name, there in (("fog.csv", gyro), ("encoders.csv", wheels)):
+        if not there:
+            (path / name).unlink()
+    if not wheels:
+        robot = yaml.safe_load((path / "robot.yaml").read_text())
+        robot |= {"wheel": None, "tread_m": None, "encoders": None}
+        (path / "robot.yaml").write_text(yaml.safe_dump(robot))
+    return path
+
+
+def without_wheels(recording: Recording) -> Recording:
+    return replace(recording, wheels=None)
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+@pytest.mark.parametrize(("gyro", "wheels"), list(itertools.product((True, False), repeat=2)))
+@pytest.mark.parametrize("missing", [(), (SCALE,)])
+def test_each_combination_is_answered_or_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], missing: Any, gyro: bool, wheels: bool, reference: str
+) -> None:
+    run = folder(tmp_path / "run", *missing, gyro=gyro, wheels=wheels, reference=reference)
+    if gyro + wheels + (reference != "none") < 2 or not (gyro or wheels):
+        assert main(["diagnose", str(run), "--output", str(tmp_path / "out")]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+        return
+    result = diagnose(read_recording(run)).conclusion
+    named = [name for f in result.findings for name in (f.effect, *f.also_fits)]
+    absent = ([] if gyro else ["gyro"]) + ([] if wheels else ["wheels", "body"])
+    of_absent = {name for name, effect in catalogue().items() if effect.channel in absent}
+    shown = {*named, *result.detectable}
+    silent = {row["effect"] for row in not_observable(result.found.problem.evidence, shown)}
+    assert not of_absent & shown
+    assert not silent & shown
+    assert of_absent <= silent
+    # A fix at the end alone cannot prove on one half what was fitted to the other.
+    is_shown = bool(missing) and gyro and (wheels or reference in ("full", "sparse:60"))
+    assert ("gyro_scale_error" in named) == is_shown
+    assert bool(named) == is_shown
+
+
+def test_a_gyro_alone_is_judged_by_its_heading_on_unseen_data_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, other = (
+        folder(tmp_path / n, SCALE, gyro=True, wheels=False, reference="full", drive=(DRIVE[0], s))
+        for n, s in (("run", 150.0), ("other", 100.0))
+    )
+    found = diagnosed(run, tmp_path / "out", "--held-out", str(other))
+    assert names(found)[0] == "gyro_scale_error"
+    k = found["findings"][0]["parameters"]["k"]
+    assert abs(k["value"] - 0.01) < 4.0 * k["std"] < 2e-3
+    held = found["fit"]["held_out"]
+    for before, after in (
+        (found["fit"]["train"]["before"], found["fit"]["train"]["after"]),
+        (held["before"]["other"], held["after"]["other"]),
+    ):
+        assert after["heading_rms_deg"] < 0.3 * before["heading_rms_deg"]
+        assert "position_rms_m" not in before
+    assert found["unexplained"]["end_error_m"] is None
+    assert {row["effect"] for row in found["not_observable"]} >= {"tread_error", "lateral_slip_turning"}
+    assert "nothing can be said" in capsys.readouterr().out
+    assert yaml.safe_load((tmp_path / "out/model.yaml").read_text()).keys() == {"effects", "provenance"}
+    assert json.loads((tmp_path / "out/series.json").read_text())["noise"].keys() == {"heading"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("reference", ["full", "sparse:20"])
+def test_a_sound_gyro_alone_is_no_reason_to_find_something(seed: int, reference: str) -> None:
+    late = Conditions(reference=replace(Reference.parse(reference), latency_s=0.005), tails=4.0)
+    recording = without_wheels(recorded(("slalom", 120.0), seed, conditions=late))
+    assert diagnose(recording).conclusion.findings == []
+
+
+def test_without_wheels_positions_say_nothing_and_headings_all() -> None:
+    e = gather(without_wheels(recorded(DRIVE, 1)))
+    problem = Problem(e)
+    assert len(problem.data) == len(e.fix) + e.still.sum() == len(problem.row_time_s)
+    signatures = Signatures(e, problem.path)
+    assert np.abs(problem.whiten([signatures.of(Errors(lateral_m_s=np.ones(len(signatures.h))))])).max() < 1e-9
+    turning = signatures.of(Errors(gyro_rad_s=0.01 * signatures.motion.rate_rad_s))
+    assert np.linalg.norm(problem.whiten([turning])) > 10.0
+
+
+@pytest.mark.parametrize(("reference", "known"), [("full", True), ("sparse:60", False)])
+def test_the_speed_without_wheels_comes_from_a_dense_reference_only(reference: str, known: bool) -> None:
+    run = simulated(DRIVE, 1, conditions=Conditions(reference=Reference.parse(reference)))
+    e = gather(without_wheels(run.recording))
+    speed = 0.5 * (e.left_m + e.right_m) / e.step_s
+    true = np.interp(e.time_s - 0.5 * e.step_s, run.truth.middle_s, run.truth.speed_m_s)
+    assert (np.abs(speed - true)[20:-20] < 0.25).all() == known
+    assert known == bool(e.travel_m.any())
+
+
+def test_the_believed_standstill_is_one_only_while_nothing_turns() -> None:
+    recording = without_wheels(recorded(("slalom", 60.0), 1))
+    e = gather(recording)
+    assert 8.0 < e.time_s[e.still].max() <= 10.5
+    long = replace(recording, nominal=replace(recording.nominal, standstill_at_start_s=40.0))
+    turning = np.abs(gather(long).gyro_rad) > 0.1 * e.step_s  # type: ignore[arg-type]
+    assert turning[: len(e.time_s) // 2].any()
+    assert not (gather(long).still & turning).any()

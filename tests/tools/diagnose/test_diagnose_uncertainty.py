@@ -1,0 +1,63 @@
+"""Deviations that are reported cover, also where a curvature is too sure."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from diagnosis_drives import WAREHOUSE, claim, problem
+
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.diagnose.uncertainty import told
+
+Z_90 = 1.645
+
+
+@lru_cache
+def null() -> Problem:
+    return problem(WAREHOUSE, 0)
+
+
+def fitted(truth: Claim, seed: int) -> tuple[Problem, Fit]:
+    """White noise and an effect, fitted from the truth on."""
+    p = null()
+    p.data = np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth])
+    return p, refine(p, [truth])
+
+
+def test_a_windows_edges_and_sizes_are_covered() -> None:
+    slip = replace(claim("surface_slip", t0=45.0, t1=75.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right"))
+    size = float(np.linalg.norm(null().effect_rows([slip])))
+    slip = replace(slip, values={**slip.values, "left": 0.12 / size, "right": 0.12 / size})  # visibility of 12
+    inside, curved = [], []
+    for seed in range(16):
+        p, fit = fitted(slip, seed)
+        (found,) = told(p, fit)
+        for name in slip.free:
+            error = abs(found.number(name) - slip.number(name))
+            inside.append(error < Z_90 * found.sigma(name))
+            curved.append(error < Z_90 * fit.claims[0].sigma(name))
+            assert found.sigma(name) >= fit.claims[0].sigma(name)
+    assert np.mean(inside) > 0.8
+    assert np.mean(inside) > np.mean(curved)
+
+
+def test_a_parameter_that_was_left_out_is_told_with_its_deviation() -> None:
+    bias = claim("gyro_bias_temperature", b1=2e-5, b2=0.0)
+    p, fit = fitted(replace(bias, free=("b1",)), 1)
+    (found,) = told(p, fit)
+    assert set(found.free) == {"b1", "b2"}
+    assert found.sigma("b2") > 0.0
+    assert found.sigma("b1") > 1.5 * fit.claims[0].sigma("b1")
+    assert found.number("b1") == pytest.approx(2e-5, abs=3.5 * found.sigma("b1"))
+
+
+def test_what_is_known_by_logic_stays_as_it_is() -> None:
+    p, fit = fitted(claim("tread_error", k=0.02), 2)
+    assert told(p, fit, {"tread_error"}) == fit.claims
+
+
+def test_nothing_found_is_nothing_told() -> None:
+    p = null()
+    assert told(p, refine(p, [])) == ()

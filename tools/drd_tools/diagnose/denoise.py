@@ -1,0 +1,37 @@
+"""Smoothing as wide as the noise asks for and the signal allows."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+Array = npt.NDArray[np.float64]
+
+# Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
+WIDEST: Final = 5
+AGREE_SIGMAS: Final = 2.5
+
+
+def denoised(values: Array, sigma: Array | float, width: float) -> Array:
+    """Values (n,) with white noise of deviation `sigma` (n,), through Gaussians of at least `width` samples.
+
+    Each sample gets the widest window whose mean agrees with those of all narrower ones (the intersection of confidence
+    intervals: Goldenshluger and Nemirovski 1997).
+    """
+    variance = np.broadcast_to(np.asarray(sigma, float) ** 2, values.shape)
+    result = mean = gaussian_filter1d(values, width)
+    low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
+    agrees = np.ones(len(values), bool)
+    for doubling in range(WIDEST):
+        s = width * 2.0**doubling
+        if 4.0 * s > len(values):
+            break
+        mean = gaussian_filter1d(values, s)
+        # Of a mean with Gaussian weights of deviation s samples.
+        error = AGREE_SIGMAS * np.sqrt(gaussian_filter1d(variance, s) / (2.0 * np.sqrt(np.pi) * s))
+        low, high = np.maximum(low, mean - error), np.minimum(high, mean + error)
+        agrees &= low <= high
+        result = np.where(agrees, mean, result)
+    # Where windows change, the means do not meet.
+    return np.asarray(gaussian_filter1d(result, 0.5 * width), float)

@@ -1,0 +1,145 @@
+"""The steps of a recording: the gyro's rows, or equal ones, and what each sensor says of them; holes are marked."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from drd.schema import ConfigError
+from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
+
+Array = npt.NDArray[np.float64]
+
+# A grid finer than the gyro's samples tells nothing more; a coarser one blurs latencies.
+STEP_S: Final = 0.1
+# A fast gyro's rows are added up: slower errors are as exact in sums, and time and memory are bounded.
+SHORTEST_STEP_S: Final = 0.02
+# A day, too, must fit into memory. Where rows are added up for that, a step keeps its last fix.
+MOST_STEPS: Final = 40_000
+MISSING_ROWS: Final = 1.5  # so many typical intervals after the row before, a row is not the mean over all that time
+LONGEST_GAP_S: Final = 86_400.0
+GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
+HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a hole may be off, of itself and in a second
+TURNING_RAD_S: Final = 0.01
+DENSE_S: Final = 1.0  # a reference of rows so near tells the speed
+WAY_SMOOTHING_S: Final = 0.5
+STILL_S: Final = 1.0
+
+
+class Grid(NamedTuple):
+    """Steps that end at `time_s` (n,), each `step_s` (n,) long, and what the gyro says of each."""
+
+    time_s: Array
+    step_s: Array
+    gyro_rad: Array | None
+    temperature_c: Array
+    missing_s: Array  # how much of a step the gyro says nothing of
+
+
+def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
+    """The gyro's rows while there are wheels, several to a step where they are many."""
+    times, log = fog.time_s, recording.wheels
+    if len(times) < 2:
+        raise ConfigError(str(recording.folder / "fog.csv"), "", "at least 2 rows of numbers", str(len(times)))
+    whole = np.diff(times, prepend=2 * times[0] - times[1])
+    typical = float(np.median(whole))
+    if whole.max() > LONGEST_GAP_S:
+        got = f"{whole.max():g} s after {times[int(whole.argmax()) - 1]:.12g}"
+        expected = f"rows at most {LONGEST_GAP_S:g} s apart"
+        raise ConfigError(str(recording.folder / "fog.csv"), "time_s", expected, got)
+    # A hole has the steps that its rows would have made: fixes within one long step would have to be on a line.
+    count = np.where(whole > MISSING_ROWS * typical, np.round(whole / typical), 1.0).astype(int)
+    row = np.repeat(np.arange(len(times)), count)
+    later = np.cumsum(count)[row] - 1 - np.arange(len(row))
+    step = (whole / count)[row]
+    celsius = np.full(len(times), np.nan) if fog.temperature_c is None else fog.temperature_c
+    columns = (times[row] - later * step, step, fog.rate_rad_s[row] * step, celsius[row], (later > 0) * step)
+    end = columns[0]
+    inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
+    time_s, step_s, gyro, temperature_c, missing_s = (column[inside] for column in columns)
+    together = max(math.ceil(len(time_s) / MOST_STEPS), math.floor(SHORTEST_STEP_S / typical + 1e-9))
+    if together > 1 and len(time_s):
+        first = np.arange(0, len(time_s), together)
+        last = np.append(first[1:], len(time_s)) - 1
+        step_s, gyro, missing_s = (np.add.reduceat(v, first) for v in (step_s, gyro, missing_s))
+        time_s, temperature_c = time_s[last], temperature_c[last]
+    return Grid(time_s, step_s, gyro, temperature_c, missing_s)
+
+
+def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
+    """Equal steps while there are wheels, the first fix at the end of one: noise within a step is not followed."""
+    step = max(STEP_S, float(log.time_s[-1] - log.time_s[0]) / MOST_STEPS)
+    first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % step)
+    time_s = np.arange(log.time_s[0] + first + step, log.time_s[-1] + 1e-6 * step, step)
+    nothing = np.full(len(time_s), np.nan)
+    return Grid(time_s, np.full(len(time_s), step), None, nothing, np.zeros(len(time_s)))
+
+
+def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
+    """Step, share of a step before its end, and pose of each row of the reference."""
+    reference, time_s = recording.reference, edges[1:]
+    if reference is None:
+        return np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 3))
+    within = (reference.time_s > edges[0] - 1e-9) & (reference.time_s <= time_s[-1])
+    at = reference.time_s[within]
+    if not len(at) and (recording.fog is None or recording.wheels is None):
+        expected = f"times within {edges[0]:.12g} to {time_s[-1]:.12g} s, when there are sensors"
+        raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, "none")
+    step = np.searchsorted(time_s, at - 1e-9)
+    fix = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])[within]
+    if len(at) > MOST_STEPS:
+        last = np.append(np.diff(step) > 0, True)
+        step, at, fix = step[last], at[last], fix[last]
+    return step, (time_s[step] - at) / step_s[step], fix
+
+
+def travel(reference: ReferenceLog | None, edges: Array) -> Array:
+    """Way forward in each step, m, by the reference's positions: their noise is in no heading. 0 where sparse."""
+    if reference is None or len(reference.time_s) < 3 or float(np.median(np.diff(reference.time_s))) > DENSE_S:
+        return np.zeros(len(edges) - 1)
+    steps = WAY_SMOOTHING_S / float(np.median(np.diff(edges)))
+    x, y = (gaussian_filter1d(np.interp(edges, reference.time_s, v), steps) for v in (reference.x_m, reference.y_m))
+    heading = np.interp(0.5 * (edges[1:] + edges[:-1]), reference.time_s, reference.heading_rad)
+    way: Array = np.diff(x) * np.cos(heading) + np.diff(y) * np.sin(heading)
+    return way
+
+
+def still_by_gyro(grid: Grid, gyro_rad: Array, standstill_s: float) -> npt.NDArray[np.bool_]:
+    """The standstill at the start that robot.yaml tells of, as far as nothing turns."""
+    believed = grid.time_s < grid.time_s[0] + standstill_s
+    if not believed.any():
+        return np.zeros(len(grid.time_s), np.bool_)
+    rate = uniform_filter1d(gyro_rad / grid.step_s, max(1, round(STILL_S / float(np.median(grid.step_s)))))
+    still: npt.NDArray[np.bool_] = believed & (np.abs(rate - np.median(rate[believed])) < TURNING_RAD_S)
+    return still
+
+
+def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
+    """Variance of each wheel's travel in the steps of which the counters say nothing, or only a sum over long."""
+    apart_s = np.diff(log.time_s)
+    lost = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s)))
+    if log.is_lost is not None:
+        lost |= log.is_lost[1:]
+    lost_s = np.diff(np.interp(edges, log.time_s, np.concatenate([[0.0], np.cumsum(lost * apart_s)])))
+    if speed_m_s[:2].any():  # else they stood before their first row, too
+        lost_s[0] += max(float(log.time_s[0] - edges[0]), 0.0)
+    return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2
+
+
+def without_holes(grid: Grid, wheels_rad: Array | None, is_lost: npt.NDArray[np.bool_]) -> tuple[Array | None, Array]:
+    """The gyro's turns with the wheels' (else the neighbouring rate's) where rows are missing; their variance (n,).
+
+    `is_lost` (n,): the wheels do not tell either.
+    """
+    doubt_rad2, hole = np.zeros(len(grid.time_s)), grid.missing_s > 0.0
+    if grid.gyro_rad is None or not hole.any():
+        return grid.gyro_rad, doubt_rad2
+    rate = grid.gyro_rad / grid.step_s
+    typical = float(np.sqrt(np.mean(rate[~hole] ** 2))) if (~hole).any() else 1.0
+    between = np.interp(grid.time_s, grid.time_s[~hole], rate[~hole]) if (~hole).any() else rate
+    other = between * grid.step_s if wheels_rad is None else wheels_rad
+    unsure = np.where(is_lost, max(typical, WANDER_RAD_S), WANDER_RAD_S)
+    doubt_rad2[hole] = ((HOLE_SHARE * np.abs(other) + unsure * grid.missing_s)[hole]) ** 2
+    return np.where(hole, other, grid.gyro_rad), doubt_rad2

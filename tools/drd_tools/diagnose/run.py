@@ -1,0 +1,205 @@
+"""Recordings diagnosed and their files written: one here, several in processes of their own."""
+
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+import drd
+from drd.effects.catalogue import catalogue
+from drd.model import save_model
+from drd.schema import ConfigError
+from drd_tools.diagnose import outcome
+from drd_tools.diagnose.advise import next_drive
+from drd_tools.diagnose.confirm import unseen_rms
+from drd_tools.diagnose.diagnose import Diagnosis, diagnose
+from drd_tools.diagnose.evidence import Evidence
+from drd_tools.diagnose.heading_only import heading_figures
+from drd_tools.diagnose.library import AUDITED
+from drd_tools.diagnose.report import write_report
+from drd_tools.recordings.folder import Recording
+
+THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+NO_POSES: Final = np.zeros((0, 10))
+Content = dict[str, Any]
+
+
+class Written(NamedTuple):
+    """diagnosis.json and series.json of a recording, and the files that were written."""
+
+    content: Content
+    series: Content
+    files: list[Path]
+
+
+def run_all(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], folders: Sequence[Path], jobs: int
+) -> Iterator[Written]:
+    """Diagnose each recording into its folder; results in the order given, the same to the bit for any `jobs`.
+
+    Raises ConfigError and OSError.
+    """
+    if len(recordings) == 1:
+        yield run(recordings[0], held_out, folders[0])
+        return
+    context = multiprocessing.get_context("spawn")  # a forked child of a process with threads may lock up
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(min(jobs, len(recordings)), context) as pool,
+        tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
+    ):
+        futures = [pool.submit(_apart, r, held_out, f) for r, f in zip(recordings, folders, strict=True)]
+        for future in futures:
+            future.add_done_callback(lambda _: bar.update())
+        try:
+            for future in futures:
+                made = future.result()
+                if not isinstance(made, Written):
+                    raise ConfigError(*made)
+                yield made
+        except BrokenProcessPool as error:
+            got = "a process that was killed: with --jobs 1 each has all of the memory"
+            raise ConfigError(", ".join(r.name for r in recordings), "", "a diagnosis", got) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes started inside have one thread for linear algebra: its sums then do not depend on the processors."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written | tuple[str, str, str, str]:
+    """As `run`; what a ConfigError says comes back as it is, since the error itself cannot be sent."""
+    try:
+        return run(recording, held_out, folder)
+    except ConfigError as error:
+        return error.where, error.path, error.expected, error.got
+
+
+def run(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
+    """Diagnose a recording and write all files into `folder`. Raises ConfigError and OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content, series = _write(diagnose(recording), held_out, folder)
+    return Written(content, series, [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)])
+
+
+def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tuple[Content, Content]:
+    conclusion, recording = result.conclusion, result.recording
+    found = conclusion.found
+    model_file = folder / "model.yaml"
+    save_model(model_file, outcome.model_of(conclusion, recording, drd.__version__))
+    has_model = any(f.claim is not None for f in conclusion.findings)
+    before, nominal = judged(recording, None)
+    after, corrected = judged(recording, model_file) if has_model else (dict(before), nominal)
+    train = {"before": before, "after": after}
+    train["before"]["whitened_rms"] = _rms(result.null)
+    train["after"]["whitened_rms"] = _rms(found.fit.left)
+    proof, bars = proved(held_out, model_file)
+    unseen = unseen_rms(found.problem, found.fit)
+    for name, value in zip(("before", "after"), unseen, strict=True):
+        proof[name]["other half of the blocks"] = {"whitened_rms": value}
+    bars.append(
+        {
+            "name": "other half of the blocks",
+            "quantity": "whitened rms",
+            "unit": "1",
+            "before": unseen[0],
+            "after": unseen[1],
+        }
+    )
+    e = found.problem.evidence
+    findings = [outcome.plain_finding(f, found.problem) for f in conclusion.findings]
+    content = {
+        "schema": 1,
+        "recording": recording.name,
+        "verdict": outcome.verdict(conclusion),
+        "findings": findings,
+        "unexplained": {"share_of_residual": conclusion.unexplained, "end_error_m": after.get("end_error_m")},
+        "ruled_out": conclusion.ruled_out,
+        "detectable": conclusion.detectable,
+        "not_observable": not_observable(e, {*conclusion.detectable, *(f["effect"] for f in findings)}),
+        "classes": conclusion.classes,
+        "fit": {"train": train, "held_out": proof},
+        "next_drive": next_drive(result),
+    }
+    outcome.write_json(folder / "diagnosis.json", content)
+    series = {
+        "format": "drd-diagnosis-series/1",
+        "recordings": [
+            {
+                "name": recording.name,
+                "duration_s": float(e.time_s[-1] - e.time_s[0]),
+                "path_m": float(0.5 * e.travel_m.sum()),
+                "path": outcome.paths(recording, nominal, corrected if has_model else None),
+            }
+        ],
+        "findings": [outcome.plain_series(f) for f in conclusion.findings],
+        "residual": outcome.residual_series(result.null, conclusion, result.null_problem),
+        "held_out": bars,
+        "noise": result.noise_ratios(),
+    }
+    outcome.write_json(folder / "series.json", series)
+    return content, series
+
+
+def _rms(rows: Any) -> float:
+    return float(np.sqrt(np.mean(rows**2))) if len(rows) else 0.0
+
+
+def judged(recording: Recording, model: Path | None) -> tuple[dict[str, float], Any]:
+    """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
+    if recording.wheels is None:
+        return heading_figures(recording, model), NO_POSES
+    run_, rows = outcome.judged(recording, model)
+    return outcome.figures(run_), rows
+
+
+def proved(held_out: Sequence[Recording], model: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """What the model makes of recordings that it was not fitted to."""
+    proof: dict[str, Any] = {"before": {}, "after": {}}
+    bars = []
+    for other in held_out:
+        first, second = (judged(other, m)[0] for m in (None, model))
+        proof["before"][other.name], proof["after"][other.name] = first, second
+        for q in first:
+            quantity, unit = q.rsplit("_", 1)
+            unit = "%" if unit == "percent" else unit
+            bars.append({"name": other.name, "quantity": quantity.replace("_", " "), "unit": unit,
+                         "before": first[q], "after": second[q]})  # fmt: skip
+    return proof, bars
+
+
+def not_observable(e: Evidence, seen: set[str]) -> list[dict[str, str]]:
+    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show."""
+    no_wheels = "the recording has no wheel encoders"
+    missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
+    found = []
+    for name, effect in catalogue().items():
+        if effect.channel not in e.channels:
+            found.append({"effect": name, "because": missing[effect.channel]})
+        elif name == "gyro_saturation" and not e.has_wheels:
+            found.append({"effect": name, "because": "without wheels nothing tells that the robot turned faster"})
+        elif name not in seen and name not in AUDITED:
+            because = "nothing in this drive and its reference shows it"
+            if effect.driver in ("speed", "acceleration") and not e.travel_m.any():
+                because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
+            found.append({"effect": name, "because": because})
+    return found

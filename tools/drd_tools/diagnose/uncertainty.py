@@ -1,0 +1,101 @@
+"""What is told of the claims' parameters in the end: all of them, with deviations that cover.
+
+A curvature at the best fit is too sure of three things: a parameter that was left out, since it was worth less than
+its cost, is not zero; an edge of a window may lie anywhere in a stretch that tells nothing of it; and no form is exact.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.library import is_angle, is_plausible
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import Fit, refine, refine_all, responses
+
+Array = npt.NDArray[np.float64]
+
+FORM_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
+REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
+FINE: Final = 2000
+FEWEST_PLACES: Final = 3
+
+
+def told(problem: Problem, fit: Fit, known: frozenset[str] | set[str] = frozenset()) -> tuple[Claim, ...]:
+    """The claims of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
+    fit = _widened(problem, fit, known)
+    spread = responses(problem, fit)
+    claims, first = [], 0
+    for i, claim in enumerate(fit.claims):
+        k = len(claim.free)
+        rows = spread[first : first + k]
+        first += k
+        if claim.id in known or not k:
+            claims.append(claim)
+            continue
+        covariance = claim.covariance + (FORM_SHARE**2) * rows @ rows.T
+        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        profiled = [_distances(problem, fit, i, name) for name in claim.free if _is_curved(claim, name)]
+        widths = np.max([deviation, *profiled], axis=0)
+        scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
+        claims.append(replace(claim, covariance=covariance * scale[:, None] * scale))
+    return tuple(claims)
+
+
+def _widened(problem: Problem, fit: Fit, known: frozenset[str] | set[str]) -> Fit:
+    """With every linear parameter of the claims free, where that is plausible."""
+    wider = tuple(
+        c if c.id in known else replace(c, free=(*c.free, *(n for n in c.effect.linear() if n not in c.free)))
+        for c in fit.claims
+    )
+    if all(w.free == c.free for w, c in zip(wider, fit.claims, strict=True)):
+        return fit
+    wide = refine(problem, wider)
+    return wide if all(map(is_plausible, wide.claims)) else fit
+
+
+def _is_curved(claim: Claim, name: str) -> bool:
+    q = claim.parameter(name)
+    return not q.linear and not is_angle(q) and not q.choices
+
+
+def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
+    """Root mean square distances of a claim's free parameters from their estimates, over one's profile likelihood."""
+    claim = fit.claims[which]
+    at, sigma = claim.number(name), claim.sigma(name)
+    free = tuple(n for n in claim.free if n != name)
+    places, sets = [at], [list(fit.claims)]
+    for offset in (sigma * sign * r for r in REACHES for sign in (-1.0, 1.0)):
+        moved = replace(claim, values={**claim.values, name: at + offset}, free=free)
+        if sigma > 0.0 and is_plausible(moved) and _is_inside(problem, moved):
+            places.append(at + offset)
+            sets.append([moved if j == which else c for j, c in enumerate(fit.claims)])
+    fits = [fit, *refine_all(problem, sets[1:])]
+    if len(fits) < FEWEST_PLACES:
+        return np.zeros(len(claim.free))
+    order = np.argsort(places)
+    nats = np.array([fits[i].cost for i in order])
+    fine = np.linspace(min(places), max(places), FINE)
+    weight = np.exp(-np.minimum(np.interp(fine, np.array(places)[order], nats - nats.min()), 700.0))
+    square = np.array([_squares(fits[i].claims[which], claim) for i in order])
+    mean = [
+        float(weight @ np.interp(fine, np.array(places)[order], column)) / float(weight.sum()) for column in square.T
+    ]
+    # Between two places a parabola runs below its chord; for the profiled parameter itself it is known.
+    mean[claim.free.index(name)] = float(weight @ (fine - at) ** 2)
+    return np.asarray(np.sqrt(mean), float)
+
+
+def _squares(fitted: Claim, claim: Claim) -> list[float]:
+    """Mean square distance of each parameter from the claim's, its own deviation in it."""
+    return [(fitted.number(n) - claim.number(n)) ** 2 + fitted.sigma(n) ** 2 for n in claim.free]
+
+
+def _is_inside(problem: Problem, claim: Claim) -> bool:
+    edges = problem.evidence.edges_s
+    inside: Sequence[bool] = [
+        float(edges[0]) < claim.number(n) < float(edges[-1]) for n in ("t0", "t1") if n in claim.values
+    ]
+    return all(inside)

@@ -1,0 +1,203 @@
+"""The daemon's recording as a `Recording`: the samples as its estimator had them, the robot as its configuration says.
+
+The nominal robot includes the gyro's calibration, which is taken off the rates here, and the wheels' scales, which are
+in their travel already. A model that was in force is no part of it: what it takes off is found again.
+"""
+
+import math
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from drd.calibration import Calibration, load_calibration
+from drd.config import CalibrationFile, Config, ModelFile
+from drd.encoders import make_layout
+from drd.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.recording.in_force import IN_FORCE
+from drd.samples import GyroSample, WheelSample
+from drd.schema import ConfigError
+from drd.units import NS_PER_S, S_PER_NS
+from drd_tools.recordings.folder import (
+    EncoderLog,
+    FogLog,
+    Recording,
+    ReferenceLog,
+    file_hash,
+    read_recording,
+    read_reference_log,
+)
+from drd_tools.recordings.mcap_file import McapFile, open_mcap, parts_before
+from drd_tools.replay.mcap_source import config_in_force
+
+GYRO, WHEELS = "/fog", "/wheels"
+# A reference's times beyond this are seconds since 1970, not since the daemon's start.
+SINCE_START_S: Final = 1e8
+# Counts are whole but for the rounding of travel in metres, and for readings that were paired between two.
+COUNT_DIGITS: Final = 6
+
+
+def read(path: Path) -> Recording:
+    """Read a recording folder, or a file that the daemon recorded. Raises ConfigError; nothing else escapes."""
+    return read_daemon_log(path) if path.suffix == ".mcap" and not path.is_dir() else read_recording(path)
+
+
+def reference_file(file: Path) -> Path:
+    """Where the reference of FILE.mcap lies: FILE.reference.csv."""
+    return file.with_suffix(".reference.csv")
+
+
+def read_daemon_log(file: Path) -> Recording:
+    """Read a recording of `drd run`, with the earlier parts of its run that lie beside it. Raises ConfigError.
+
+    Times count from the daemon's start. A reference may lie beside the file (see `reference_file`), its times from
+    the daemon's start too, as in the poses of `drd replay`, or in seconds since 1970.
+    """
+    last = open_mcap(file)
+    if IN_FORCE not in last.attachments:
+        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
+    earlier, missing = parts_before(last)
+    parts = [*map(open_mcap, earlier), last]
+    with tempfile.TemporaryDirectory() as folder:
+        config, base = config_in_force(last, Path(folder))
+        calibration = load_calibration(base / config.calibration.file) if config.calibration.file else None
+        per_revolution = _counts_per_revolution(config, base)
+    zero_ns, wall_ns = (_whole(last, name) for name in ("started_monotonic_ns", "started_wall_ns"))
+    gyro, wheels = _samples(parts)
+    nominal = _nominal(config, per_revolution)
+    beside = reference_file(file)
+    reference = _shifted(read_reference_log(beside), wall_ns) if beside.exists() else None
+    notes = [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
+    notes += [f"part {number} of the run is not there" for number in missing]
+    if config.model.file is not None:
+        notes.append("what the model in force took off is found again: the samples are as they were before it")
+    return Recording(
+        file,
+        nominal,
+        _wheel_log(wheels, zero_ns, nominal.wheel),
+        _gyro_log(gyro, zero_ns, calibration),
+        reference,
+        {found.name: file_hash(found) for found in (*(p.path for p in parts), *([beside] if reference else []))},
+        notes=tuple(notes),
+        config=_without_files(config, per_revolution),
+    )
+
+
+def _whole(file: McapFile, name: str) -> int:
+    text = file.information.get(name, "")
+    return int(text) if text.isdecimal() else 0
+
+
+def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSample]]:
+    """All of them. Raises ConfigError where drd did not write them."""
+    gyro: list[GyroSample] = []
+    wheels: list[WheelSample] = []
+    for part in parts:
+        for message in part.messages(GYRO, WHEELS):
+            try:
+                value = message.value()
+                t_ns = int(value.pop("monotonic_ns"))
+                if message.topic == WHEELS:
+                    wheels.append(WheelSample(t_ns, **value))
+                    is_good = all(map(math.isfinite, wheels[-1]))
+                else:
+                    celsius = value.pop("temperature_c")  # null: unknown
+                    gyro.append(GyroSample(t_ns, **value, temperature_c=math.nan if celsius is None else celsius))
+                    is_good = all(map(math.isfinite, gyro[-1][:3]))
+            except (AttributeError, KeyError, TypeError, ValueError):
+                is_good = False
+            if not is_good:
+                where = f"{part.path}, {message.topic}, number {message.number}"
+                raise ConfigError(where, "", "what drd writes there", repr(message.data[:60]))
+    return gyro, wheels
+
+
+def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibration | None) -> FogLog | None:
+    rows: list[tuple[float, float, float]] = []
+    for sample in samples:
+        rate = sample.rate_rad_s if calibration is None else calibration.correct(sample).rate_rad_s
+        time_s = (sample.t_ns - zero_ns) * S_PER_NS
+        if not rows or time_s > rows[-1][0]:
+            rows.append((time_s, rate, sample.temperature_c))
+    if not rows:
+        return None
+    time_s, rate, temperature_c = np.array(rows).T
+    return FogLog(time_s, rate, temperature_c if np.isfinite(temperature_c).any() else None)
+
+
+def _wheel_log(samples: Sequence[WheelSample], zero_ns: int, wheel: Wheel) -> EncoderLog | None:
+    """Rows of cumulative counts, or of speeds where there are none; what was not seen is marked."""
+    rows: list[tuple[float, float, float]] = []
+    lost: list[bool] = []
+    for s in samples:
+        end_s = (s.t_ns - zero_ns) * S_PER_NS
+        begin_s = end_s - s.interval_s
+        if rows and end_s <= rows[-1][0]:
+            continue
+        if not rows or (s.lost_s > 0.0 and begin_s > rows[-1][0]):
+            lost.append(bool(rows))
+            rows.append((begin_s, 0.0, 0.0))
+        rows.append((end_s, s.left_m, s.right_m))
+        lost.append(False)
+    if not rows:
+        return None
+    time_s, left_m, right_m = np.array(rows).T
+    radius_m, per_revolution, is_lost = wheel.radius_m, wheel.counts_per_revolution, np.array(lost)
+    if per_revolution is None:
+        step_s = np.diff(time_s, prepend=time_s[0] - 1.0)
+        return EncoderLog(time_s, None, None, left_m / radius_m / step_s, right_m / radius_m / step_s, is_lost)
+    count_m = 2.0 * math.pi * radius_m / per_revolution
+    left, right = (np.round(np.cumsum(travel) / count_m, COUNT_DIGITS) for travel in (left_m, right_m))
+    return EncoderLog(time_s, left, right, None, None, is_lost)
+
+
+def _shifted(log: ReferenceLog, wall_ns: int) -> ReferenceLog:
+    if log.time_s[0] < SINCE_START_S:
+        return log
+    whole_s, rest_ns = divmod(wall_ns, NS_PER_S)
+    return replace(log, time_s=log.time_s - whole_s - rest_ns * S_PER_NS)
+
+
+def _counts_per_revolution(config: Config, base: Path) -> float | None:
+    """Of the layout, which may know its own; None where readings are no counts."""
+    layout = make_layout(config.encoders, base)
+    if layout.modulus_counts is None or layout.reports_speed:
+        return None
+    radius_m = config.robot.wheel_radius_m
+    return 2.0 * math.pi * radius_m / abs(layout.metres_per_count(radius_m))
+
+
+def _nominal(config: Config, per_revolution: float | None) -> Nominal:
+    """robot.yaml as the configuration would have it: the reverse of drd_tools.replay.nominal."""
+    e, noise = config.estimation, config.estimation.noise
+    return Nominal(
+        name=config.robot.name,
+        wheel=Wheel(radius_m=config.robot.wheel_radius_m, counts_per_revolution=per_revolution),
+        tread_m=config.robot.tread_m,
+        fog=FogSheet(
+            rate_hz=config.fog.rate_hz,
+            range_deg_s=config.fog.full_scale_deg_s,
+            angle_random_walk_deg_per_sqrt_h=noise.gyro_deg_per_sqrt_h,
+            bias_repeatability_deg_s=e.initial.gyro_bias_deg_s,
+            bias_random_walk_deg_per_h_per_sqrt_h=noise.gyro_bias_deg_h_per_sqrt_h,
+        )
+        if config.fog.protocol != "none"
+        else FogSheet(),
+        encoders=EncoderSheet(rate_hz=config.encoders.rate_hz, slip_noise_m_per_sqrt_m=noise.wheel_m_per_sqrt_m),
+        reference=ReferenceSheet(),
+        standstill_at_start_s=e.static_bias.duration_s,
+    )
+
+
+def _without_files(config: Config, per_revolution: float | None) -> Config:
+    """The configuration for samples in which calibration and scales are."""
+    return replace(
+        config,
+        robot=replace(config.robot, left_scale=1.0, right_scale=1.0),
+        encoders=replace(config.encoders, counts_per_revolution=per_revolution),
+        calibration=CalibrationFile(),
+        model=ModelFile(),
+    )
