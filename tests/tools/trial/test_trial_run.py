@@ -3,36 +3,46 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
 from drd_tools.simulate.conditions import Conditions
+from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
-from drd_tools.trial.__main__ import RESULTS, main
-from drd_tools.trial.draw import Drawing, drawings, make, reversible
+from drd_tools.trial.draw import make
+from drd_tools.trial.plan import NONE, Drawing, Plan, drawings, events, reversible
 from drd_tools.trial.size import sized, visibility
+from drd_tools.trial.store import RESULTS, Store
+from drd_tools.trial.unknown import HIDDEN
 
 SHORT = (1.5, 1.6)
 
 
+def records(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / RESULTS).read_text().splitlines()[1:]]
+
+
 def test_each_kind_is_drawn_and_patterns_choose() -> None:
-    names = [d.name for d in drawings(2, 0, SHORT)]
-    assert len(set(names)) == len(names) == 2 * (2 + 2 * len(reversible()) + 1)
-    assert "gyro_saturation" not in reversible()
-    chosen = [d.name for d in drawings(2, 0, SHORT, only=("null-plain-*", "gyro_lag-d25-001"))]
-    assert chosen == ["null-plain-000", "null-plain-001", "gyro_lag-d25-001"]
+    names = [d.name for d in drawings(Plan(*[2] * len(NONE)), 0, SHORT)]
+    effects = 3 * len(reversible()) + len(events())
+    assert len(set(names)) == len(names) == 2 * (2 + effects + 2 + len(HIDDEN) + 3 * 2 + 2)
+    assert set(reversible()) | set(events()) == set(catalogue())
+    chosen = [d.name for d in drawings(Plan(nulls=2, singles=1), 0, SHORT, only=("null-plain-*", "gyro_lag-d12-*"))]
+    assert chosen == ["null-plain-000", "gyro_lag-d12-000", "null-plain-001"]
 
 
 def test_a_case_depends_on_its_name_and_seed_only() -> None:
     one, again, other, later = (
-        make(Drawing(name, "null", (), 0.0, seed, SHORT)).simulated.recording
+        make(Drawing(name, "null", (), 0.0, seed, SHORT)).recording
         for name, seed in (("a", 1), ("a", 1), ("b", 1), ("a", 2))
     )
     assert one.fog is not None
@@ -44,11 +54,10 @@ def test_a_case_depends_on_its_name_and_seed_only() -> None:
 
 
 def test_a_stressed_null_has_a_reference_that_is_askew() -> None:
-    drawing = Drawing("null-stressed-000", "null stressed", (), 0.0, 5, SHORT)
-    case = make(drawing)
+    case = make(Drawing("null-stressed-000", "null stressed", (), 0.0, 5, SHORT))
     drive, stress = case.answer["drive"], case.answer["stress"]
     truth = make_truth(make_drive(drive["mission"], drive["seconds"], DEFAULT.standstill_at_start_s))
-    reference = case.simulated.recording.reference
+    reference = case.recording.reference
     assert reference is not None
     yaw_deg = np.degrees(np.mean(reference.heading_rad - np.interp(reference.time_s, truth.time_s, truth.heading_rad)))
     # Noise of 0.15 deg over 900 poses, and at most 5 ms late.
@@ -59,7 +68,7 @@ def test_a_stressed_null_has_a_reference_that_is_askew() -> None:
 
 
 @pytest.mark.parametrize("name", ["gyro_scale_error", "wheel_radius_error", "gyro_lag", "gyro_sample_clock"])
-@pytest.mark.parametrize("d", [12.0, 25.0])
+@pytest.mark.parametrize("d", [12.0, 20.0])
 def test_a_drawn_effect_is_as_visible_as_asked_for(name: str, d: float) -> None:
     null = simulate(make_truth(make_drive("warehouse", 120.0)), DEFAULT, (), Conditions(), 3)
     problem, effect = Problem(gather(null.recording)), catalogue()[name]
@@ -74,50 +83,81 @@ def test_what_a_drive_cannot_show_is_not_made_up() -> None:
     assert sized(Problem(gather(null.recording)), null.motion, effect, 25.0, np.random.default_rng(0)) is None
 
 
-def test_a_null_and_an_effect_from_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("reference", "poses"), [("sparse:60", 2), ("ends", 2), ("none", 0)])
+def test_another_reference_shows_some_effect_and_the_other_drive_has_a_full_one(reference: str, poses: int) -> None:
+    case = make(Drawing("any", "single", (), 20.0, 4, SHORT, reference))
+    assert len(case.answer["effects"]) == 1
+    log = case.recording.reference
+    assert (0 if log is None else len(log.time_s)) == poses
+    other = case.again().reference
+    assert other is not None
+    assert len(other.time_s) > 800
+
+
+def test_a_null_and_an_effect_from_the_command_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    only = ["null-plain-000", "gyro_scale_error-d25-000"]
-    arguments = ["--simulated", "1", "--seed", "1", "--minutes", "1.5", "1.6", "--jobs", "1", "--output", str(out)]
-    assert main([*arguments, "--only", *only]) == 0
-    printed = capsys.readouterr().out
-    records = json.loads((out / RESULTS).read_text())["records"]
-    assert [r["case"] for r in records] == only
-    truth = records[1]["effects"][0]
+    arguments = ["trial", "--each", "1", "--seed", "1", "--minutes", "1.5", "1.6", "--jobs", "1", "--no-baselines"]
+    arguments += ["--output", str(out), "--only", "null-plain-000"]
+    assert main(arguments) == 0
+    assert main([*arguments, "gyro_scale_error-d20-000"]) == 0
+    captured = capsys.readouterr()
+    null, single = records(out)
+    assert [null["case"], single["case"]] == ["null-plain-000", "gyro_scale_error-d20-000"]
+    assert "1 cases are there already, 1 are to do" in captured.err
+    (truth,) = single["effects"]
     assert truth["effect"] == "gyro_scale_error"
-    assert truth["visibility"] == pytest.approx(25.0, rel=0.03)
+    assert truth["visibility"] == pytest.approx(20.0, rel=0.03)
     assert {"rival", "margin_nats", "separable"} <= truth.keys()
-    assert records[1]["verdict"] != "nothing_missing"
-    assert "single d=25" in printed
-    assert main(["--draw", str(out)]) == 0
-    assert capsys.readouterr().out.strip() in printed
+    assert single["verdict"] != "nothing_missing"
+    residual = single["held_out"]["residual"]
+    assert residual["oracle"] < residual["before"]
+    assert "single d=20" in captured.out
+    assert (out / "trial.html").read_text().count("data:image/png") == 1
+    assert "| single d=20: the right name first | 1 |" in (out / "figures.md").read_text()
+    assert main(["trial", "--draw", str(out)]) == 0
+    assert capsys.readouterr().out in captured.out
+
+
+def test_other_cases_are_not_mixed_and_another_build_begins_again(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    assert store.begin({"seed": 1}) == []
+    store.add({"case": "a"})
+    with store.file.open("a") as file:
+        file.write('{"case": "cut o')
+    assert store.begin({"seed": 1}) == [{"case": "a"}]
+    assert store.read()[1] == [{"case": "a"}]
+    with pytest.raises(Exception, match="seed"):
+        store.begin({"seed": 2})
+    text = store.file.read_text()
+    store.file.write_text(text.replace('"build": "', '"build": "x'))
+    assert store.begin({"seed": 2}) == []
+    assert (tmp_path / "results.old.jsonl").exists()
 
 
 def test_a_folder_with_answers(tmp_path: Path) -> None:
-    from drd_tools.simulate.files import write_folder  # noqa: PLC0415
-
     truth = make_truth(make_drive("warehouse", 90.0))
     null = simulate(truth, DEFAULT, (), replace(Conditions(), gyro_noise=1.0), 3)
     write_folder(null, tmp_path / "case_1", {"mission": "warehouse", "temperature": "warmup"})
     answers = [{"case": "case_1", "kind": "null", "effects": []}]
     (tmp_path / "answers.json").write_text(json.dumps(answers))
-    assert main(["--folder", str(tmp_path), "--jobs", "1", "--output", str(tmp_path / "out")]) == 0
-    records = json.loads((tmp_path / "out" / RESULTS).read_text())["records"]
-    assert [(r["case"], r["kind"]) for r in records] == [("case_1", "given null")]
+    out = tmp_path / "out"
+    assert main(["trial", "--folder", str(tmp_path), "--jobs", "1", "--no-baselines", "--output", str(out)]) == 0
+    assert [(r["case"], r["kind"]) for r in records(out)] == [("case_1", "given null")]
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (["--folder", "nowhere"], "answers.json"),
-        (["--simulated", "1", "--only", "no-such-*"], "--only"),
-        (["--simulated", "1", "--minutes", "5", "4"], "--minutes"),
-        (["--simulated", "1", "--reference", "often"], "--reference"),
+        (["--each", "1", "--only", "no-such-*"], "--only"),
+        (["--each", "1", "--minutes", "5", "4"], "--minutes"),
+        (["--each", "1", "--reference", "often"], "--reference"),
     ],
 )
 def test_bad_input_is_one_clear_error(
     arguments: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*arguments, "--output", str(tmp_path / "out")]) == 2
+    assert main(["trial", *arguments, "--output", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert expected in error
     assert error.count("\n") == 1

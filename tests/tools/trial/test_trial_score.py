@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd_tools.trial.score import score, wilson
+from drd_tools.trial.figures import Figures, markdown
+from drd_tools.trial.score import of_names, score, wilson
 from drd_tools.trial.text import told
 
 SCALE = {"effect": "gyro_scale_error", "parameters": {"k": 0.001}, "visibility": 25.0}
@@ -15,10 +16,15 @@ TREAD = {"effect": "tread_error", "parameters": {"k": 0.02}, "visibility": 25.0}
 
 
 def finding(
-    effect: str, status: str = "confirmed", also_fits: tuple[str, ...] = (), **parameters: Any
+    effect: str,
+    status: str = "confirmed",
+    also_fits: tuple[str, ...] = (),
+    window: tuple[float, float] = (0.0, 100.0),
+    **parameters: Any,
 ) -> dict[str, Any]:
     return {
         "effect": effect, "status": status, "also_fits": list(also_fits), "parameters": parameters, "driver": "time",
+        "windows": [list(window)],
         "evidence": {"gain_nats": 100.0, "family_wise_p": 0.001, "e_value": 1e9},
     }  # fmt: skip
 
@@ -110,21 +116,101 @@ def test_wilson_holds_the_share_and_is_symmetric(n: int, part: float) -> None:
     assert (1.0 - other[1], 1.0 - other[0]) == pytest.approx((low, high), abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("window", "overlap"),
+    [((20.0, 40.0), 1.0), ((20.0, 30.0), 0.5), ((10.0, 50.0), 0.5), ((30.0, 50.0), 1.0 / 3.0), ((50.0, 60.0), 0.0)],
+)
+def test_windows_overlap_by_intersection_over_union(window: tuple[float, float], overlap: float) -> None:
+    slip = {"effect": "surface_slip", "parameters": {"t0": 20.0, "t1": 40.0, "left": 0.01, "right": 0.01}}
+    s = score(record("explained", [slip], finding("surface_slip", window=window)))
+    ((name, found),) = s.windows
+    assert name == "surface_slip"
+    assert found == pytest.approx(overlap)
+
+
+def test_a_step_lasts_until_the_end_and_what_has_no_window_has_no_overlap() -> None:
+    step = {"effect": "gyro_bias_step", "parameters": {"b": 0.01, "t0": 20.0}}
+    ((_, overlap),) = score(record("explained", [step], finding("gyro_bias_step", window=(60.0, 100.0)))).windows
+    assert overlap == pytest.approx(0.5)
+    assert score(record("explained", [SCALE], finding("gyro_scale_error"))).windows == ()
+
+
+HIDDEN = {"effect": "unknown_bias_tide", "parameters": {"k": 0.01}}
+
+
+def test_what_is_in_no_catalogue_is_flagged_or_misnamed_or_silent() -> None:
+    flagged = score(record("unknown", [HIDDEN], finding("unknown")))
+    assert (flagged.verdict, flagged.top_1, flagged.exact, flagged.flagged, flagged.misnamed) == (True,) * 4 + (False,)
+    named = score(record("explained", [HIDDEN], finding("gyro_warmup")))
+    assert (named.top_1, named.flagged, named.misnamed, named.false_named) == (False, False, True, 1)
+    both = score(record("partly_explained", [HIDDEN], finding("gyro_warmup"), finding("unknown")))
+    assert (both.flagged, both.misnamed, both.named, both.false_named) == (True, False, 1, 1)
+    silent = score(record("nothing_missing", [HIDDEN]))
+    assert (silent.flagged, silent.misnamed, silent.named) == (False, False, 0)
+
+
+def test_false_names_are_counted_by_class_and_unknown_is_no_name() -> None:
+    right = finding("tread_error", also_fits=("gyro_scale_error",))
+    s = score(record("explained", [SCALE], right, finding("gyro_lag"), finding("unknown")))
+    assert (s.named, s.false_named) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("residual", "path_m", "share", "worse", "worse_path"),
+    [
+        ((1000.0, 820.0, 800.0), (1.0, 0.5), 0.9, False, False),
+        ((1000.0, 1050.0, 800.0), (1.0, 1.03), -0.25, True, True),
+        ((1000.0, 1020.0, 990.0), (1.0, 1.01), None, False, False),
+        ((9000.0, 9900.0, 2000.0), (1.0, 0.5), None, None, False),
+    ],
+)
+def test_another_drive(
+    residual: tuple[float, ...], path_m: tuple[float, ...], share: float | None, worse: bool | None, worse_path: bool
+) -> None:
+    other = {
+        "rows": 900,
+        "residual": dict(zip(("before", "after", "oracle"), residual, strict=True)),
+        "path_m": dict(zip(("before", "after"), path_m, strict=True)),
+    }
+    s = score({**record("explained", [SCALE], finding("gyro_scale_error")), "held_out": other})
+    assert (s.share, s.worse, s.worse_path) == (None if share is None else pytest.approx(share), worse, worse_path)
+    assert score(record("explained", [SCALE], finding("gyro_scale_error"))).worse is None
+
+
+def test_other_methods_are_judged_alike() -> None:
+    one = record("explained", [SCALE])
+    assert of_names(one, ["gyro_scale_error"]).exact
+    two = of_names(one, ["gyro_scale_error", "gyro_lag"])
+    assert (two.top_1, two.exact, two.false_named) == (True, False, 1)
+    assert not of_names(record("nothing_missing", []), []).claims
+
+
 def test_the_text_has_the_figures_and_what_was_confused() -> None:
     records = [
-        record("explained", [SCALE], finding("gyro_lag", tau=amount(0.03, 0.01))),
-        record("explained", [SCALE], finding("gyro_scale_error", k=amount(0.002, 0.0001))),
+        record("explained", [SCALE], finding("gyro_lag", tau=amount(0.03, 0.01)), kind="single d=20"),
+        record("explained", [SCALE], finding("gyro_scale_error", k=amount(0.002, 0.0001)), kind="single d=20"),
         record("nothing_missing", [], kind="null"),
-        record("explained", [], finding("tyre_deflation", side="left"), kind="null"),
-        {"case": "b", "kind": "single", "effects": [], "not_made": "b: none of 30 drives"},
+        record("explained", [], finding("tyre_deflation", side="left"), kind="null") | {"baselines": {"BIC": []}},
+        record("nothing_missing", [HIDDEN], kind="unknown d=20"),
+        {"case": "b", "kind": "single d=20", "effects": [], "not_made": "b: none of 30 drives"},
     ]
-    text = told({"arguments": ["--seed", "3"], "records": records})
+    figures = Figures(records)
+    text = told(figures, ["--seed", "3"])
     rows = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
-    assert rows["null"][1:3] == ["2", "0.50"]
+    assert rows["null"][1:4] == ["1", "1.00", "-"]  # beside the other methods: one of both
     assert "False claims: 1" in text
     assert "Confused: 1" in text
+    assert "not flagged: 1" in text
     assert "gyro_lag (tau 0.03 +- 0.01) confirmed" in text
     assert "tyre_deflation (side left)" in text
     assert "+10.0" in text  # sigmas of the scale
     assert "b: none of 30 drives" in text
-    assert "--seed 3 --only CASE" in text
+    assert "drd trial --seed 3 --only CASE" in text
+    quoted = markdown(figures.quoted()).splitlines()
+    assert quoted[2] == "| nothing is missing, something is claimed | 2 | 0.50 (0.09..0.91) | 0.00 |"
+    assert "| in no catalogue: flagged as unknown | 1 | 0.00 (0.00..0.79) | - |" in quoted
+
+
+def test_a_trial_of_nothing_but_nulls_has_its_table() -> None:
+    (table,) = Figures([record("nothing_missing", [], kind="null")]).tables()
+    assert table.rows == [["null", "1", "0.00", "(0.00..0.79)", "0.00", "(0.00..0.79)"]]

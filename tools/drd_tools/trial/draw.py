@@ -1,84 +1,63 @@
 """Cases drawn by seed: a drive, its conditions, and effects as visible as is asked for."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect
+from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
+from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import effect_rows
 from drd_tools.simulate.missions import MISSIONS, make_drive
 from drd_tools.simulate.robot import DEFAULT
-from drd_tools.simulate.simulator import Simulated, simulate
+from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
-from drd_tools.trial.size import Random, nearest, sized, visibility
+from drd_tools.trial import contacts
+from drd_tools.trial.overlay import Effects, overlaid
+from drd_tools.trial.plan import CONTACTS, STRESSED, Drawing, reversible
+from drd_tools.trial.size import Random, Values, eventful, nearest, sized, visibility
+from drd_tools.trial.unknown import HIDDEN
 
-VISIBILITIES: Final = (12.0, 25.0)
-PAIR_VISIBILITY: Final = 25.0
-DRIVES: Final = tuple(name for name in MISSIONS if name != "stand")
 TRIES: Final = 30  # drives, until one shows an effect of a plausible size so well
+UNLIKE_NATS: Final = 20.0  # by which what is in no catalogue must do better than the nearest name, without noise
 LATE_S: Final = 0.005
 SIDEWAYS_M: Final = 0.05
 YAW_RAD: Final = 0.5 * RAD_PER_DEG
 TAILS: Final = 4.0
-STRESSED: Final = "null stressed"
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A case that can be made again from these: `name` says its kind, effect and visibility."""
-
-    name: str
-    kind: str
-    effects: tuple[str, ...]
-    visibility: float
-    seed: int
-    minutes: tuple[float, float]
-    reference: str = "full"
+FRICTION: Final = (0.8, 1.0)
+CONTACTS_MINUTES: Final = 4.0  # at most: contact physics takes its time
 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording and its answer, in the form of answers.json with the drive beside it."""
+    """A recording and its answer, in the form of answers.json with the drive beside it.
 
-    simulated: Simulated
-    answer: dict[str, Any]
-
-
-def drawings(
-    count: int, seed: int, minutes: tuple[float, float], reference: str = "full", only: tuple[str, ...] = ("*",)
-) -> Iterator[Drawing]:
-    """`count` plain and stressed nulls, pairs, and drives of each effect at each visibility; names that match `only`.
-
-    A case depends on its name and `seed`, not on what else is drawn.
+    `again()`: another drive of the same robot with the same effects, with a full reference.
     """
-    names = reversible()
-    for number in range(count):
-        wanted: list[tuple[str, str, tuple[str, ...], float]] = [
-            (f"null-plain-{number:03}", "null", (), 0.0),
-            (f"null-stressed-{number:03}", STRESSED, (), 0.0),
-        ]
-        for d in VISIBILITIES:
-            wanted += [(f"{effect}-d{d:g}-{number:03}", f"single d={d:g}", (effect,), d) for effect in names]
-        two = np.random.default_rng([seed, number]).choice(len(names), 2, replace=False)
-        pair = tuple(names[i] for i in two)
-        wanted.append((f"pair-{number:03}", f"pair d={PAIR_VISIBILITY:g}", pair, PAIR_VISIBILITY))
-        for name, kind, effects, d in wanted:
-            if any(fnmatchcase(name, pattern) for pattern in only):
-                yield Drawing(name, kind, effects, d, seed, minutes, reference)
+
+    recording: Recording
+    effects: Effects
+    answer: dict[str, Any]
+    again: Callable[[], Recording]
 
 
-def reversible() -> list[str]:
-    """Names of the effects that can be drawn."""
-    return [effect.id for effect in catalogue().values() if not effect.irreversible]
+class Run(NamedTuple):
+    """One drive of a robot. The temperature is the other world's own in MuJoCo, the friction only there."""
+
+    mission: str
+    temperature: str
+    seconds: float
+    seed: int
+    friction: float
 
 
 def make(drawing: Drawing) -> Case:
@@ -93,24 +72,35 @@ def make(drawing: Drawing) -> Case:
 
 def _made(drawing: Drawing, random: Random) -> Case | None:
     """One try; None where an effect would be implausible."""
-    mission = DRIVES[int(random.integers(len(DRIVES)))]
-    temperature = list(PROFILES)[int(random.integers(len(PROFILES)))]
-    seconds = float(10.0 * np.round(6.0 * random.uniform(*drawing.minutes)))
-    seed = int(random.integers(2**31))
-    truth = make_truth(make_drive(mission, seconds, DEFAULT.standstill_at_start_s), temperature)
+    names = drawing.effects
+    if drawing.visibility and not names:
+        names = (reversible()[int(random.integers(len(reversible())))],)
+    run, other = (_run(drawing, names, random) for _ in range(2))
+    other = other._replace(seconds=run.seconds)  # windows of time are in it, too
     conditions, yaw_rad = Conditions(reference=Reference.parse(drawing.reference)), 0.0
-    drive = {"mission": mission, "temperature": temperature, "seconds": seconds, "seed": seed}
-    answer: dict[str, Any] = {"case": drawing.name, "kind": drawing.kind, "effects": [], "drive": drive}
+    answer: dict[str, Any] = {"case": drawing.name, "kind": drawing.kind, "effects": [], "drive": run._asdict()}
     if drawing.kind == STRESSED:
         conditions, yaw_rad = _stressed(conditions, random)
         answer["stress"] = _plain(conditions, yaw_rad)
-    null = simulate(truth, DEFAULT, (), conditions, seed, drawing.name)
-    if not drawing.effects:
-        return Case(_turned(null, yaw_rad), answer)
-    problem = Problem(gather(null.recording))
-    found = []
-    for effect in (catalogue()[name] for name in drawing.effects):
-        values = sized(problem, null.motion, effect, drawing.visibility, random)
+
+    def record(one: Run, effects: Effects, conditions: Conditions) -> tuple[Recording, Motion]:
+        make_one = _in_contacts if drawing.world == CONTACTS else _simulated
+        return make_one(one, effects, conditions, drawing.name)
+
+    def again() -> Recording:
+        return record(other, found, Conditions())[0]
+
+    recording, motion = record(run, (), conditions)
+    found: list[tuple[Effect, Values]] = []
+    if not names:
+        return Case(_turned(recording, yaw_rad), (), answer, again)
+    problem = Problem(gather(recording))
+    for effect in (_effect(name) for name in names):
+        values = (
+            sized(problem, motion, effect, drawing.visibility, random)
+            if drawing.visibility
+            else eventful(motion, effect, random)
+        )
         if values is None:
             return None
         found.append((effect, values))
@@ -119,7 +109,43 @@ def _made(drawing: Drawing, random: Random) -> Case | None:
         row["visibility"] = visibility(problem, effect, values)
     if len(found) == 1:
         answer["effects"][0] |= nearest(problem, *found[0])
-    return Case(simulate(truth, DEFAULT, found, conditions, seed, drawing.name), answer)
+        if names[0] in HIDDEN and answer["effects"][0]["margin_nats"] < UNLIKE_NATS:
+            return None  # on this drive a name says it all
+    return Case(record(run, found, conditions)[0], found, answer, again)
+
+
+def _effect(name: str) -> Effect:
+    return HIDDEN[name] if name in HIDDEN else catalogue()[name]
+
+
+def _run(drawing: Drawing, names: tuple[str, ...], random: Random) -> Run:
+    """Any drive on which it makes sense to look for these."""
+    in_contacts = drawing.world == CONTACTS
+    missions = contacts.MISSIONS if in_contacts else [name for name in MISSIONS if name != "stand"]
+    mission = missions[int(random.integers(len(missions)))]
+    temperature = list(PROFILES)[int(random.integers(len(PROFILES)))]
+    low, high = drawing.minutes
+    if in_contacts:
+        low, high = min(low, CONTACTS_MINUTES), min(high, CONTACTS_MINUTES)
+    seconds = float(10.0 * np.round(6.0 * random.uniform(low, high)))
+    seed, friction = int(random.integers(2**31)), float(random.uniform(*FRICTION))
+    wanted = next((HIDDEN[n].temperature for n in names if n in HIDDEN), "")
+    return Run(mission, wanted or temperature, seconds, seed, friction)
+
+
+def _simulated(run: Run, effects: Effects, conditions: Conditions, name: str) -> tuple[Recording, Motion]:
+    truth = make_truth(make_drive(run.mission, run.seconds, DEFAULT.standstill_at_start_s), run.temperature)
+    known = [pair for pair in effects if pair[0].id not in HIDDEN]
+    made = simulate(truth, DEFAULT, known, conditions, run.seed, name)
+    hidden = [pair for pair in effects if pair[0].id in HIDDEN]
+    return (overlaid(made.recording, made.motion, hidden) if hidden else made.recording), made.motion
+
+
+def _in_contacts(run: Run, effects: Effects, conditions: Conditions, name: str) -> tuple[Recording, Motion]:
+    reference = conditions.reference
+    driven = contacts.drive(run.mission, run.seconds, run.seed, run.friction, reference, name)
+    recording = overlaid(driven.recording, driven.motion, effects) if effects else driven.recording
+    return recording, driven.motion
 
 
 def _stressed(conditions: Conditions, random: Random) -> tuple[Conditions, float]:
@@ -148,10 +174,9 @@ def _plain(conditions: Conditions, yaw_rad: float) -> dict[str, float]:
     }
 
 
-def _turned(simulated: Simulated, yaw_rad: float) -> Simulated:
+def _turned(recording: Recording, yaw_rad: float) -> Recording:
     """With a reference that is mounted askew."""
-    recording = simulated.recording
-    if recording.reference is None:
-        return simulated
-    reference = replace(recording.reference, heading_rad=recording.reference.heading_rad + yaw_rad)
-    return replace(simulated, recording=replace(recording, reference=reference))
+    if recording.reference is None or not yaw_rad:
+        return recording
+    log = replace(recording.reference, heading_rad=recording.reference.heading_rad + yaw_rad)
+    return replace(recording, reference=log)

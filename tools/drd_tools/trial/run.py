@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,11 +18,16 @@ from drd_tools.diagnose.diagnose import Diagnosis, diagnose
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
-from drd_tools.simulate.simulator import Effects
-from drd_tools.trial.draw import Drawing, make
+from drd_tools.trial import held_out
+from drd_tools.trial.baselines import baselines
+from drd_tools.trial.draw import make
+from drd_tools.trial.overlay import Effects
+from drd_tools.trial.plan import Drawing
+from drd_tools.trial.unknown import HIDDEN
 
 Record = dict[str, Any]
 Answer = dict[str, Any]
+Call = Callable[[], Record]
 ANSWERS = "answers.json"
 
 
@@ -39,27 +45,35 @@ def read_answers(folder: Path) -> list[Answer]:
     return answers
 
 
-def from_folder(folder: Path, answer: Answer) -> Record:
-    """Diagnose a recording on disk."""
-    kind = f"given {answer['kind']}"
-    return {**answer, "kind": kind, **_said(read_recording(folder / answer["case"]))}
+def from_folder(folder: Path, answer: Answer, names: Sequence[str]) -> Record:
+    """Diagnose a recording on disk. `names`: of the other methods."""
+    recording = read_recording(folder / answer["case"])
+    said, _ = _said(recording)
+    return {**answer, "kind": f"given {answer['kind']}", **said, "baselines": baselines(recording, names)}
 
 
-def simulated(drawing: Drawing) -> Record:
+def simulated(drawing: Drawing, names: Sequence[str]) -> Record:
     """Simulate a case and diagnose it; one that cannot be made is said to be `not_made`."""
     try:
         case = make(drawing)
     except ValueError as error:
         return {"case": drawing.name, "kind": drawing.kind, "effects": [], "not_made": str(error)}
-    return {**case.answer, **_said(case.simulated.recording, case.simulated.effects)}
+    said, result = _said(case.recording, case.effects)
+    record = {**case.answer, **said, "baselines": baselines(case.recording, names)}
+    if result is not None and (case.effects or result.conclusion.findings):
+        try:
+            record["held_out"] = held_out.judged(result, case.effects, case.again())
+        except Exception as error:  # so is a model that cannot be applied
+            record["error"] = f"on another drive: {type(error).__name__}: {error}"
+    return record
 
 
-def _said(recording: Recording, truth: Effects = ()) -> Record:
+def _said(recording: Recording, truth: Effects = ()) -> tuple[Record, Diagnosis | None]:
     began_s = time.perf_counter()
     try:
         result = diagnose(recording)
     except Exception as error:  # a diagnosis that fails is a result of the trial
-        return {"verdict": "failed", "findings": [], "error": f"{type(error).__name__}: {error}"}
+        return {"verdict": "failed", "findings": [], "error": f"{type(error).__name__}: {error}"}, None
     problem, took_s = result.conclusion.found.problem, time.perf_counter() - began_s
     said = {
         "verdict": outcome.verdict(result.conclusion),
@@ -68,9 +82,10 @@ def _said(recording: Recording, truth: Effects = ()) -> Record:
         "took_s": took_s,
     }
     names = [f.effect for f in result.conclusion.findings]
-    if truth and sorted(names) != sorted(effect.id for effect, _ in truth):
+    known = [effect.id for effect, _ in truth if effect.id not in HIDDEN]
+    if known and sorted(names) != sorted(known):
         said["truth_nats"] = _truth_nats(result, truth)
-    return said
+    return said, result
 
 
 def _truth_nats(result: Diagnosis, truth: Effects) -> float:
@@ -89,26 +104,33 @@ def _truth_nats(result: Diagnosis, truth: Effects) -> float:
     return max(scores) - found.score
 
 
-def run(folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], jobs: int) -> Iterator[Record]:
-    """Records as they are ready."""
-    calls: list[Callable[[], Record]] = []
+def calls(folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str]) -> list[Call]:
+    """What is to be done, a call for each case."""
+    made: list[Call] = []
     if folder is not None:
-        calls += [partial(from_folder, folder, answer) for answer in answers]
-    calls += [partial(simulated, drawing) for drawing in drawn]
-    with tqdm(total=len(calls), desc="trial", unit="case", disable=None) as bar:
-        for record in _each(calls, jobs):
+        made += [partial(from_folder, folder, answer, names) for answer in answers]
+    return [*made, *(partial(simulated, drawing, names) for drawing in drawn)]
+
+
+def run(todo: Sequence[Call], jobs: int) -> Iterator[Record]:
+    """Records as they are ready."""
+    with tqdm(total=len(todo), desc="trial", unit="case", disable=None) as bar:
+        for record in _each(todo, jobs):
             yield record
             bar.update()
 
 
-def _each(calls: Sequence[Callable[[], Record]], jobs: int) -> Iterator[Record]:
+def _each(todo: Sequence[Call], jobs: int) -> Iterator[Record]:
     if jobs == 1:
-        for call in calls:
+        for call in todo:
             yield call()
         return
+    # The processes share the cores; a library that takes all of them for one product only gets in the others' way.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     # A forked child of a process with threads may lock up.
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(call) for call in calls]
+        futures = [pool.submit(call) for call in todo]
         try:
             for future in as_completed(futures):
                 yield future.result()

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drd.effects.catalogue import catalogue
+from drd_tools.trial.unknown import PREFIX
 
 Record = dict[str, Any]
 
-NOTHING, EXPLAINED = "nothing_missing", "explained"
+NOTHING, EXPLAINED, UNKNOWN = "nothing_missing", "explained", "unknown"
+LEAST_GAIN: Final = 25.0  # squared sigmas that the oracle takes off another drive, there for a share to mean anything
+NOT_LINEAR: Final = 2.0  # of the residual's expectation
+WORSE: Final = 0.02
 Z_90: Final = 1.6448536269514722  # two-sided 90 %
 Z_95: Final = 1.959963984540054
 
@@ -43,7 +47,14 @@ class Interval:
 
 @dataclass(frozen=True)
 class Score:
-    """Of one record. `..._class`: a finding is right where the right name is among those that it also fits."""
+    """Of one record. `..._class`: a finding is right where the right name is among those that it also fits.
+
+    What is in no catalogue has the right name `unknown`. `named`: findings with a name, `false_named`: those of them
+    that are wrong even as a class. `windows`: effects of a stretch of time that were named, and the share of overlap
+    (intersection over union). `share`: improvement of the other drive's residual, of what the oracle's is; None where
+    the oracle's is lost in the noise. `worse`: what was found made the other drive's residual (`worse_path`: path)
+    worse than no correction by more than WORSE; None where there was no other drive, or it tells nothing.
+    """
 
     verdict: bool
     claims: bool
@@ -52,25 +63,80 @@ class Score:
     top_1_class: bool
     exact: bool
     exact_class: bool
+    flagged: bool
+    misnamed: bool
+    named: int
+    false_named: int
     intervals: tuple[Interval, ...]
+    windows: tuple[tuple[str, float], ...]
+    share: float | None
+    worse: bool | None
+    worse_path: bool | None
 
 
 def score(record: Record) -> Score:
     """Judge a record: the answer's `effects`, and the diagnosis' `verdict` and `findings`, best first."""
     truth, findings = record["effects"], record["findings"]
-    right = [e["effect"] for e in truth]
+    right = [_right(e["effect"]) for e in truth]
     said = [f["effect"] for f in findings]
     classes = [{f["effect"], *f["also_fits"]} for f in findings]
+    named = [c for f, c in zip(findings, classes, strict=True) if f["effect"] != UNKNOWN]
+    expected = (UNKNOWN if UNKNOWN in right else EXPLAINED) if truth else NOTHING
+    pairs = [(e, f) for e in truth for f in findings if f["effect"] == e["effect"]]
+    share, worse, worse_path = _held_out(record.get("held_out"))
     return Score(
-        verdict=record["verdict"] == (EXPLAINED if truth else NOTHING),
+        verdict=record["verdict"] == expected,
         claims=bool(findings),
         sure_claims=any(f["status"] != "suspected" for f in findings),
         top_1=bool(said) and said[0] in right,
         top_1_class=bool(said) and not classes[0].isdisjoint(right),
         exact=record["verdict"] != "failed" and set(said) == set(right),
         exact_class=record["verdict"] != "failed" and _matches(right, classes),
-        intervals=tuple(i for e in truth for f in findings if f["effect"] == e["effect"] for i in _intervals(e, f)),
+        flagged=UNKNOWN in said,
+        misnamed=bool(named) and UNKNOWN not in said,
+        named=len(named),
+        false_named=sum(c.isdisjoint(right) for c in named),
+        intervals=tuple(i for e, f in pairs for i in _intervals(e, f)),
+        windows=tuple((e["effect"], iou) for e, f in pairs if (iou := _overlap(e["parameters"], f)) is not None),
+        share=share,
+        worse=worse,
+        worse_path=worse_path,
     )
+
+
+def of_names(record: Record, names: Sequence[str]) -> Score:
+    """Judge a method that gives names only, the best first."""
+    findings = [{"effect": n, "also_fits": [], "status": "supported", "parameters": {}, "windows": []} for n in names]
+    verdict = EXPLAINED if names else NOTHING
+    return score({"effects": record["effects"], "findings": findings, "verdict": verdict})
+
+
+def _right(name: str) -> str:
+    return UNKNOWN if name.startswith(PREFIX) else name
+
+
+def _overlap(true: dict[str, Any], finding: dict[str, Any]) -> float | None:
+    """Intersection over union of two windows; None for an effect that has none. One that lasts ends with the drive."""
+    windows = finding["windows"]
+    if "t0" not in true or not windows:
+        return None
+    low, high, begin = float(windows[0][0]), float(windows[0][1]), float(true["t0"])
+    end = float(true.get("t1", high))
+    return max(0.0, min(high, end) - max(low, begin)) / max(max(high, end) - min(low, begin), 1e-9)
+
+
+def _held_out(other: dict[str, Any] | None) -> tuple[float | None, bool | None, bool | None]:
+    if other is None:
+        return None, None, None
+    residual, path_m = other["residual"], other["path_m"]
+    # Where even the truth leaves so much, what is missing is too large there for a linear residual.
+    is_linear = residual["oracle"] < NOT_LINEAR * other["rows"]
+    could = residual["before"] - residual["oracle"]
+    share = (residual["before"] - residual["after"]) / could if could > LEAST_GAIN and is_linear else None
+    worse = math.sqrt(residual["after"] / residual["before"]) > 1.0 + WORSE if is_linear else None
+    # Where even the truth makes the path worse, that drive's noise decides.
+    best_m = max(path_m["before"], path_m.get("oracle", 0.0))
+    return share, worse, path_m["after"] > (1.0 + WORSE) * best_m
 
 
 def _matches(right: Sequence[str], classes: Sequence[set[str]]) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 
 from drd.effects.effect import Effect
 from drd.effects.motion import Motion
+from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.conclude import CLASS_NATS
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import refine
@@ -83,9 +84,28 @@ def _shape(effect: Effect, motion: Motion, random: Random) -> Values:
         "t0": begin_s,
         "t1": begin_s + float(random.uniform(0.1, 0.25)) * motion.end_s,
         "phase": float(random.uniform(0.0, 2.0 * math.pi)),
+        "period": float(random.uniform(0.25, 0.6)) * motion.end_s,
+        "pitch": float(random.uniform(3.0, 6.0)),
         "tau": float(np.exp(random.uniform(np.log(40.0), np.log(400.0)))),
         "coil_lag_s": float(np.exp(random.uniform(np.log(10.0), np.log(100.0)))),
         "speed": float(np.quantile(moving, random.uniform(0.2, 0.7))) if len(moving) else 0.1,
     }
     own = {q.name for q in effect.parameters if not q.linear and not q.fixed}
     return values | {name: value for name, value in drawn.items() if name in own}
+
+
+def eventful(motion: Motion, effect: Effect, random: Random) -> Values | None:
+    """Values (SI) of an effect that destroys readings, and is seen at once or not at all; None: not in this drive."""
+    moving = np.flatnonzero(np.abs(motion.speed_m_s) + motion.tread_m * np.abs(motion.rate_rad_s) > 0.2)
+    rates = np.abs(motion.rate_rad_s[np.abs(motion.rate_rad_s) > 0.02])
+    if not len(moving) or not len(rates):
+        return None
+    begin_s = float(motion.time_s[moving[int(random.uniform(0.1, 0.7) * len(moving))]])
+    drawn: Values = {
+        "side": ("left", "right")[int(random.integers(2))],
+        "t0": begin_s,
+        "t1": begin_s + float(random.uniform(3.0, 20.0)),
+        "limit": float(random.uniform(0.6, 0.9) * rates.max()),
+        "band": float(np.exp(random.uniform(np.log(0.05), np.log(0.5)))) * RAD_PER_DEG,
+    }
+    return {q.name: drawn[q.name] for q in effect.parameters}

@@ -1,36 +1,32 @@
-"""The figures of a trial as text."""
+"""A trial as text: its tables, and each failure with what is true and what was said."""
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from drd_tools.trial.score import Record, Score, score, wilson
+from drd_tools.trial.figures import Figures, Pair, Row
 
-Row = list[str]
+PROGRAM = "drd trial"
 
 
-def told(results: dict[str, Any]) -> str:
-    """All of a trial: figures, false claims, and what was confused."""
-    records = [r for r in results["records"] if "not_made" not in r]
-    scored = [(r, score(r)) for r in records]
-    kinds = sorted({r["kind"] for r in records})
-    nulls = [(k, [p for p in scored if p[0]["kind"] == k]) for k in kinds if "null" in k]
-    others = [(k, [p for p in scored if p[0]["kind"] == k]) for k in kinds if "null" not in k]
+def told(figures: Figures, arguments: Sequence[str]) -> str:
+    """All of a trial. `arguments`: those with which a case is drawn again."""
     lines: list[str] = []
-    if nulls:
-        lines += ["Nothing is missing, and yet something is claimed (95 % Wilson intervals)"]
-        lines += table([["kind", "n", "any claim", "", "above suspected", ""], *(_null_row(*pair) for pair in nulls)])
-    if others:
-        lines += ["", "Something is missing (strict: the name itself; class: it is among those that it also fits)"]
-        head = ["kind", "n", "verdict", "top-1", "", "top-1 class", "", "set", "", "set class", ""]
-        lines += table([head, *(_row(*pair) for pair in others), *_separable(others)])
-        lines += ["", "90 % intervals of the parameters of what was named right: share that holds the truth"]
-        lines += table([["kind", "n", "inside", ""], *(_coverage(*pair) for pair in others)])
-    lines += _confused([p for _, pairs in nulls for p in pairs], "False claims", results["arguments"])
-    lines += _confused([p for _, pairs in others for p in pairs if not p[1].exact], "Confused", results["arguments"])
-    lines += _outside([p for _, pairs in others for p in pairs])
-    lines += _not_made(results["records"])
-    return "\n".join(lines)
+    for made in figures.tables():
+        lines += [*([""] if lines else []), made.caption, *table([made.header, *made.rows])]
+    return "\n".join([*lines, *failures(figures, arguments)])
+
+
+def failures(figures: Figures, arguments: Sequence[str]) -> list[str]:
+    """False claims, what was confused, what is outside of its interval, and what could not be made."""
+    nulls, others = figures.of(*figures.null_kinds), figures.of(*figures.named_kinds)
+    unknown = figures.of(*figures.unknown_kinds)
+    lines = _confused([p for p in nulls if p[1].claims or "error" in p[0]], "False claims")
+    lines += _confused([p for p in others if not p[1].exact], "Confused")
+    lines += _confused([p for p in unknown if not p[1].flagged], "In no catalogue, and not flagged")
+    if lines:
+        lines += ["", "Each of them alone:", f"  {PROGRAM} {shlex.join(arguments)} --only CASE --output DIR"]
+    return [*lines, *_outside(others), *_not_made(figures)]
 
 
 def table(rows: Sequence[Row]) -> list[str]:
@@ -42,42 +38,7 @@ def table(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def share(yes: Iterable[bool]) -> Row:
-    """A share with its interval, as two cells."""
-    flags = list(yes)
-    if not flags:
-        return ["-", ""]
-    low, high = wilson(sum(flags), len(flags))
-    return [f"{sum(flags) / len(flags):.2f}", f"({low:.2f}..{high:.2f})"]
-
-
-def _null_row(kind: str, pairs: Sequence[tuple[Record, Score]]) -> Row:
-    scores = [s for _, s in pairs]
-    return [kind, str(len(pairs)), *share(s.claims for s in scores), *share(s.sure_claims for s in scores)]
-
-
-def _row(kind: str, pairs: Sequence[tuple[Record, Score]]) -> Row:
-    scores = [s for _, s in pairs]
-    return [
-        kind, str(len(pairs)), share(s.verdict for s in scores)[0],
-        *share(s.top_1 for s in scores), *share(s.top_1_class for s in scores),
-        *share(s.exact for s in scores), *share(s.exact_class for s in scores),
-    ]  # fmt: skip
-
-
-def _separable(kinds: Sequence[tuple[str, Sequence[tuple[Record, Score]]]]) -> list[Row]:
-    """The same, without the drives in which another name would do as well even without noise."""
-    apart = [(k, [p for p in pairs if p[0]["effects"][0].get("separable")]) for k, pairs in kinds]
-    return [_row(f"{kind}, separable", pairs) for kind, pairs in apart if pairs]
-
-
-def _coverage(kind: str, pairs: Sequence[tuple[Record, Score]]) -> Row:
-    inside = [i.inside for _, s in pairs for i in s.intervals]
-    return [kind, str(len(inside)), *share(inside)]
-
-
-def _confused(pairs: Sequence[tuple[Record, Score]], title: str, arguments: Sequence[str]) -> list[str]:
-    wrong = [(r, s) for r, s in pairs if s.claims or r["effects"] or "error" in r]
+def _confused(wrong: Sequence[Pair], title: str) -> list[str]:
     if not wrong:
         return []
     lines = ["", f"{title}: {len(wrong)}"]
@@ -90,14 +51,9 @@ def _confused(pairs: Sequence[tuple[Record, Score]], title: str, arguments: Sequ
             lines.append(
                 f"    search the true effects, fitted, score {record['truth_nats']:+.1f} nats against what was said"
             )
+        lines += [f"    {name:<6} {_plain(record[name])}" for name in ("drive", "stress") if name in record]
         if "error" in record:
             lines.append(f"    error  {record['error']}")
-        if "drive" in record:
-            lines.append(f"    drive  {_plain(record['drive'])}")
-        if "stress" in record:
-            lines.append(f"    stress {_plain(record['stress'])}")
-    lines.append("  Each of them alone:")
-    lines.append(f"    python -m drd_tools.trial {shlex.join(arguments)} --only CASE --output DIR")
     return lines
 
 
@@ -128,7 +84,7 @@ def _plain(values: dict[str, Any]) -> str:
     )
 
 
-def _outside(pairs: Sequence[tuple[Record, Score]]) -> list[str]:
+def _outside(pairs: Sequence[Pair]) -> list[str]:
     wrong = [(r["case"], i) for r, s in pairs for i in s.intervals if not i.inside]
     if not wrong:
         return []
@@ -140,6 +96,5 @@ def _outside(pairs: Sequence[tuple[Record, Score]]) -> list[str]:
     return ["", f"Truth outside of the 90 % interval: {len(wrong)}", *table([head, *rows])]
 
 
-def _not_made(records: Sequence[Record]) -> list[str]:
-    missing = [r["not_made"] for r in records if "not_made" in r]
-    return ["", "Not made:", *(f"  {text}" for text in missing)] if missing else []
+def _not_made(figures: Figures) -> list[str]:
+    return ["", "Not made:", *(f"  {r['not_made']}" for r in figures.not_made)] if figures.not_made else []

@@ -1,0 +1,174 @@
+"""`drd trial`: how often the diagnosis is right."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from drd.schema import ConfigError
+from drd_tools.simulate.conditions import Reference
+from drd_tools.trial import baselines, contacts
+from drd_tools.trial.figures import Figures
+from drd_tools.trial.plan import CONTACTS, LARGE, NONE, Plan, drawings
+from drd_tools.trial.run import Record, calls, read_answers, run
+from drd_tools.trial.store import Head, Store
+from drd_tools.trial.text import PROGRAM, told
+
+DESCRIPTION = """\
+Run the diagnosis blind on recordings whose answer is known, and score it: share of recordings in which nothing is
+missing and something is claimed, names right first and as a set, names wrong even as a class, unknown physics flagged
+and misnamed, overlap of windows, truth within the 90 % intervals, and what the correction is worth on another drive of
+the same robot beside an oracle that knows the truth; with 95 % Wilson intervals, and beside sparse regressions of the
+same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]').
+
+Cases are drawn by seed, each from its name and the seed alone:
+  null-plain-*, null-stressed-*    nothing is missing; stressed: noise 30 % off its sheets, heavy tails, reference late,
+                                   off the centre and askew
+  EFFECT-d8-*, -d12-*, -d20-*      one effect of the catalogue, so visible; EFFECT-event-*: one that destroys readings
+  pair-*, triple-*                 two and three effects, each with d = 20
+  unknown_*-d20-*                  physics that is in no catalogue
+  null-KIND-*, any-KIND-*          nothing, or any effect with d = 20; KIND: sparse (a pose a minute), ends (at the
+                                   two ends only), none (no reference), contacts (the MuJoCo world)
+--folder adds recordings with answers.json.
+
+A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
+diagnosis are moved aside, to results.old.jsonl.
+"""
+EXAMPLES = f"""\
+examples:
+  {PROGRAM} --each 1 --only '*-d20-*' --minutes 4 5 --output out/singles
+  {PROGRAM} --each 40 --only 'null-*' --no-baselines --output out/nulls
+  {PROGRAM} --large --seed 7 --output out/large                   (an hour or two on two cores)
+  {PROGRAM} --folder ../shared/trials --output out/given
+  {PROGRAM} --draw out/large                                      (print and draw again)
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run, save, print, draw. Returns the exit code: 0, or 2 for bad usage. Raises ConfigError on bad input."""
+    parser = _parser()
+    chosen = parser.parse_args(argv)
+    if chosen.draw is not None:
+        return _told(chosen.draw)
+    if chosen.output is None or not (chosen.folder or chosen.each or chosen.large):
+        parser.error("give --output DIR with --each N, --large or --folder DIR, or --draw DIR")
+    try:
+        _run(chosen)
+        return _told(chosen.output)
+    except OSError as error:
+        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
+
+
+def _run(chosen: argparse.Namespace) -> None:
+    only = tuple(chosen.only)
+    answers = [] if chosen.folder is None else read_answers(chosen.folder)
+    answers = [a for a in answers if any(fnmatchcase(a["case"], pattern) for pattern in only)]
+    Reference.parse(chosen.reference)
+    low, high = chosen.minutes
+    if not 0.5 <= low <= high <= 600.0:
+        raise ConfigError("--minutes", "", "0.5 <= LOW <= HIGH <= 600", f"{low:g} {high:g}")
+    plan = LARGE if chosen.large else Plan(*[chosen.each] * len(NONE))
+    drawn = list(drawings(plan, chosen.seed, (low, high), chosen.reference, only))
+    if any(d.world == CONTACTS for d in drawn) and not contacts.is_there():
+        print("No drives of the MuJoCo world: mujoco is not installed (pip install 'drd[mujoco]').", file=sys.stderr)
+        drawn = [d for d in drawn if d.world != CONTACTS]
+    if not answers and not drawn:
+        raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(only))
+    names = _methods(chosen.baselines)
+    store = Store(chosen.output)
+    done = {r["case"] for r in store.begin(_head(chosen, names))}
+    answers, drawn = [a for a in answers if a["case"] not in done], [d for d in drawn if d.name not in done]
+    if done:
+        print(f"{len(done)} cases are there already, {len(answers) + len(drawn)} are to do", file=sys.stderr)
+    for record in run(calls(chosen.folder, answers, drawn, names), chosen.jobs):
+        store.add(record)
+
+
+def _head(chosen: argparse.Namespace, names: Sequence[str]) -> Head:
+    """What makes cases the same cases."""
+    return {
+        "seed": chosen.seed,
+        "minutes": list(chosen.minutes),
+        "reference": chosen.reference,
+        "folder": None if chosen.folder is None else str(chosen.folder),
+        "baselines": list(names),
+    }
+
+
+def _methods(wanted: bool) -> tuple[str, ...]:
+    names = baselines.installed() if wanted else ()
+    missing = [f"{name} (package {baselines.PACKAGES[name]})" for name in baselines.PACKAGES if name not in names]
+    if wanted and missing:
+        print(f"Left out, not installed: {', '.join(missing)}; pip install 'drd[baselines]'", file=sys.stderr)
+    return names
+
+
+def _told(folder: Path) -> int:
+    """Print and draw what the folder holds."""
+    from drd_tools.trial.page import write_page  # noqa: PLC0415  # matplotlib is slow
+
+    head, records = Store(folder).read()
+    figures = Figures(records)
+    again = _again(head, records)
+    print(told(figures, again))
+    files = write_page(figures, again, head, folder)
+    print(f"\nwrote {', '.join(str(f) for f in files)}; {PROGRAM} --draw {folder} prints and draws it again")
+    return 0
+
+
+def _again(head: Head, records: Sequence[Record]) -> list[str]:
+    """Arguments with which each of the cases is drawn again."""
+    low, high = head["minutes"]
+    numbers = [int(n) for r in records if (n := str(r["case"]).rpartition("-")[2]).isdigit()]
+    made = ["--seed", str(head["seed"]), "--minutes", f"{low:g}", f"{high:g}", "--reference", head["reference"]]
+    made += ["--each", str(max(numbers) + 1)] if numbers else []
+    return made + (["--folder", head["folder"]] if head["folder"] else [])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add: Any = parser.add_argument
+    size = parser.add_mutually_exclusive_group()
+    many: Any = size.add_argument
+    many("--each", type=_count, default=0, metavar="N", help="N cases of each kind, effect and visibility")
+    many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
+    add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
+    add("--seed", type=_count, default=0, metavar="S", help="other cases (default 0)")
+    add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
+    add("--reference", default="full", metavar="WHEN",
+        help="full (default), sparse:SECONDS, ends or none, where the kind does not say")  # fmt: skip
+    add("--only", nargs="+", default=["*"], metavar="PATTERN", help="only cases whose names match one of these")
+    add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
+    add("--jobs", type=_jobs, default=2, metavar="N", help="processes (default 2)")
+    add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
+    add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
+    return parser
+
+
+def _sizes() -> str:
+    p = LARGE
+    return (
+        f"{2 * p.nulls} nulls, {p.singles} drives of each effect at each visibility, {2 * p.sets} sets, {p.unknowns} "
+        f"of each unknown cause, {p.variants} with and without an effect for each other reference, and in MuJoCo"
+    )
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"0 or more, got {text}")
+    return value
+
+
+def _jobs(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"1 or more, got {text}")
+    return value

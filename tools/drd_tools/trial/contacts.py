@@ -1,0 +1,170 @@
+"""Drives of the MuJoCo world with a nominal model that is calibrated to it."""
+
+import importlib.util
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import ActsOn, Effect, Errors, Values
+from drd.effects.motion import Motion
+from drd.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.units import RAD_PER_DEG
+from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
+from drd_tools.simulate.conditions import Reference
+from drd_tools.trial.overlay import overlaid
+
+Array = npt.NDArray[np.float64]
+
+STAND_S: Final = 10.0
+MISSIONS: Final = ("eights", "square-cw", "square-ccw")
+SLIP_M_PER_SQRT_M: Final = 2e-4  # at least
+SLIP_S: Final = 1.0
+KNOTS: Final = 13
+STANDING: Final = 0.01  # m/s, rad/s
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A recording of the MuJoCo world, and the true motion, in terms of the calibrated nominal model, at 100 Hz."""
+
+    recording: Recording
+    motion: Motion
+
+
+class Known(Effect):
+    """What a calibration knows of this robot's slip: its removal is part of the nominal model."""
+
+    id = "known_slip"
+    acts_on = ActsOn.WHEELS
+    parameters = ()
+
+    def __init__(self, errors: Errors):
+        self._errors = errors
+
+    def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002
+        """The same on its own drive."""
+        return self._errors
+
+
+def is_there() -> bool:
+    """Whether mujoco is installed."""
+    return importlib.util.find_spec("mujoco") is not None
+
+
+def drive(mission: str, seconds: float, seed: int, friction: float, reference: Reference, name: str) -> Driven:
+    """Drive, and calibrate the nominal model to this very drive by its truth.
+
+    Wheel radius and tread are least squares. What speed, yaw rate, their products and their rates of change tell of
+    each side's slip and of the body's sideways motion is taken off, as is the gyro's known drift with temperature;
+    the slip noise on the data sheet is what is left then, so that only the contacts' own irregularity is in the data.
+    """
+    from drd_tools.mujoco_world import sensors, world  # noqa: PLC0415  # mujoco may be missing
+    from drd_tools.mujoco_world.ground import Ground  # noqa: PLC0415
+    from drd_tools.mujoco_world.vehicle import Vehicle  # noqa: PLC0415
+
+    vehicle = Vehicle()
+    m = world.drive(vehicle, Ground(friction=friction), mission, seconds, STAND_S, seed)
+    readings = sensors.read_sensors(m, sensors.Reference(reference.period_s, reference.is_there), seed)
+    left, right = (_rate(vehicle.wheel_radius_m * angle, m.time_s) for angle in (m.left_rad, m.right_rad))
+    rate = _rate(m.gyro_rad, m.time_s)
+    gain = _slope(0.5 * (left + right), m.speed_m_s)
+    left, right, radius_m = gain * left, gain * right, gain * vehicle.wheel_radius_m
+    tread_m = _slope(rate, right - left)
+    temperature_c = np.interp(m.time_s, readings.fog[:, 0], readings.fog[:, 2])
+    still_c = float(temperature_c[m.time_s <= STAND_S].mean())
+    known = _known(m, rate, left, right, tread_m)
+    rate, left, right = rate + known.gyro_rad_s, left + known.left_m_s, right + known.right_m_s
+    motion = Motion(
+        m.time_s, rate, m.speed_m_s, _rate(m.speed_m_s, m.time_s), m.heading_rad, left, right,
+        m.left_rad, m.right_rad, temperature_c, still_c, tread_m, float(m.time_s[-1]),
+    )  # fmt: skip
+    nominal = _nominal(name, radius_m, tread_m, _slip_m_per_sqrt_m(motion))
+    time_s, rate_deg_s, fog_c = readings.fog.T
+    counted_s, left_counts, right_counts = readings.encoders.T
+    rate_deg_s = rate_deg_s - sensors.BIAS_DEG_S_PER_C * (fog_c - sensors.COLD_C)
+    poses = None
+    if readings.reference is not None:
+        at_s, x_m, y_m, heading_deg = readings.reference.T
+        poses = ReferenceLog(at_s, x_m, y_m, heading_deg * RAD_PER_DEG)
+    recording = Recording(
+        Path(name),
+        nominal,
+        EncoderLog(counted_s, left_counts, right_counts, None, None),
+        FogLog(time_s, rate_deg_s * RAD_PER_DEG, fog_c),
+        poses,
+        {},
+    )
+    return Driven(overlaid(recording, motion, [(Known(known), {})]), motion)
+
+
+def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Errors:
+    """What takes off all that a calibration could know, by least squares."""
+    v, w = m.speed_m_s, _rate(m.heading_rad, m.time_s)
+    dv, dw = _rate(v, m.time_s), _rate(w, m.time_s)
+    bent = [v, w, v * np.abs(v), w * np.abs(w), v * w, v * np.abs(w)]
+    changing = [dv, dw, v * dv, w * dw, v * dw, w * dv, _rate(dv, m.time_s), _rate(dw, m.time_s)]
+    # And a table by yaw rate: slip saturates as friction does.
+    knots = np.linspace(w.min(), w.max(), KNOTS)
+    moving = np.hypot(v, w) > STANDING
+    by_rate = [np.interp(w, knots, unit) * moving for unit in np.eye(KNOTS)]
+    own = np.column_stack([*bent, *changing, *by_rate])
+    half = 0.5 * tread_m * w
+    # A body that rolls in turns makes its gyro read less than the heading turns.
+    offs = (rate - w, left - v + half, right - v - half, m.lateral_m_s)
+    return Errors(*(_taken_off(own, off) for off in offs))
+
+
+def _taken_off(columns: Array, off: Array) -> Array:
+    return np.asarray(-columns @ np.linalg.lstsq(columns, off, rcond=None)[0])
+
+
+def _nominal(name: str, radius_m: float, tread_m: float, slip: float) -> Nominal:
+    from drd_tools.mujoco_world import sensors  # noqa: PLC0415
+
+    fog = FogSheet(
+        rate_hz=float(sensors.FOG_HZ),
+        range_deg_s=sensors.RANGE_DEG_S,
+        angle_random_walk_deg_per_sqrt_h=sensors.ANGLE_WALK_DEG_PER_SQRT_H,
+        bias_repeatability_deg_s=sensors.REPEATABILITY_DEG_S,
+        bias_random_walk_deg_per_h_per_sqrt_h=sensors.BIAS_WALK_DEG_PER_H_PER_SQRT_H,
+        resolution_deg_s=sensors.RESOLUTION_DEG_S,
+    )
+    return Nominal(
+        name=name,
+        wheel=Wheel(radius_m=radius_m, counts_per_revolution=float(sensors.COUNTS_PER_REVOLUTION)),
+        tread_m=tread_m,
+        fog=fog,
+        encoders=EncoderSheet(rate_hz=float(sensors.ENCODERS_HZ), slip_noise_m_per_sqrt_m=slip),
+        reference=ReferenceSheet(
+            position_sigma_m=sensors.POSITION_SIGMA_M, heading_sigma_deg=sensors.HEADING_SIGMA_DEG
+        ),
+        standstill_at_start_s=STAND_S,
+    )
+
+
+def _slip_m_per_sqrt_m(m: Motion) -> float:
+    """Scatter of each wheel's travel over SLIP_S about what the true motion gives, per root of its way."""
+    half = 0.5 * m.tread_m * m.rate_rad_s
+    step_s = float(m.time_s[1] - m.time_s[0])
+    size = round(SLIP_S / step_s)
+    n = len(half) // size
+
+    def summed(values: Any) -> Array:
+        return np.asarray(np.array(values)[:, : n * size].reshape(2, n, size).sum(axis=2) * step_s)
+
+    off_m = summed([m.left_m_s - m.speed_m_s + half, m.right_m_s - m.speed_m_s - half])
+    way_m = summed([np.abs(m.left_m_s), np.abs(m.right_m_s)])
+    return max(SLIP_M_PER_SQRT_M, math.sqrt(float(np.sum(off_m**2) / np.sum(way_m))))
+
+
+def _rate(values: Array, time_s: Array) -> Array:
+    return np.asarray(np.gradient(values, time_s))
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Least squares of y = slope x."""
+    return float(x @ y / (x @ x))

@@ -1,0 +1,73 @@
+"""What a diagnosis is worth on another drive of the same robot, beside an oracle that knows what is true."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import drd
+from drd.model import Amount, Term
+from drd_tools.diagnose import outcome
+from drd_tools.diagnose.diagnose import Diagnosis
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.result import table
+from drd_tools.trial.overlay import Effects
+from drd_tools.trial.unknown import HIDDEN
+
+
+def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any]:
+    """`other`'s mismatch before, with what was found, and with what is true (the oracle), all with values as they are.
+
+    `residual`: squared whitened innovations, the reference's own nuisances fitted. `path_m`: rms distance of the
+    dead-reckoned path from the reference; with hidden physics there is no oracle for it.
+    """
+    problem = Problem(gather(other))
+    claims = [f.claim for f in result.conclusion.findings if f.claim is not None]
+    true = [Claim(effect, values, ()) for effect, values in truth]
+    before = _squares(problem, ())
+    found: dict[str, Any] = {
+        "rows": len(problem.data),
+        "residual": {
+            "before": before,
+            "after": _corrected(problem, claims) if claims else before,
+            "oracle": _corrected(problem, true) if true else before,
+        },
+    }
+    model = outcome.model_of(result.conclusion, result.recording, drd.__version__).terms
+    path_m = {"before": _path_m(other, ())}
+    path_m["after"] = _path_m(other, model) if model else path_m["before"]
+    if not any(effect.id in HIDDEN for effect, _ in truth):
+        path_m["oracle"] = _path_m(other, [_term(*pair) for pair in truth]) if truth else path_m["before"]
+    return {**found, "path_m": path_m}
+
+
+def _corrected(problem: Problem, claims: Sequence[Claim]) -> float:
+    """Around the path as it is, or around the one without the claims: whichever is nearer to the truth."""
+    return min(_squares(p, claims) for p in (problem, problem.around(claims)))
+
+
+def _squares(problem: Problem, claims: Sequence[Claim]) -> float:
+    residual = problem.data - problem.effect_rows(claims)
+    N = problem.nuisance
+    b = N.T @ residual
+    return float(residual @ residual - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b))
+
+
+def _term(effect: Any, values: Any) -> Term:
+    return Term(
+        effect,
+        {q.name: v if isinstance(v := values[q.name], str) else Amount(float(v) / q.si) for q in effect.parameters},
+    )
+
+
+def _path_m(recording: Recording, terms: Sequence[Term]) -> float:
+    log = recording.reference
+    assert log is not None
+    rows = table(replay_folder(replace(recording, terms=tuple(terms))))
+    x, y = (np.interp(log.time_s, rows[:, 0], rows[:, k]) for k in (1, 2))
+    return math.sqrt(float(np.mean((x - log.x_m) ** 2 + (y - log.y_m) ** 2)))

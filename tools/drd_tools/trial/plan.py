@@ -1,0 +1,103 @@
+"""Which cases a trial has: each is known by its name, and drawn from the name and the seed alone."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from drd.effects.catalogue import catalogue
+from drd_tools.trial.unknown import HIDDEN
+
+VISIBILITIES: Final = (8.0, 12.0, 20.0)
+TOGETHER: Final = 20.0  # visibility of each effect of a set, of what is in no catalogue, and with other references
+STRESSED: Final = "null stressed"
+CONTACTS: Final = "contacts"
+OTHERWISE: Final[dict[str, Any]] = {
+    "sparse": {"reference": "sparse:60"},
+    "ends": {"reference": "ends"},
+    "none": {"reference": "none"},
+    CONTACTS: {"world": CONTACTS},
+}
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A case that can be made again from these.
+
+    `name` says its kind, effect and visibility. With a visibility and no effects: any one that the drive shows.
+    """
+
+    name: str
+    kind: str
+    effects: tuple[str, ...]
+    visibility: float
+    seed: int
+    minutes: tuple[float, float]
+    reference: str = "full"
+    world: str = "formulas"
+
+
+class Plan(NamedTuple):
+    """How many: nulls (plain, and stressed), drives of each effect at each visibility, pairs (and triples), drives of
+    each cause that is in no catalogue, nulls (and effects) with each other reference, and in the MuJoCo world.
+    """
+
+    nulls: int = 0
+    singles: int = 0
+    sets: int = 0
+    unknowns: int = 0
+    variants: int = 0
+    contacts: int = 0
+
+
+NONE: Final = Plan()
+LARGE: Final = Plan(nulls=150, singles=4, sets=40, unknowns=6, variants=20, contacts=20)
+
+
+def reversible() -> list[str]:
+    """Names of the effects that come in any size."""
+    return [effect.id for effect in catalogue().values() if not effect.irreversible]
+
+
+def events() -> list[str]:
+    """Names of the others."""
+    return [effect.id for effect in catalogue().values() if effect.irreversible]
+
+
+def drawings(
+    plan: Plan, seed: int, minutes: tuple[float, float], reference: str = "full", only: tuple[str, ...] = ("*",)
+) -> Iterator[Drawing]:
+    """The cases of a plan whose names match `only`, so that a trial that is stopped has some of each kind."""
+    for number in range(max(plan)):
+        for drawing in _numbered(plan, number, seed, minutes, reference):
+            if any(fnmatchcase(drawing.name, pattern) for pattern in only):
+                yield drawing
+
+
+def _numbered(plan: Plan, number: int, seed: int, minutes: tuple[float, float], reference: str) -> Iterator[Drawing]:
+    def drawing(name: str, kind: str, effects: tuple[str, ...] = (), d: float = 0.0) -> Drawing:
+        return Drawing(f"{name}-{number:03}", kind, effects, d, seed, minutes, reference)
+
+    if number < plan.nulls:
+        yield drawing("null-plain", "null")
+        yield drawing("null-stressed", STRESSED)
+    if number < plan.singles:
+        for d, effect in itertools.product(VISIBILITIES, reversible()):
+            yield drawing(f"{effect}-d{d:g}", f"single d={d:g}", (effect,), d)
+        for effect in events():
+            yield drawing(f"{effect}-event", "single event", (effect,))
+    if number < plan.sets:
+        names, random = reversible(), np.random.default_rng([seed, number])
+        for count, word in ((2, "pair"), (3, "triple")):
+            chosen = tuple(names[i] for i in random.choice(len(names), count, replace=False))
+            yield drawing(word, f"{word} d={TOGETHER:g}", chosen, TOGETHER)
+    if number < plan.unknowns:
+        for effect in HIDDEN:
+            yield drawing(f"{effect}-d{TOGETHER:g}", f"unknown d={TOGETHER:g}", (effect,), TOGETHER)
+    for word, changes in OTHERWISE.items():
+        if number < (plan.contacts if word == CONTACTS else plan.variants):
+            yield replace(drawing(f"null-{word}", f"null {word}"), **changes)
+            yield replace(drawing(f"any-{word}", f"single {word}", (), TOGETHER), **changes)
