@@ -7,23 +7,28 @@ DEMO_SECONDS ?= 30
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test vm-test lint bench clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
 
 setup: $(STAMP) ## make .venv and install drd with all that its tests need
+
+# What `missing` names, by apt.
+define INSTALL_MISSING
+test -z "$$missing" && exit 0; \
+	test "$$(id -u)" = 0 && sudo= || sudo=sudo; \
+	echo "installing system packages:$$missing"; \
+	$$sudo apt-get update -qq && \
+	$$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $$missing
+endef
 
 # Debian keeps ensurepip in python3-venv. systemd-analyze checks the unit; containers often come without it.
 $(STAMP): pyproject.toml
 	@missing=; \
 	$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
 	command -v systemd-analyze >/dev/null || missing="$$missing systemd"; \
-	test -z "$$missing" && exit 0; \
-	test "$$(id -u)" = 0 && sudo= || sudo=sudo; \
-	echo "installing system packages:$$missing"; \
-	$$sudo apt-get update -qq && \
-	$$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $$missing
+	$(INSTALL_MISSING)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
@@ -32,8 +37,17 @@ demo: $(STAMP) ## emulated robot, daemon and watcher together; draws out/demo.pn
 	@mkdir -p out
 	$(BIN)/drd demo --seconds $(DEMO_SECONDS) --output out/demo.png
 
-test: $(STAMP) ## run all tests
+test: $(STAMP) ## run all tests but those of the virtual machine
 	$(BIN)/python -m pytest
+
+# Without root, or where a package cannot be had, the tests say so and are skipped.
+vm-test: $(STAMP) ## boot Debian with vcan and systemd (as root), install drd there and break things
+	-@test "$$(id -u)" = 0 || exit 0; missing=; \
+	for pair in linux.uml:user-mode-linux depmod:kmod mmdebstrap:mmdebstrap mke2fs:e2fsprogs ip:iproute2; do \
+		PATH="$$PATH:/usr/sbin:/sbin" command -v "$${pair%:*}" >/dev/null || missing="$$missing $${pair#*:}"; \
+	done; \
+	$(INSTALL_MISSING)
+	$(BIN)/python -m pytest tests/vm -m vm
 
 lint: $(STAMP) ## check style, format and types
 	$(BIN)/ruff check

@@ -36,6 +36,10 @@ class Agreement:
             kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
             self._counters["released"] += 1
             outcome = kf.update(track.rate_rad_s)
+            if outcome is Outcome.REJECTED:
+                # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (24)
+                kf.anchor_wheels()
+                outcome = kf.update(track.rate_rad_s)
         track.rejected_rad = 0.0
         if outcome is not Outcome.ACCEPTED:
             self._counters["not_finite"] += 1

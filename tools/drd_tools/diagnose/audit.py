@@ -4,7 +4,7 @@ Events are not regressions: what they explain is nearly certain where they are, 
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster
 PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
 SHORTEST_STOP_ROWS: Final = 3
 STOP_SIGMAS: Final = 8.0
-MISSED_TURN_RAD: Final = 0.03
+LIKELY_SHARE: Final = 0.3
 SPIKE_SIGMAS: Final = 5.0
 MEDIAN_ROWS: Final = 5
 SURROUNDINGS_ROWS: Final = 9
@@ -101,26 +101,55 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
         ("right", log.right_counts, log.left_counts, right, 1.0),
     ):
         mine, its = np.diff(own) * per_count, np.diff(other) * per_count
-        for first, last in _runs((mine == 0.0) & (its != 0.0)):
-            if last - first < SHORTEST_STOP_ROWS:
+        for first, last in _runs(mine == 0.0):
+            stop = _stop(log, e, sign, its, first, last)
+            if stop is None:
                 continue
-            t0, t1 = float(log.time_s[first]), float(log.time_s[last])
-            inside = (e.time_s > t0) & (e.time_s - e.step_s < t1)
-            turn = _turned(e, inside, t0, t1)
-            if turn is None:
-                continue
-            travel = float(its[first:last].sum())
-            missed = travel + sign * e.tread_m * turn
-            # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
-            sigma = e.sheet.slip_m_per_sqrt_m * np.sqrt(abs(travel)) + 0.3 * e.tread_m * abs(turn) + 4.0 * per_count
-            if abs(missed) < max(STOP_SIGMAS * sigma, 0.5 * abs(travel)):
-                continue
+            inside = (e.time_s > stop.t0) & (e.time_s - e.step_s < stop.t1)
             doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
             effect = catalogue()["encoder_dropout"]
-            claim = Claim(effect, {"side": side, "t0": t0, "t1": t1}, ())
-            seen = f"the {side} counter stood still for {t1 - t0:.2f} s while its wheel went {missed:.2f} m"
-            events.append(Event(claim, ((t0, t1),), 0.5 * (missed / sigma) ** 2, seen))
+            claim = Claim(effect, {"side": side, "t0": stop.t0, "t1": stop.t1}, ())
+            seen = f"the {side} counter stood still for {stop.t1 - stop.t0:.2f} s while its wheel went {stop.missed_m:.2f} m"
+            events.append(Event(claim, ((stop.t0, stop.t1),), stop.nats, seen))
     return events
+
+
+class _Stop(NamedTuple):
+    """A counter's rest, in which its wheel went on: times (s), the way of the wheel, the evidence."""
+
+    t0: float
+    t1: float
+    missed_m: float
+    nats: float
+
+
+def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int) -> _Stop | None:
+    """Rows `first` to `last` of a counter at rest, in stretches in which the other one counts; None: it may well rest.
+
+    A stretch that is only likely belongs to one that is certain: the counter has not counted between them.
+    """
+    certain: list[tuple[float, float, float, float]] = []
+    likely: list[tuple[float, float]] = []
+    for begin, end in ((first + i, first + j) for i, j in _runs(its[first:last] != 0.0)):
+        t0, t1 = float(log.time_s[begin]), float(log.time_s[end])
+        turn = _turned(e, (e.time_s > t0) & (e.time_s - e.step_s < t1), t0, t1)
+        if turn is None:
+            continue
+        travel = float(its[begin:end].sum())
+        missed = travel + sign * e.tread_m * turn
+        # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
+        sigma = e.sheet.slip_m_per_sqrt_m * np.sqrt(abs(travel)) + 0.3 * e.tread_m * abs(turn) + 4.0 * e.sheet.count_m
+        if abs(missed) >= LIKELY_SHARE * abs(travel):
+            likely.append((t0, t1))
+        if end - begin >= SHORTEST_STOP_ROWS and abs(missed) >= max(STOP_SIGMAS * sigma, 0.5 * abs(travel)):
+            certain.append((t0, t1, missed, 0.5 * float(missed / sigma) ** 2))
+    if not certain:
+        return None
+    spans = likely + [(t0, t1) for t0, t1, _, _ in certain]
+    return _Stop(
+        min(t0 for t0, _ in spans), max(t1 for _, t1 in spans),
+        sum(missed for _, _, missed, _ in certain), sum(nats for *_, nats in certain),
+    )  # fmt: skip
 
 
 def _turned(e: Evidence, inside: npt.NDArray[np.bool_], t0: float, t1: float) -> float | None:

@@ -111,7 +111,8 @@ def _finding(
     also = unique(
         r.id
         for r, f in zip(rivals, fits, strict=True)
-        if all(map(is_plausible, f.claims)) and search.score(f) > found.score - CLASS_NATS
+        if all(map(is_plausible, f.claims))
+        and search.score(f) + _forgiven(claim, r) * problem.per_parameter > found.score - CLASS_NATS
     )
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
@@ -124,6 +125,11 @@ def _finding(
         sentence(reported, explains, also), curve, gain_over_time(problem, fit, claim),
         {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
+
+
+def _forgiven(claim: Claim, rival: Claim) -> int:
+    """Parameters of a rival that do not speak against it: two sizes where one is enough cost it no likelihood."""
+    return int("t0" not in rival.values and len(rival.free) == len(claim.free) + 1)
 
 
 def unique(names: Iterable[str]) -> tuple[str, ...]:

@@ -1,0 +1,95 @@
+"""All checks, inside the virtual machine, as root, on two robots at the same time: `python3 -m vm.guest`."""
+
+import json
+import os
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from vm import driving, sandbox, standing
+from vm.checks import CHECKS, Check, Seen, check
+from vm.robot import GUEST_ADDRESS, LINES, PROGRAM, SHARED, Robot, sh
+
+__all__ = ["CHECKS", "driving", "sandbox", "standing"]  # with these the list is whole
+
+# Where an installation or a service may leave something; the program's own folder is the user's to delete.
+SEARCHED = ("/etc", "/run/systemd", "/usr/lib/systemd", "/usr/lib/udev", "/usr/local", "/var/lib", "/var/cache")
+VERDICTS: dict[str, dict[str, Any]] = {}
+BEFORE: set[str] = set()
+
+
+def install() -> None:
+    """What a user does once (README.md), then what is special here."""
+    BEFORE.update(files())
+    for name in LINES:
+        sh(f"{PROGRAM} install-service {name}")
+    # It starts again and again, and must not take the processor from the one that drives.
+    drop_in = Path("/etc/systemd/system/drd@standing.service.d/test.conf")
+    drop_in.parent.mkdir()
+    drop_in.write_text("[Service]\nNice=5\n")
+    sandbox.put()
+    # It reloads systemd, too, which takes seconds here.
+    sh(f"systemctl enable {' '.join(f'drd@{name}' for name in LINES)}")
+    sh("modprobe vcan")
+    sh(f"ip address add {GUEST_ADDRESS}/24 dev vec0 && ip link set vec0 up")
+
+
+@check("the last")
+def uninstall_leaves_nothing(_: Robot) -> Seen:
+    sh("rm -r /etc/systemd/system/drd@*.service.d /run/systemd/system.control/drd@*")  # the tests' own drop-ins
+    said = sh(f"{PROGRAM} install-service --uninstall --purge")
+    left = sorted(name for name in set(files()) - BEFORE if "drd" in name)
+    assert not left, f"{left}; it said: {said}"
+    assert not sh("systemctl list-units --all --no-legend 'drd@*'")
+    return Seen(f"{len(said.splitlines())} lines; no new file of that name in {', '.join(SEARCHED)}")
+
+
+def files() -> Iterator[str]:
+    """All that there is where somebody might leave something."""
+    for top in SEARCHED:
+        for folder, folders, names in os.walk(top):
+            yield from (f"{folder}/{name}" for name in (*folders, *names))
+
+
+def attempt(name: str, one: Check, robot: Robot) -> None:
+    """Make one check and keep its verdict."""
+    began_s = time.monotonic()
+    try:
+        verdict = {"ok": True} | one.work(robot)._asdict()
+    except Exception:
+        status = sh(f"systemctl status --no-pager --lines=15 {robot.unit}", may_fail=True)
+        verdict = {"ok": False} | Seen(f"{traceback.format_exc()}\n{status}\n{robot.reasons()}")._asdict()
+    VERDICTS[name] = verdict | {"took_s": time.monotonic() - began_s}
+    sys.stdout.write(f"{began_s:7.2f} {robot.name} {name} {VERDICTS[name]}\n")
+    (SHARED / "results.json").write_text(json.dumps(VERDICTS))
+
+
+def work_through(robot: Robot) -> None:
+    """All checks of one robot, one after the other; one that fails does not end it."""
+    for name, one in CHECKS.items():
+        if one.robot == robot.name:
+            attempt(name, one, robot)
+
+
+def main() -> None:
+    """Run all; the verdicts go to the host."""
+    # The hardware must not wait for the robot's computer, although here they share a processor. Not so what we start.
+    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(50))
+    install()
+    robots = [Robot(name) for name in LINES]
+    lanes = [threading.Thread(target=work_through, args=(robot,)) for robot in robots]
+    for lane in lanes:
+        lane.start()
+    for lane in lanes:
+        lane.join()
+    attempt(uninstall_leaves_nothing.__name__, CHECKS[uninstall_leaves_nothing.__name__], robots[0])
+    for robot in robots:
+        robot.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The disk of the virtual machine: this machine's Debian, with drd's own wheel installed as the README says.
+
+The base system is cached outside the checkout for a week. Packages come from where this machine's apt and pip
+get theirs.
+"""
+
+import datetime
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+CHECKOUT = Path(__file__).parents[2]
+PROGRAMS = ("linux.uml", "mmdebstrap", "mke2fs", "depmod", "ip", "unshare", "setpriv")
+PACKAGES = ("systemd", "systemd-sysv", "udev", "dbus", "kmod", "iproute2", "can-utils", "python3", "python3-venv")
+KERNELS = Path("/usr/lib/uml/modules")
+# They cost time at the boot, and nobody is there to log in.
+MASKED = (
+    "getty.target",
+    "apt-daily.timer",
+    "apt-daily-upgrade.timer",
+    "dpkg-db-backup.timer",
+    "e2scrub_all.timer",
+    "e2scrub_reap.service",
+    "fstrim.timer",
+    "systemd-timesyncd.service",
+    "systemd-pstore.service",
+    "systemd-networkd.service",
+)
+FREE_BYTES = 3_000_000_000
+
+TEST_UNIT = """\
+[Unit]
+Description=The checks of tests/vm/guest.py
+After=basic.target dbus.service systemd-udev-trigger.service
+Wants=basic.target dbus.socket
+SuccessAction=poweroff-force
+FailureAction=poweroff-force
+
+[Service]
+Type=oneshot
+TimeoutStartSec=infinity
+ExecStartPre=/bin/sh -c 'mount -t hostfs none /mnt -o $$(sed "s/.*drd_out=//; s/ .*//" /proc/cmdline)'
+ExecStart=/bin/sh -c 'cd /mnt && exec /opt/drd/bin/python3 -u -m vm.guest >guest.log 2>&1'
+ExecStopPost=/bin/sh -c 'journalctl --boot --no-pager --output=short-monotonic >/mnt/journal.log'
+"""
+# The machine's serial lines stand for USB adapters, which User-mode Linux does not have.
+SERIAL_RULES = """\
+ACTION!="remove", SUBSYSTEM=="tty", KERNEL=="ttyS[01]", GROUP="dialout", MODE="0660"
+"""
+
+
+def missing() -> str | None:
+    """Why no machine can be built here; None where one can."""
+    path = os.environ["PATH"] + ":/usr/sbin:/sbin"
+    if absent := [name for name in PROGRAMS if shutil.which(name, path=path) is None]:
+        return f"not installed: {', '.join(absent)} (`make vm-test` installs them on Debian)"
+    if os.geteuid() != 0:
+        return "it needs root: a Debian system is unpacked, a network namespace is made"
+    if not Path("/dev/net/tun").exists():
+        return "there is no /dev/net/tun"
+    return None
+
+
+def workshop() -> str:
+    """Where to work: in memory where there is room, which is twice as fast."""
+    memory = Path("/dev/shm")
+    has_room = memory.is_dir() and shutil.disk_usage(memory).free > FREE_BYTES
+    return str(memory) if has_room else "/var/tmp"
+
+
+def build(work: Path) -> Path:
+    """The disk, made in `work`."""
+    root, wheels, disk = work / "root", work / "wheels", work / "root.ext4"
+    root.mkdir()
+    run("tar", "-C", root, "-xf", base(), "--exclude=./dev/*")
+    install_drd(root, wheels)
+    install_kernel_modules(root)
+    prepare_system(root)
+    # Without a journal of its own: what is lost in a crash of the machine is lost.
+    run("mke2fs", "-q", "-F", "-t", "ext4", "-O", "^has_journal", "-d", root, disk, "1200M")
+    shutil.rmtree(root)
+    return disk
+
+
+def base() -> Path:
+    """The Debian that this machine has, in a tar file of this week."""
+    year, week, _ = datetime.datetime.now(datetime.UTC).isocalendar()
+    codename = platform.freedesktop_os_release()["VERSION_CODENAME"]
+    contents = hashlib.sha256(" ".join(PACKAGES).encode()).hexdigest()[:8]
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    cache = Path(os.environ.get("DRD_VM_CACHE") or caches / "drd-vm")
+    tar = cache / f"base-{codename}-{year}w{week:02}-{contents}.tar"
+    if not tar.exists():
+        cache.mkdir(parents=True, exist_ok=True)
+        for old in cache.glob("base-*"):
+            old.unlink()
+        unfinished = tar.with_suffix(".new")
+        packages = f"--include={','.join(PACKAGES)}"
+        options = ("--mode=root", "--variant=minbase", "--format=tar", packages)
+        run("mmdebstrap", *options, codename, unfinished, *apt_sources(codename))
+        unfinished.rename(tar)
+    return tar
+
+
+def apt_sources(codename: str) -> list[str]:
+    """This machine's own sources of its release, in apt's one-line form."""
+    fields = "deb $(REPO_URI) $(RELEASE) $(COMPONENT)"
+    listed = run("apt-get", "indextargets", "--format", fields, "Created-By: Packages").splitlines()
+    return [line for line in dict.fromkeys(listed) if line.split()[2].startswith(codename)]
+
+
+def install_drd(root: Path, wheels: Path) -> None:
+    """README.md's way: a virtual environment in /opt/drd and pip. The wheels are fetched out here."""
+    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "wheel", "--no-deps", "--wheel-dir", wheels, CHECKOUT)
+    (wheel,) = wheels.glob("drd-*.whl")
+    version = (root / "usr/bin/python3").readlink().name.removeprefix("python")
+    run(*pip, "download", "--dest", wheels, "--only-binary=:all:", f"--python-version={version}", wheel)
+    shutil.move(wheels, root / "root/wheels")
+    run("chroot", root, "python3", "-m", "venv", "/opt/drd")
+    offline = ("--quiet", "--disable-pip-version-check", "--no-index", "--find-links=/root/wheels")
+    run("chroot", root, "/opt/drd/bin/pip", "install", *offline, f"/root/wheels/{wheel.name}")
+    shutil.rmtree(root / "root/wheels")
+
+
+def install_kernel_modules(root: Path) -> None:
+    """The CAN modules of User-mode Linux."""
+    source = min(KERNELS.iterdir())
+    target = root / "lib/modules" / source.name
+    for part in ("kernel/net/can", "kernel/drivers/net/can"):
+        shutil.copytree(source / part, target / part)
+    for file in (source / "modules.order", *source.glob("modules.builtin*")):
+        shutil.copy(file, target)
+    run("depmod", "-b", root, source.name)
+
+
+def prepare_system(root: Path) -> None:
+    """What the checks need beside drd: their own unit, the shipped examples, names of the serial lines."""
+    units = root / "etc/systemd/system"
+    (units / "drd-test.service").write_text(TEST_UNIT)
+    for unit in MASKED:
+        (units / unit).unlink(missing_ok=True)
+        (units / unit).symlink_to("/dev/null")
+    # Each would be run at each daemon-reload; together they take User-mode Linux seconds, and PID 1 waits for them.
+    generators = root / "etc/systemd/system-generators"
+    generators.mkdir()
+    for generator in (root / "usr/lib/systemd/system-generators").iterdir():
+        (generators / generator.name).symlink_to("/dev/null")
+    (root / "etc/udev/rules.d/98-test.rules").write_text(SERIAL_RULES)
+    (root / "etc/machine-id").write_text("")
+    (root / "etc/hostname").write_text("robot\n")
+    (root / "etc/fstab").write_text("")
+
+
+def run(*command: object) -> str:
+    """Run a program, which must succeed; its output."""
+    environment = os.environ | {"PATH": os.environ["PATH"] + ":/usr/sbin:/sbin", "LC_ALL": "C.UTF-8"}
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, env=environment, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(map(str, command))}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout

@@ -1,0 +1,43 @@
+"""The unit's sandbox, seen by a program that runs in the place of the daemon, as `drd@probe`."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Final
+
+from vm.checks import Seen, check
+from vm.robot import Robot, sh, until
+
+UNIT: Final = "drd@probe.service"
+PROGRAM: Final = Path("/opt/probe.py")
+DROP_IN: Final = f"""\
+[Service]
+Type=exec
+WatchdogSec=0
+Restart=no
+ExecStart=
+ExecStart=/opt/drd/bin/python3 {PROGRAM}
+"""
+
+
+def put() -> None:
+    """Prepare the instance; systemd must be reloaded after that."""
+    shutil.copy(Path(__file__).with_name("probe.py"), PROGRAM)
+    PROGRAM.chmod(0o644)
+    folder = Path(f"/etc/systemd/system/{UNIT}.d")
+    folder.mkdir()
+    (folder / "test.conf").write_text(DROP_IN)
+
+
+@check("driving")
+def the_sandbox_holds(_: Robot) -> Seen:
+    sh(f"systemctl start {UNIT}")
+    until("it is done", lambda: sh(f"systemctl is-active {UNIT}", may_fail=True) in {"inactive", "failed"}, 20)
+    said = sh(f"journalctl --boot --no-pager --output=cat --unit={UNIT}")
+    lines = [line for line in said.splitlines() if line.startswith("{")]
+    assert lines, said
+    found = json.loads(lines[0])
+    sh(f"systemctl clean --what=state {UNIT}")
+    allowed = {name for name, error in found.items() if error is None}
+    assert allowed == {"write state", "write /tmp", "AF_CAN", "AF_INET", "open /dev/ttyS0"}, found
+    return Seen(f"allowed: {', '.join(sorted(allowed))}; refused: {len(found) - len(allowed)} others")
