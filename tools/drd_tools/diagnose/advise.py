@@ -317,6 +317,11 @@ def _curve_signature(problem: Problem, curve: Curve) -> Signature:
     share = 0.01 * value
     errors = {
         "gyro": lambda: Errors(gyro_rad_s=RAD_PER_DEG * value),
+        "gyro's scale": lambda: Errors(gyro_rad_s=share * m.rate_rad_s),
+        "wheels' delay": lambda: Errors(
+            left_m_s=-1e-3 * value * np.gradient(m.left_m_s, m.time_s),
+            right_m_s=-1e-3 * value * np.gradient(m.right_m_s, m.time_s),
+        ),
         "wheels' mean": lambda: Errors(left_m_s=share * m.left_m_s, right_m_s=share * m.right_m_s),
         "wheels' difference": lambda: Errors(left_m_s=-0.5 * share * m.left_m_s, right_m_s=0.5 * share * m.right_m_s),
         "wheels' turn": lambda: apart(m, share),

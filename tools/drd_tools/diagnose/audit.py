@@ -109,7 +109,8 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
             doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
             effect = catalogue()["encoder_dropout"]
             claim = Claim(effect, {"side": side, "t0": stop.t0, "t1": stop.t1}, ())
-            seen = f"the {side} counter stood still for {stop.t1 - stop.t0:.2f} s while its wheel went {stop.missed_m:.2f} m"
+            rest_s = stop.t1 - stop.t0
+            seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
             events.append(Event(claim, ((stop.t0, stop.t1),), stop.nats, seen))
     return events
 

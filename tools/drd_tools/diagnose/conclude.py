@@ -11,7 +11,7 @@ import numpy.typing as npt
 from drd_tools.diagnose.audit import Event
 from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
 from drd_tools.diagnose.finding import Finding, Status
-from drd_tools.diagnose.generic import Curve, Smooths
+from drd_tools.diagnose.generic import PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.problem import Claim
@@ -26,13 +26,13 @@ RIVALS: Final = 8
 # A curve without a name, beside all names, must be clear, and no mere rest of a name's imperfect form.
 UNKNOWN_NATS: Final = 8.0
 UNKNOWN_SHARE: Final = 0.02
-GENERIC_SHARE: Final = 0.05  # of the name's worth, or
-GENERIC_NATS: Final = 3.0  # by so much a curve without a name must beat a name
+GENERIC_SHARE: Final = 0.01  # of the names' worth, or
+GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
 CONFIRMING_E: Final = 100.0
 CURVES: Final = {
-    "gyro": ("gyro",),
-    "wheels": ("wheels' mean", "wheels' difference", "wheels' turn"),
+    "gyro": ("gyro", "gyro's scale"),
+    "wheels": ("wheels' mean", "wheels' difference", "wheels' turn", "wheels' delay"),
     "body": ("body",),
 }
 
@@ -59,7 +59,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     by_logic = {e.claim.id: e for e in events}
     by_events = refine(found.problem, [c for c in found.fit.claims if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
-    findings = []
+    found, findings = _in_place_of_several(found, search, smooths, chance)
     for claim, reported in zip(found.fit.claims, told(found.problem, found.fit, search.known), strict=True):
         event = by_logic.get(claim.id)
         if event is not None:
@@ -70,7 +70,9 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
     if left is not None and left.gain > max(UNKNOWN_NATS, UNKNOWN_SHARE * all_explained):
-        p = family_wise_p(left.gain + smooths.cost, chance)
+        # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
+        rest = found.fit.left - smooths.rows(left)
+        p = family_wise_p(left.gain + smooths.cost, chance_gains(found.problem, search.library, rest))
         unexplained = left.gain / (left.gain + total)
         same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
         if p <= FAMILY_WISE and not same:
@@ -80,6 +82,26 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     bounds = identity.bounds(found.fit.left)
     ruled_out = [{"effect": name, "because": text} for name, text in sorted(bounds.items()) if name not in named]
     return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
+
+
+def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance: Array) -> tuple[Found, list[Finding]]:
+    """One curve without a name that is better than all names of a channel together takes their place."""
+    problem, fit = found.problem, found.fit
+    unknown: list[Finding] = []
+    for channels in CURVES.values():
+        group = [c for c in fit.claims if c.id not in search.known and CURVES[c.effect.channel] == channels]
+        if len(group) < 2:
+            continue
+        rest = refine(problem, [c for c in fit.claims if c not in group])
+        worth = rest.cost - fit.cost
+        curve = smooths.best(rest.claims)
+        margin = max(GENERIC_NATS, GENERIC_SHARE * worth)
+        if curve is None or curve.channel not in channels or curve.gain < worth - problem.penalty(group) + margin:
+            continue
+        p = family_wise_p(curve.gain, chance)
+        unknown.append(_unknown(curve, p, 1.0, also_fits=unique(c.id for c in group)))
+        fit = rest
+    return Found(problem, fit, search.score(fit), found.null), unknown
 
 
 def _held(found: Found, search: Search) -> Found:
@@ -171,10 +193,14 @@ def _unknown(
     status: Status = Status.SUPPORTED,
 ) -> Finding:
     peak = int(np.argmax(np.abs(curve.value)))
+    where = (
+        f"in one of {len(curve.knots)} places"
+        if curve.driver == PLACE
+        else (f"at {curve.knots[peak]:.3g} {curve.driver_unit}")
+    )
     text = (
         f"Something that is in no catalogue acts on the {curve.channel} and depends on "
-        f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} at "
-        f"{curve.knots[peak]:.3g} {curve.driver_unit}."
+        f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
     return Finding(None, status, also_fits, (), curve.gain, p, e, explains, text, curve)
 

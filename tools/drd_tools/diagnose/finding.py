@@ -48,7 +48,7 @@ class Finding:
         """gyro, wheels, body or timing."""
         if self.claim is None:
             assert self.curve is not None
-            return {"gyro": "gyro", "body": "body"}.get(self.curve.channel, "wheels")
+            return {"gyro": "gyro", "gyro's scale": "gyro", "body": "body"}.get(self.curve.channel, "wheels")
         acts_on = self.claim.effect.acts_on.value
         return acts_on if acts_on != "readout" else self.claim.effect.channel
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.effect import Errors
+from drd_tools.diagnose.columns import SUB
 from drd_tools.diagnose.linear import Signature
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import soft_forms
@@ -16,10 +17,15 @@ from drd_tools.diagnose.refine import soft_forms
 Array = npt.NDArray[np.float64]
 
 KNOTS: Final = 8
+TIME_KNOTS: Final = 16  # what swings several times in a drive
+CELLS: Final = 5  # along and across
+PLACE: Final = "place"
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
-# Units of one hat, so that amplitudes are comparable: a rate of 0.01 deg/s, 0.1 % of a wheel's speed, 1 mm/s.
+# Units of one hat, so that amplitudes are comparable: a rate of 0.01 deg/s, 0.1 % of a wheel's speed or of the gyro's
+# scale, 1 ms, 1 mm/s.
 GYRO_UNIT: Final = 1.745e-4
-WHEEL_UNIT: Final = 1e-3
+GAIN_UNIT: Final = 1e-3
+DELAY_UNIT: Final = 1e-3
 LATERAL_UNIT: Final = 1e-3
 
 
@@ -43,6 +49,7 @@ class _Smooth:
     driver: str
     knots: Array
     rows: npt.NDArray[np.float32]
+    rough: Array  # (k, k): what a curve that is not smooth costs
 
 
 class Smooths:
@@ -53,31 +60,51 @@ class Smooths:
         self._smooths: list[_Smooth] = []
         signatures: list[Signature] = []
         spans: list[tuple[str, str, Array, int]] = []
-        for driver, (x, knots) in drivers(problem).items():
-            for channel, made in self._channels(x, knots, driver):
+        for driver, (hats, knots) in self._hats().items():
+            for channel, made in self._channels(hats, driver):
                 spans.append((channel, driver, knots, len(made)))
                 signatures += made
         rows = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
         first = 0
         for channel, driver, knots, count in spans:
-            self._smooths.append(_Smooth(channel, driver, knots, rows[:, first : first + count]))
+            self._smooths.append(
+                _Smooth(channel, driver, knots, rows[:, first : first + count], _roughness(driver, count))
+            )
             first += count
         self.cost = math.log(max(len(self._smooths), 1)) + problem.per_parameter
 
-    def _channels(self, x: Array, knots: Array, driver: str) -> list[tuple[str, list[Signature]]]:
+    def _hats(self) -> dict[str, tuple[list[Array], Array]]:
+        """Of each driver the hats on the fine grid, and the knots on which they stand."""
+        found = {
+            name: ([_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots)
+            for name, (x, knots) in drivers(self._problem).items()
+        }
+        e = self._problem.evidence
+        if e.has_wheels and len(e.fix):
+            fine = np.linspace(0.0, len(e.time_s), SUB * len(e.time_s), endpoint=False)
+            x, y = (np.interp(fine, np.arange(len(e.time_s) + 1), self._problem.path.pose[:, i]) for i in (0, 1))
+            found[PLACE] = _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
+        return found
+
+    def _channels(self, hats: Sequence[Array], driver: str) -> list[tuple[str, list[Signature]]]:
         problem, m = self._problem, self._problem.signatures.motion
-        hats = [_hat(x, knots, i, driver in PERIODIC) for i in range(len(knots))]
         of = problem.signatures.of
         found = []
         if problem.evidence.gyro_rad is not None:
             found.append(("gyro", [of(Errors(gyro_rad_s=GYRO_UNIT * h)) for h in hats]))
+            if driver != "yaw_rate":
+                found.append(("gyro's scale", [of(Errors(gyro_rad_s=GAIN_UNIT * h * m.rate_rad_s)) for h in hats]))
         if not problem.evidence.has_wheels:
             return found
-        gain = [of(Errors(left_m_s=WHEEL_UNIT * h * m.left_m_s, right_m_s=WHEEL_UNIT * h * m.right_m_s)) for h in hats]
-        spread = [of(Errors(left_m_s=-0.5 * WHEEL_UNIT * h * m.left_m_s, right_m_s=0.5 * WHEEL_UNIT * h * m.right_m_s)) for h in hats]  # noqa: E501  # fmt: skip
-        half = 0.5 * (m.right_m_s - m.left_m_s)
-        tread = [of(Errors(left_m_s=-WHEEL_UNIT * h * half, right_m_s=WHEEL_UNIT * h * half)) for h in hats]
+        left, right = m.left_m_s, m.right_m_s
+        gain = [of(Errors(left_m_s=GAIN_UNIT * h * left, right_m_s=GAIN_UNIT * h * right)) for h in hats]
+        spread = [of(Errors(left_m_s=-0.5 * GAIN_UNIT * h * left, right_m_s=0.5 * GAIN_UNIT * h * right)) for h in hats]
+        half = 0.5 * (right - left)
+        tread = [of(Errors(left_m_s=-GAIN_UNIT * h * half, right_m_s=GAIN_UNIT * h * half)) for h in hats]
+        slope_l, slope_r = (np.gradient(v, m.time_s) for v in (left, right))
+        late = [of(Errors(left_m_s=-DELAY_UNIT * h * slope_l, right_m_s=-DELAY_UNIT * h * slope_r)) for h in hats]
         found += [("wheels' mean", gain), ("wheels' difference", spread), ("wheels' turn", tread)]
+        found.append(("wheels' delay", late))
         found.append(("body", [of(Errors(lateral_m_s=LATERAL_UNIT * h * (np.abs(m.speed_m_s) > 0.02))) for h in hats]))
         return found
 
@@ -104,7 +131,7 @@ class Smooths:
             S = smooth.rows.astype(float)
             C = S.T @ held
             G = S.T @ S - C @ np.linalg.solve(A, C.T)
-            gain, value, sigma = _marginal(G, S.T @ cleared, smooth.driver in PERIODIC)
+            gain, value, sigma = _marginal(G, S.T @ cleared, smooth.rough)
             gain -= self.cost
             if best is None or gain > best.gain:
                 unit, factor = _UNITS[smooth.channel]
@@ -115,26 +142,37 @@ class Smooths:
 
     def told(self, claim: Claim, curve: Curve) -> Array:
         """What a claim says at a curve's knots (k,), in its unit: the hats' best fit to the claim's own signature."""
-        for smooth in self._smooths:
-            if (smooth.channel, smooth.driver) == (curve.channel, curve.driver):
-                rows = self._problem.effect_rows([claim])
-                S = smooth.rows.astype(float)
-                G = S.T @ S
-                values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
-                result: Array = values * _UNITS[curve.channel][1]
-                return result
-        raise KeyError(curve.channel, curve.driver)
+        S = self._of(curve).rows.astype(float)
+        G = S.T @ S
+        rows = self._problem.effect_rows([claim])
+        values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
+        result: Array = values * _UNITS[curve.channel][1]
+        return result
+
+    def rows(self, curve: Curve) -> Array:
+        """What a curve explains of the data, (r,)."""
+        result: Array = self._of(curve).rows @ (curve.value / _UNITS[curve.channel][1])
+        return result
+
+    def _of(self, curve: Curve) -> _Smooth:
+        return next(s for s in self._smooths if (s.channel, s.driver) == (curve.channel, curve.driver))
 
 
-def _marginal(G: Array, b: Array, periodic: bool) -> tuple[float, Array, Array]:
+def _roughness(driver: str, k: int) -> Array:
+    """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (60)"""
+    if driver == PLACE:
+        D, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
+        return np.kron(D.T @ D, one) + np.kron(one, D.T @ D) + 0.05 * np.eye(k)
+    D = np.diff(np.eye(k), 2, axis=0)
+    if driver in PERIODIC:
+        D = np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
+    rough: Array = D.T @ D + 0.05 * np.eye(k)
+    return rough
+
+
+def _marginal(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
     """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation."""
     k = len(b)
-    D = (
-        np.diff(np.eye(k), 2, axis=0)
-        if not periodic
-        else np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
-    )
-    R = D.T @ D + 0.05 * np.eye(k)
     best = (-math.inf, np.zeros(k), np.zeros(k))
     _, logdet_R = np.linalg.slogdet(R)
     for t in AMPLITUDES:
@@ -147,6 +185,13 @@ def _marginal(G: Array, b: Array, periodic: bool) -> tuple[float, Array, Array]:
         if gain > best[0]:
             best = (gain, x, np.sqrt(np.maximum(np.diag(np.linalg.inv(M)), 0.0)))
     return best
+
+
+def _cells(x: Array, y: Array) -> list[Array]:
+    """Bilinear hats of a grid of CELLS by CELLS knots over the places."""
+    along = [_hat(x, np.linspace(x.min(), x.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
+    across = [_hat(y, np.linspace(y.min(), y.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
+    return [a * b for a in along for b in across]
 
 
 def _hat(x: Array, knots: Array, i: int, periodic: bool) -> Array:
@@ -168,12 +213,16 @@ DRIVER_UNITS: Final = {
     "heading": ("deg", 180.0 / np.pi),
     "left_wheel_phase": ("deg", 180.0 / np.pi),
     "right_wheel_phase": ("deg", 180.0 / np.pi),
+    "lateral_acceleration": ("m/s^2", 1.0),
+    PLACE: ("", 1.0),  # number of the cell, row by row along y
 }
 _UNITS: Final = {
     "gyro": ("deg/s", GYRO_UNIT * 180.0 / np.pi),
-    "wheels' mean": ("%", 100.0 * WHEEL_UNIT),
-    "wheels' difference": ("%", 100.0 * WHEEL_UNIT),
-    "wheels' turn": ("%", 100.0 * WHEEL_UNIT),
+    "gyro's scale": ("%", 100.0 * GAIN_UNIT),
+    "wheels' mean": ("%", 100.0 * GAIN_UNIT),
+    "wheels' difference": ("%", 100.0 * GAIN_UNIT),
+    "wheels' turn": ("%", 100.0 * GAIN_UNIT),
+    "wheels' delay": ("ms", 1000.0 * DELAY_UNIT),
     "body": ("m/s", LATERAL_UNIT),
 }
 
@@ -187,6 +236,7 @@ def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
         "yaw_rate": m.rate_rad_s,
         "speed": m.speed_m_s,
         "acceleration": m.acceleration_m_s2,
+        "lateral_acceleration": m.speed_m_s * m.rate_rad_s,
         "time": m.time_s,
     }
     if np.isfinite(m.temperature_c).all():
@@ -195,7 +245,7 @@ def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
     for name, x in plain.items():
         low, high = np.quantile(x[moving] if name != "time" and moving.any() else x, (0.005, 0.995))
         if high - low > 1e-6 * max(abs(high), abs(low), 1e-9):
-            found[name] = (x, np.linspace(low, high, KNOTS))
+            found[name] = (x, np.linspace(low, high, TIME_KNOTS if name == "time" else KNOTS))
     for name, x in (
         ("heading", m.heading_rad),
         ("left_wheel_phase", m.left_wheel_rad),

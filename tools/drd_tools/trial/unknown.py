@@ -12,8 +12,8 @@ COIL_LAG_S: Final = 60.0
 HALF_WIDTH_C: Final = 0.5
 
 
-def _size(unit: str, text: str, si: float = 1.0) -> Parameter:
-    return Parameter("k", unit, text, 1e-6, 1e3, si)
+def _size(unit: str, text: str, si: float = 1.0, high: float = 1e3) -> Parameter:
+    return Parameter("k", unit, text, 1e-6, high, si)
 
 
 PERIOD: Final = Parameter("period", "s", "period", 10.0, 1e5, signed=False, linear=False)
@@ -94,7 +94,8 @@ class LoadTransfer(Hidden):
     id = "unknown_load_transfer"
     acts_on = ActsOn.WHEELS
     driver = "yaw_rate"
-    parameters = (_size("s^2/m", "relative radius per lateral acceleration"),)
+    # Where it turns on the spot only, no plausible size shows.
+    parameters = (_size("s^2/m", "relative radius per lateral acceleration", high=0.2),)
 
     def error(self, m: Motion, p: Values) -> Errors:
         """Acts on the wheels."""
