@@ -92,7 +92,7 @@ class Served:
 
 def test_the_unit_asks_for_a_reload_and_tells_the_boot() -> None:
     unit = (Path(__file__).parents[2] / "systemd" / "drd@.service").read_text().splitlines()
-    assert "ExecReload=/bin/kill -HUP $MAINPID" in unit
+    assert "ExecReload=/bin/sh -c 'kill -HUP $MAINPID'" in unit
     assert "Environment=DRD_BOOT_ID=%b" in unit
 
 

@@ -13,7 +13,7 @@ from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gai
 from drd_tools.diagnose.finding import Finding, Status
 from drd_tools.diagnose.generic import PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
-from drd_tools.diagnose.library import is_plausible
+from drd_tools.diagnose.library import is_hidden, is_plausible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
 from drd_tools.diagnose.search import Found, Search, same_window
@@ -133,7 +133,7 @@ def _finding(
     also = unique(
         r.id
         for r, f in zip(rivals, fits, strict=True)
-        if all(map(is_plausible, f.claims))
+        if all(is_plausible(c) and not is_hidden(problem, c) for c in f.claims)
         and search.score(f) + _forgiven(claim, r) * problem.per_parameter > found.score - CLASS_NATS
     )
     rival = smooths.best(fit.claims, claim)

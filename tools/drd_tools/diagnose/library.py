@@ -21,6 +21,7 @@ Parameters = dict[str, float | str]
 AUDITED: Final = ("encoder_dropout", "gyro_saturation")
 # Effects that can be there more than once.
 SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
+ABOVE_NOISE: Final = 3.0  # sigma of a gyro's sample
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
@@ -78,6 +79,15 @@ def is_plausible(claim: Claim) -> bool:
         if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
             return False
     return "t1" not in claim.values or claim.number("t1") > claim.number("t0")
+
+
+def is_hidden(problem: Problem, claim: Claim) -> bool:
+    """A threshold within the gyro's noise: the noise carries every rate across it, and would explain itself."""
+    e = problem.evidence
+    if claim.effect.acts_on is not ActsOn.READOUT or "band" not in claim.values or e.gyro_rad is None:
+        return False
+    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    return claim.number("band") < ABOVE_NOISE * sigma_rad_s
 
 
 class Library:

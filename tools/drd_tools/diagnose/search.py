@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.library import SEVERAL, is_plausible, library_of
+from drd_tools.diagnose.library import SEVERAL, is_hidden, is_plausible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all, soft_forms
 
@@ -65,7 +65,7 @@ def _contested(search: "Search", found: Found) -> Found:
             continue
         rivals = [r for gain, r in search.ranked(rest) if r.id != claim.id and gain > (1.0 - CLOSE_SHARE) * worth]
         for fit in refine_all(found.problem, [[*rest.claims, r] for r in rivals[:CLOSE_RIVALS]]):
-            if not _is_plausible(fit):
+            if not _is_plausible(found.problem, fit):
                 continue
             other = _linearised(found.problem, fit, found.null)
             if other.score > found.score + CLEARLY_BETTER:
@@ -145,7 +145,7 @@ class Search:
     def grown(self, fit: Fit) -> list[Fit]:
         """Fits with one claim more that are better; best first."""
         tried = refine_all(self.problem, [[*fit.claims, claim] for _, claim in self.ranked(fit)[:RIVALS]])
-        good = [t for t in tried if _is_plausible(t) and self.score(t) > self.score(fit)]
+        good = [t for t in tried if _is_plausible(self.problem, t) and self.score(t) > self.score(fit)]
         return sorted(good, key=self.score, reverse=True)
 
     def settled(self, fit: Fit) -> Fit:
@@ -160,7 +160,7 @@ class Search:
                 if one.id not in self.known
                 for other in same_window(one)
             ]
-            good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(t)]
+            good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(self.problem, t)]
             better = max(good, key=self.score, default=fit)
             if self.score(better) <= self.score(fit) + CLEARLY_BETTER:
                 break
@@ -182,5 +182,5 @@ def same_window(claim: Claim) -> list[Claim]:
     ]
 
 
-def _is_plausible(fit: Fit) -> bool:
-    return all(map(is_plausible, fit.claims))
+def _is_plausible(problem: Problem, fit: Fit) -> bool:
+    return all(is_plausible(c) and not is_hidden(problem, c) for c in fit.claims)

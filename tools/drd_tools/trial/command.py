@@ -43,6 +43,8 @@ examples:
   {PROGRAM} --large --seed 7 --output out/large                   (an hour or two on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --draw out/large                                      (print and draw again)
+
+Exit code: 0 done, 2 bad usage or input.
 """
 
 
