@@ -1,7 +1,7 @@
 """Smooth curves without a name, of every driver and channel: they compete with the catalogue's names."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -58,33 +58,21 @@ class Smooths:
     def __init__(self, problem: Problem):
         self._problem = problem
         self._smooths: list[_Smooth] = []
-        signatures: list[Signature] = []
-        spans: list[tuple[str, str, Array, int]] = []
-        for driver, (hats, knots) in self._hats().items():
+        for driver, hats, knots in self._hats():
             for channel, made in self._channels(hats, driver):
-                spans.append((channel, driver, knots, len(made)))
-                signatures += made
-        rows = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
-        first = 0
-        for channel, driver, knots, count in spans:
-            self._smooths.append(
-                _Smooth(channel, driver, knots, rows[:, first : first + count], _roughness(driver, count))
-            )
-            first += count
+                rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
+                self._smooths.append(_Smooth(channel, driver, knots, rows, _roughness(driver, len(made))))
         self.cost = math.log(max(len(self._smooths), 1)) + problem.per_parameter
 
-    def _hats(self) -> dict[str, tuple[list[Array], Array]]:
-        """Of each driver the hats on the fine grid, and the knots on which they stand."""
-        found = {
-            name: ([_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots)
-            for name, (x, knots) in drivers(self._problem).items()
-        }
+    def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
+        """Each driver, its hats on the fine grid, and the knots on which they stand."""
+        for name, (x, knots) in drivers(self._problem).items():
+            yield name, [_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots
         e = self._problem.evidence
         if e.has_wheels and len(e.fix):
             fine = np.linspace(0.0, len(e.time_s), SUB * len(e.time_s), endpoint=False)
             x, y = (np.interp(fine, np.arange(len(e.time_s) + 1), self._problem.path.pose[:, i]) for i in (0, 1))
-            found[PLACE] = _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
-        return found
+            yield PLACE, _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
 
     def _channels(self, hats: Sequence[Array], driver: str) -> list[tuple[str, list[Signature]]]:
         problem, m = self._problem, self._problem.signatures.motion
