@@ -20,6 +20,7 @@ class Agreement:
     def __init__(self, rejections_before_release: int, reasons: Reasons, counters: dict[str, int]):
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
+        self._slipped_m = 0.0
 
     def update(self, track: Track, t_ns: int) -> bool:
         """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
@@ -34,6 +35,9 @@ class Agreement:
             if self._rejections < self._limit:
                 return True
             kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
+            # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (16)
+            before_m, self._slipped_m = self._slipped_m, self._slipped_m + 0.5 * kf.nominal.tread_m * abs(kf.z)
+            kf.add_position_variance(self._slipped_m**2 - before_m**2)
             self._counters["released"] += 1
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
@@ -47,4 +51,5 @@ class Agreement:
         self._counters["accepted"] += 1
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
+            self._slipped_m = 0.0
         return True

@@ -18,7 +18,7 @@ from drd.config import Config
 from drd.inputs import Inputs
 from drd.output.messages import Refused, pose_dict
 from drd.output.zenoh_link import ZenohLink
-from drd.pipeline import Pipeline
+from drd.pipeline import LARGEST_COMMANDED, Pipeline
 from drd.reload import Prepared, prepare
 from drd.samples import Pose
 from drd.schema import ConfigError, Loaded
@@ -38,8 +38,6 @@ CLOSE_DEADLINE_S = 3.0
 RECORDER_DEADLINE_S = 2.0
 STATE_DEADLINE_S = 1.0
 EXIT_DEADLINE_S = 8.0
-# Metres or radians that set_pose takes; beyond, doubles no longer resolve a step of the robot.
-LARGEST_COMMANDED = 1e7
 
 
 class Daemon:

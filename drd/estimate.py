@@ -114,8 +114,8 @@ def check_covariance(P: Matrix) -> None:
 def _number(value: Any, name: str, low: float, high: float) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError(f"{name}: expected a number, got {value!r}")
-    if not (math.isfinite(value) and low <= value <= high):
-        raise ValueError(f"{name}: expected a number from {low:g} to {high:g}, got {value:g}")
+    if not low <= value <= high:  # NaN neither
+        raise ValueError(f"{name}: expected a number from {low:g} to {high:g}, got {value!r:.40}")
     return float(value)
 
 

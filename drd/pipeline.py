@@ -22,6 +22,9 @@ from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
 log = logging.getLogger(__name__)
 
+# Metres or radians of a pose from outside; beyond, doubles no longer resolve a step of the robot.
+LARGEST_COMMANDED = 1e7
+
 
 class Observer(Protocol):
     """Who is told of each input and decoded sample before the estimator has it: the recorder, the wiring check."""

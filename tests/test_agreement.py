@@ -1,4 +1,6 @@
-"""The two headings compared: slip releases the wheels', also where no heading is known any more."""
+"""The two headings compared: what follows where they part."""
+
+import math
 
 import pytest
 from sensors import NO_BIAS, T0, S, drive, feed, make
@@ -6,6 +8,7 @@ from sensors import NO_BIAS, T0, S, drive, feed, make
 from drd.agreement import Agreement
 from drd.filter import HEADING_UNKNOWN_RAD2
 from drd.health import Reasons
+from drd.samples import WheelSample
 
 
 @pytest.mark.parametrize("unseen_rad2", [0.0, 10.0 * HEADING_UNKNOWN_RAD2], ids=["known", "unknown"])
@@ -23,3 +26,19 @@ def test_a_lasting_disagreement_releases_the_wheels_and_loses_nothing(unseen_rad
         assert agreement.update(track, T0 + i * S)
     assert counters == {"rejected": 3, "released": 1, "accepted": 2, "not_finite": 0}
     assert kf.nominal.heading_rad == pytest.approx(kf.nominal.gyro_heading_rad, abs=0.02)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.7, 1.3], ids=["stuck", "drags", "spins"])
+def test_the_way_that_one_wrong_wheel_took_is_in_the_bound_when_the_pose_is_valid_again(share: float) -> None:
+    truth = {pose.t_ns: pose for pose in feed(make(NO_BIAS), drive(40.0))}
+    wrong = (
+        (t_s, s._replace(right_m=share * s.right_m) if isinstance(s, WheelSample) and 10.0 < t_s <= 20.0 else s)
+        for t_s, s in drive(40.0)
+    )
+    poses = feed(make(NO_BIAS), wrong)
+    assert poses[-1].validity.value == "valid"
+    off_m = [math.dist((p.x_m, p.y_m), (truth[p.t_ns].x_m, truth[p.t_ns].y_m)) for p in poses]
+    assert off_m[-1] > 0.3
+    assert all(off <= p.position_bound_m for off, p in zip(off_m, poses, strict=True) if p.validity.value == "valid")
+    # Nor is it hidden behind a bound that covers anything.
+    assert poses[-1].position_bound_m < 10.0 * off_m[-1]

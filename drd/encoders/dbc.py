@@ -98,7 +98,9 @@ class Dbc(Layout):
     def _reading(self, side: Side, field: _Field, data: bytes) -> WheelReading | None:
         try:
             value = field.decode(data)
-        except Exception:  # whatever cantools or bitstruct meets in foreign bytes
+            if value is not None and self.reports_speed:
+                value = field.scaled(value) * self._speed_unit_m_s
+        except Exception:  # whatever cantools or bitstruct meets in foreign bytes, or makes of an absurd factor
             self.counters["undecodable"] += 1
             return None
         if value is None:
@@ -106,8 +108,6 @@ class Dbc(Layout):
         if not isfinite(value):
             self.counters["not_finite"] += 1
             return None
-        if self.reports_speed:
-            value = field.scaled(value) * self._speed_unit_m_s
         return WheelReading(side, value)
 
 

@@ -72,7 +72,7 @@ def decode_request(data: bytes) -> dict[str, Any]:
     if not data:
         return {}
     try:
-        value = json.loads(data, parse_constant=_finite, parse_float=_finite)
+        value = json.loads(data, parse_constant=_finite, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
         raise Refused(f"payload is not JSON: {str(error)[:100]}") from None
     if not isinstance(value, dict):
@@ -85,6 +85,11 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text} is not a finite number")
     return value
+
+
+def _whole(text: str) -> int:
+    _finite(text)  # a longer one overflows wherever it is compared with a float
+    return int(text)
 
 
 def _plain(value: Any) -> Any:

@@ -97,6 +97,14 @@ def test_short_frames_and_numbers_that_are_none_are_counted(base: Path) -> None:
     assert layout.counters == {"wrong_length": 1, "undecodable": 0, "not_finite": 1}
 
 
+def test_a_factor_that_no_float_holds_is_counted_and_raises_nothing(base: Path) -> None:
+    """Found by the fuzzer."""
+    (base / "robot.dbc").write_text(TEXT.replace("16@0- (0.01,0)", f"16@0- ({'9' * 400},0)"))
+    layout = make_layout(SPEEDS, base)
+    assert layout.decode(CanFrame(0, 256, False, b"\x11" * 8)) == ()
+    assert layout.counters["undecodable"] == 1
+
+
 @pytest.mark.parametrize(
     ("encoders", "text"),
     [

@@ -110,6 +110,7 @@ def test_wrong_values_under_a_right_checksum_raise_nothing_else(path: str, value
     [
         ({"nominal__tread_m": -0.5}, "nominal.tread_m: expected a number from 0.005"),
         ({"nominal__x_m": 1e12}, "nominal.x_m: expected"),
+        ({"nominal__x_m": 10**400}, "nominal.x_m: expected"),  # found by the fuzzer: no float holds it
         ({"nominal__gyro_bias_rad_s": None}, "nominal.gyro_bias_rad_s: expected a number, got None"),
         ({"at_rest": 1}, "at_rest, lost: expected true or false"),
         ({"P": [[0.0] * 9] * 8}, "9 rows of 9 numbers"),

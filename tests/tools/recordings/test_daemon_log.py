@@ -161,9 +161,22 @@ def test_other_files_are_one_clear_error(tmp_path: Path) -> None:
     reference_file(file).write_text("time_s,x_m\n")
     with pytest.raises(ConfigError, match=r"run\.reference\.csv:1: header"):
         read(file)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b'{"monotonic_ns": 1, "left_m": "far"}',
+        # Found by the fuzzer.
+        b'{"monotonic_ns": Infinity, "interval_s": 1, "left_m": 0, "right_m": 0, "lost_s": 0}',
+        b'{"monotonic_ns": 1, "interval_s": 1, "left_m": ' + b"9" * 400 + b', "right_m": 0, "lost_s": 0}',
+        b"[" * 2000,
+    ],
+)
+def test_a_sample_that_drd_did_not_write_is_refused(tmp_path: Path, payload: bytes) -> None:
     found = open_mcap(daemon_log(tmp_path / "good.mcap", simulated(SHORT, 1), reference=False))
     out = RecordingFile(tmp_path / "odd.mcap", found.information, found.attachments, START_WALL_NS)
-    out.add(Message("/wheels", START_WALL_NS, b'{"monotonic_ns": 1, "left_m": "far"}'), 1, START_WALL_NS, START_WALL_NS)
+    out.add(Message("/wheels", START_WALL_NS, payload), 1, START_WALL_NS, START_WALL_NS)
     out.finish({})
     with pytest.raises(ConfigError, match="what drd writes there"):
         read(tmp_path / "odd.mcap")

@@ -120,6 +120,19 @@ def test_a_file_without_a_configuration_is_refused(tmp_path: Path) -> None:
         (RAW_EVENTS, b'{"event": "set_pose", "monotonic_ns": 5, "x_m": "a"}'),
         (POSE, b"{}"),
         (POSE, b"\xff"),
+        # Found by the fuzzer.
+        (RAW_FOG, b'{"monotonic_ns": ' + b"9" * 400 + b', "data": ""}'),
+        (RAW_CAN, b'{"frames": [{"monotonic_ns": "2", "can_id": 385, "extended": false, "data": ""}]}'),
+        (RAW_CAN, b'{"frames": [{"monotonic_ns": 2, "can_id": Infinity, "extended": false, "data": ""}]}'),
+        (RAW_EVENTS, b"[" * 2000),
+        (RAW_EVENTS, b'{"event": "tick", "monotonic_ns": Infinity}'),
+        (RAW_EVENTS, b'{"event": ["tick"], "monotonic_ns": -1}'),
+        (RAW_EVENTS, b'{"event": "reload", "monotonic_ns": 1, "files": {}}'),
+        (
+            RAW_EVENTS,
+            b'{"event": "set_pose", "monotonic_ns": 1, "x_m": 0, "y_m": 0, "heading_rad": Infinity, "sigma_m": 0, '
+            b'"sigma_rad": 0}',
+        ),
     ],
 )
 def test_what_drd_did_not_write_is_refused(tmp_path: Path, topic: str, payload: bytes) -> None:

@@ -4,9 +4,10 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
-from drd_tools.bench import allocation, cpu, filter, flood, latency, rates, recording, replay
+from drd_tools.bench import allocation, cpu, filter, flood, latency, load, rates, realtime, recording, replay
 from drd_tools.bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
@@ -18,6 +19,8 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "flood": flood.run,
     "recording": recording.run,
     "replay": replay.run,
+    "load": load.run,
+    "realtime": realtime.run,
 }
 
 
@@ -31,7 +34,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these: {', '.join(BENCHMARKS)}")
     parser.add_argument("--quick", action="store_true", help="a few seconds, to see that it works; no figures to quote")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    parser.add_argument("--minutes", type=float, default=1.0, help="how long `realtime` goes on [default 1]")
     arguments = parser.parse_args(argv)
+    if not arguments.minutes >= 0.1:
+        parser.error("--minutes: expected 0.1 or more")
     unknown = [name for name in arguments.names if name not in BENCHMARKS]
     if unknown:
         parser.error(f"no benchmark {unknown[0]!r}; there are {', '.join(BENCHMARKS)}")
@@ -39,7 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     refusals = 0
     for name in arguments.names or BENCHMARKS:
         try:
-            reports[name] = BENCHMARKS[name](arguments.quick)
+            timed = name == "realtime"
+            run = partial(realtime.run, minutes=arguments.minutes) if timed else BENCHMARKS[name]
+            reports[name] = run(arguments.quick)
         except Refused as refusal:
             print(refusal, file=sys.stderr)
             refusals += 1

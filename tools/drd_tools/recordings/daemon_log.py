@@ -30,7 +30,7 @@ from drd_tools.recordings.folder import (
     read_recording,
     read_reference_log,
 )
-from drd_tools.recordings.mcap_file import McapFile, open_mcap, parts_before
+from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
 from drd_tools.replay.mcap_source import config_in_force
 
 GYRO, WHEELS = "/fog", "/wheels"
@@ -99,7 +99,7 @@ def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSam
         for message in part.messages(GYRO, WHEELS):
             try:
                 value = message.value()
-                t_ns = int(value.pop("monotonic_ns"))
+                t_ns = nanoseconds(value.pop("monotonic_ns"))
                 if message.topic == WHEELS:
                     wheels.append(WheelSample(t_ns, **value))
                     is_good = all(map(math.isfinite, wheels[-1]))
@@ -107,7 +107,7 @@ def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSam
                     celsius = value.pop("temperature_c")  # null: unknown
                     gyro.append(GyroSample(t_ns, **value, temperature_c=math.nan if celsius is None else celsius))
                     is_good = all(map(math.isfinite, gyro[-1][:3]))
-            except (AttributeError, KeyError, TypeError, ValueError):
+            except (KeyError, OverflowError, TypeError, ValueError):
                 is_good = False
             if not is_good:
                 where = f"{part.path}, {message.topic}, number {message.number}"

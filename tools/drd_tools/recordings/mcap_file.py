@@ -34,9 +34,21 @@ class Recorded(NamedTuple):
     data: bytes
 
     def value(self) -> dict[str, Any]:
-        """The payload of a JSON topic."""
-        found: dict[str, Any] = json.loads(self.data)
+        """The payload of a JSON topic. Raises ValueError where it is no object."""
+        try:
+            found = json.loads(self.data)
+        except RecursionError as error:
+            raise ValueError("nested too deeply") from error
+        if not isinstance(found, dict):
+            raise ValueError("no object")
         return found
+
+
+def nanoseconds(value: Any) -> int:
+    """A time out of a payload, checked. Raises ValueError."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 63:
+        raise ValueError(f"expected nanoseconds, got {value!r:.40}")
+    return value
 
 
 @dataclass

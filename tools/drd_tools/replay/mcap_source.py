@@ -15,14 +15,14 @@ from tqdm import tqdm
 from drd.config import CalibrationFile, Config, ModelFile
 from drd.config_file import load_config
 from drd.estimate import estimate_of
-from drd.pipeline import Pipeline
+from drd.pipeline import LARGEST_COMMANDED, Pipeline
 from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
 from drd.schema import ConfigError, loads
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
-from drd_tools.recordings.mcap_file import McapFile, Recorded, open_mcap, parts_before
+from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
 from drd_tools.replay.result import BITS, Replayed
 
 NUMBERS: Final = 1 << 32
@@ -93,7 +93,7 @@ class _Replay:
                     made = self._as_changed(recorded.value()["event"], made)
                 if recorded.topic == POSE:
                     self.live.append(recorded_pose(recorded.value()))
-            except (KeyError, TypeError, ValueError) as error:
+            except (KeyError, OverflowError, TypeError, ValueError) as error:
                 where = f"{parts[-1].path}, {recorded.topic}, number {recorded.number}"
                 raise ConfigError(where, "", "what drd writes there", repr(error)) from error
             if made is not None:
@@ -136,28 +136,31 @@ class _Replay:
 def call(pipeline: Pipeline, recorded: Recorded) -> Callable[[], object] | None:
     """The call of the pipeline that a message of a raw topic stands for; None for what it does not know.
 
-    Raises what a payload that drd did not write brings: KeyError, TypeError, ValueError.
+    Raises what a payload that drd did not write brings: KeyError, OverflowError, TypeError, ValueError.
     """
     value = recorded.value()
     if recorded.topic == RAW_FOG:
-        return partial(
-            pipeline.on_fog_bytes, base64.b64decode(value["data"], validate=True), int(value["monotonic_ns"])
-        )
+        data = base64.b64decode(value["data"], validate=True)
+        return partial(pipeline.on_fog_bytes, data, nanoseconds(value["monotonic_ns"]))
     if recorded.topic == RAW_CAN:
         return partial(pipeline.on_frames, [_frame(row) for row in value["frames"]])
     return _event(pipeline, value)
 
 
 def _event(pipeline: Pipeline, value: dict[str, Any]) -> Callable[[], object] | None:
-    name, now_ns = value["event"], int(value["monotonic_ns"])
+    name, now_ns = str(value["event"]), nanoseconds(value["monotonic_ns"])
     if name == "port_state":
-        return partial(pipeline.port_state, value["source"], value["text"], now_ns)
+        text = value["text"]
+        return partial(pipeline.port_state, str(value["source"]), None if text is None else str(text), now_ns)
     if name == "set_pose":
-        return partial(pipeline.set_pose, now_ns, **{name: float(value[name]) for name in SET_POSE})
+        return partial(pipeline.set_pose, now_ns, **{name: _commanded(value[name]) for name in SET_POSE})
     if name == "resume":
         return partial(pipeline.resume, now_ns, estimate_of(value["estimate"]), bool(value["bias_known"]))
     if name == "reload":
-        return partial(_reload, pipeline, now_ns, {str(k): str(v) for k, v in value["files"].items()})
+        files = dict(value["files"])
+        if IN_FORCE not in files:
+            raise KeyError(IN_FORCE)
+        return partial(_reload, pipeline, now_ns, {str(k): str(v) for k, v in files.items()})
     calls = {"tick": pipeline.tick, "reset": pipeline.reset, "calibrate_bias": pipeline.calibrate_bias}
     return partial(calls[name], now_ns) if name in calls else None
 
@@ -171,7 +174,15 @@ def _reload(pipeline: Pipeline, now_ns: int, files: dict[str, str]) -> None:
 
 
 def _frame(row: dict[str, Any]) -> CanFrame:
-    return CanFrame(row["monotonic_ns"], row["can_id"], row["extended"], base64.b64decode(row["data"], validate=True))
+    can_id, data = int(row["can_id"]), base64.b64decode(row["data"], validate=True)
+    return CanFrame(nanoseconds(row["monotonic_ns"]), can_id, bool(row["extended"]), data)
+
+
+def _commanded(value: Any) -> float:
+    """As the daemon lets nothing else through."""
+    if not abs(value) <= LARGEST_COMMANDED:
+        raise ValueError(f"expected at most {LARGEST_COMMANDED:g}, got {value!r:.40}")
+    return float(value)
 
 
 def recorded_pose(value: dict[str, Any]) -> Pose:
