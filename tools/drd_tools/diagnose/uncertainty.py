@@ -38,10 +38,17 @@ def told(problem: Problem, fit: Fit, known: frozenset[str] | set[str] = frozense
         covariance = claim.covariance + (FORM_SHARE**2) * rows @ rows.T
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         profiled = [_distances(problem, fit, i, name) for name in claim.free if _is_curved(claim, name)]
-        widths = np.max([deviation, *profiled], axis=0)
+        widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, claim))
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
         claims.append(replace(claim, covariance=covariance * scale[:, None] * scale))
     return tuple(claims)
+
+
+def _most(problem: Problem, claim: Claim) -> Array:
+    """Deviations beyond which a parameter is as good as unknown: for a time, anywhere in the recording."""
+    edges = problem.evidence.edges_s
+    anywhere_s = float(edges[-1] - edges[0]) / 12.0**0.5
+    return np.array([anywhere_s if name in ("t0", "t1") else np.inf for name in claim.free])
 
 
 def _widened(problem: Problem, fit: Fit, known: frozenset[str] | set[str]) -> Fit:
@@ -80,9 +87,8 @@ def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
     fine = np.linspace(min(places), max(places), FINE)
     weight = np.exp(-np.minimum(np.interp(fine, np.array(places)[order], nats - nats.min()), 700.0))
     square = np.array([_squares(fits[i].claims[which], claim) for i in order])
-    mean = [
-        float(weight @ np.interp(fine, np.array(places)[order], column)) / float(weight.sum()) for column in square.T
-    ]
+    weight /= weight.sum()
+    mean = np.array([float(weight @ np.interp(fine, np.array(places)[order], column)) for column in square.T])
     # Between two places a parabola runs below its chord; for the profiled parameter itself it is known.
     mean[claim.free.index(name)] = float(weight @ (fine - at) ** 2)
     return np.asarray(np.sqrt(mean), float)
