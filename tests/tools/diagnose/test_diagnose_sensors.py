@@ -132,3 +132,11 @@ def test_the_believed_standstill_is_one_only_while_nothing_turns() -> None:
     turning = np.abs(gather(long).gyro_rad) > 0.1 * e.step_s  # type: ignore[arg-type]
     assert turning[: len(e.time_s) // 2].any()
     assert not (gather(long).still & turning).any()
+
+
+def test_the_report_lists_what_the_recording_says_nothing_of(tmp_path: Path) -> None:
+    run = folder(tmp_path / "run", gyro=True, wheels=False, reference="full")
+    assert main(["diagnose", str(run), "--output", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out/report.html").read_text()
+    assert "says nothing of" in page
+    assert "the recording has no wheel encoders" in page

@@ -192,7 +192,7 @@ def _unknown(
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
 ) -> Finding:
-    peak = int(np.argmax(np.abs(curve.value)))
+    peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
         f"in one of {len(curve.knots)} places"
         if curve.driver == PLACE

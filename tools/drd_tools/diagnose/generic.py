@@ -202,7 +202,7 @@ DRIVER_UNITS: Final = {
     "left_wheel_phase": ("deg", 180.0 / np.pi),
     "right_wheel_phase": ("deg", 180.0 / np.pi),
     "lateral_acceleration": ("m/s^2", 1.0),
-    PLACE: ("", 1.0),  # number of the cell, row by row along y
+    PLACE: (f"number of the cell of {CELLS} x {CELLS}", 1.0),
 }
 _UNITS: Final = {
     "gyro": ("deg/s", GYRO_UNIT * 180.0 / np.pi),

@@ -32,6 +32,7 @@ def write_report(folder: Path) -> list[Path]:
     _classes(page, d)
     _ruled_out(page, d)
     _detectable(page, d)
+    _not_observable(page, d)
     page.heading("What to drive next")
     for sentence in report_text.next_drive_sentences(d):
         page.text(sentence)
@@ -138,6 +139,13 @@ def _detectable(page: Page, d: Section) -> None:
         return
     page.text("An effect smaller than this may be there all the same. Beside it, the sizes that occur in practice.")
     page.table(report_text.DETECTABLE_HEADER, report_text.detectable_rows(d), text_columns=(1, 3, 5))
+
+
+def _not_observable(page: Page, d: Section) -> None:
+    rows = [(r["effect"], r["because"]) for r in d.get("not_observable", ())]
+    if rows:
+        page.heading("What this recording says nothing of")
+        page.table(("effect", "because"), rows, text_columns=(1,))
 
 
 def _duration_s(s: Section) -> float:

@@ -1,5 +1,6 @@
 """Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -25,6 +26,7 @@ RELINEARISATIONS: Final = 3
 CONVERGED_NATS: Final = 1.0
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
+MEET_S: Final = 5.0
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,8 @@ class Search:
                 if one.id not in self.known
                 for other in same_window(one)
             ]
+            found = [c for c in fit.claims if c.id not in self.known]
+            swaps += [[*(c for c in fit.claims if c not in pair), one] for pair, one in joined(found)]
             good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(self.problem, t)]
             better = max(good, key=self.score, default=fit)
             if self.score(better) <= self.score(fit) + CLEARLY_BETTER:
@@ -172,13 +176,27 @@ def same_window(claim: Claim) -> list[Claim]:
     """Other effects of a stretch of time, in the stretch of a claim."""
     if "t1" not in claim.values:
         return []
-    window = {name: claim.number(name) for name in ("t0", "t1")}
+    return [c for c in _in_window(claim.number("t0"), claim.number("t1")) if c.id != claim.id]
+
+
+def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
+    """Pairs of claims whose stretches of time meet, each with one claim of both stretches: one by one, a long stretch
+    is found in pieces.
+    """
+    found = []
+    for a, b in itertools.combinations([c for c in claims if "t1" in c.values], 2):
+        first, last = min(a.number("t0"), b.number("t0")), max(a.number("t1"), b.number("t1"))
+        if max(a.number("t0"), b.number("t0")) - min(a.number("t1"), b.number("t1")) < MEET_S:
+            found += [((a, b), one) for one in _in_window(first, last)]
+    return found
+
+
+def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
+    """Each effect of a stretch of time, with sizes yet to be found."""
     return [
-        Claim(effect, {**window, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
+        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(linear, 0.0)}, (*linear, "t0", "t1"))
         for effect in catalogue().values()
-        if effect.id != claim.id
-        and {q.name for q in effect.parameters} == {"t0", "t1", *effect.linear()}
-        and effect.linear()
+        if (linear := effect.linear()) and {q.name for q in effect.parameters} == {"t0", "t1", *linear}
     ]
 
 

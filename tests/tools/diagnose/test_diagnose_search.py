@@ -1,0 +1,35 @@
+"""The search among sets of claims."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_drives import WAREHOUSE, claim, problem
+
+from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.search import Search
+
+
+def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
+    p = problem(WAREHOUSE, 3)
+    whole = claim("surface_slip", t0=40.0, t1=90.0, left=0.01, right=0.008)
+    p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([whole])
+    free = ("t0", "t1", "left", "right")
+    pieces = [
+        replace(claim("surface_slip", t0=t0, t1=t1, left=0.01, right=0.008), free=free)
+        for t0, t1 in ((40.0, 75.0), (76.0, 90.0))
+    ]
+    fit = Search(p).settled(refine(p, pieces))
+    assert len(fit.claims) == 1
+    assert fit.claims[0].number("t0") == pytest.approx(40.0, abs=4.0)
+    assert fit.claims[0].number("t1") == pytest.approx(90.0, abs=4.0)
+
+
+def test_events_are_never_joined() -> None:
+    p = problem(WAREHOUSE, 3)
+    dropout = replace(claim("encoder_dropout", side="left", t0=40.0, t1=44.0), free=())
+    slip = replace(claim("surface_slip", t0=44.0, t1=90.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right"))
+    p.data = np.random.default_rng(5).standard_normal(len(p.data)) + p.effect_rows([dropout, slip])
+    found = Search(p, [dropout]).settled(refine(p, [dropout, slip])).claims
+    assert {c.id for c in found} >= {"encoder_dropout"}
+    assert found[0].number("t1") == 44.0
