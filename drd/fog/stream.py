@@ -33,7 +33,8 @@ class FogStream:
         self._spans_losses = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
         self._last: GyroSample | None = None
         self._suspect: GyroSample | None = None
-        self._counters = dict.fromkeys(("samples", "over_range", "implausible"), 0)
+        self._newest: tuple[int | None, float] | None = None
+        self._counters = dict.fromkeys(("samples", "doubled", "over_range", "implausible"), 0)
         self.temperature_c: float | None = None
 
     @property
@@ -48,7 +49,7 @@ class FogStream:
 
     def feed(self, data: bytes, arrival_ns: int) -> list[GyroSample]:
         """Take the bytes that were read at `arrival_ns`; return the samples that they complete or confirm, in order."""
-        readings = self._protocol.feed(data)
+        readings = [reading for reading in self._protocol.feed(data) if not self._is_copy(reading)]
         stamps = self._clock.stamp([reading.sequence for reading in readings], arrival_ns)
         samples = []
         for reading, stamp in zip(readings, stamps, strict=True):
@@ -63,7 +64,16 @@ class FogStream:
         """The port was opened again: forget half a packet, the phase and a sample that waits for confirmation."""
         self._protocol.reset()
         self._clock.restart()
+        self._newest = None
         self._drop_suspect()
+
+    def _is_copy(self, reading: FogReading) -> bool:
+        """Whether a line or adapter has delivered the packet before: its turn must not count twice."""
+        newest = (reading.sequence, reading.value)
+        is_copy = reading.sequence is not None and newest == self._newest
+        self._newest = newest
+        self._counters["doubled"] += is_copy
+        return is_copy
 
     def _sample(self, reading: FogReading, stamp: Stamp) -> GyroSample | None:
         """The reading in the robot's terms; None if it is invalid or over-range."""

@@ -341,3 +341,16 @@ def test_rates_beyond_the_packet_are_clipped_by_the_gyro() -> None:
     )
     assert reading.value == pytest.approx(100 * RAD_PER_DEG * 32767 / 32768)
     assert reading.temperature_c == pytest.approx(327.67)
+
+
+def test_packets_that_come_twice_count_once() -> None:
+    fog = Fog(protocol="dsp17xx", rate_hz=100.0)
+    once, twice = Gyro(fog), Gyro(fog)
+    found, doubled = [], []
+    for k in range(300):
+        packet = once.packet(20.0 * np.sin(0.05 * k))
+        found += once.stream.feed(packet, once.now_ns)
+        doubled += twice.stream.feed(packet + packet, once.now_ns)
+    assert doubled == found
+    assert twice.count("doubled") == 300
+    assert once.count("doubled") == twice.count("lost_packets") == 0

@@ -167,8 +167,7 @@ FAULTS: Final = (
           packet=lambda packet, site: [(0.0, site.random.integers(0, 256, len(packet), np.uint8).tobytes())]),
     Fault("checksum errors", 10.0, ("fog.bad_checksum",), packet=_sometimes(0.5, _flipped)),
     Fault("packets lost", 10.0, ("fog.lost_packets",), 2.0, packet=_sometimes(0.3, lambda _: [])),
-    Fault("packets doubled", 10.0, ("fog.clock_relocks", "agreement"), 5.0, packet=_sometimes(1.0, lambda p: [p, p]),
-          unseen=BELIEVED),
+    Fault("packets doubled", 10.0, ("fog.doubled",), packet=_sometimes(1.0, lambda p: [p, p])),
     Fault("packets in bunches", 10.0, packet=_bunched),
     # ---- what the gyro says
     Fault("gyro says invalid", 5.0, ("fog", "fog.bad_flag"), valid=False),

@@ -137,7 +137,8 @@ class Ledger:
             yield Row(name, counters[part][counter], self._counts[name])
         spent = FRAME_BYTES * fog["frames"] + fog["foreign_bytes"]
         yield Row("fog: bytes in packets or foreign", spent, self._counts["bytes"])
-        used = fog["samples"] + fog["bad_flag"] + fog["not_finite"] + fog["over_range"] + fog["implausible"]
+        refused = ("bad_flag", "not_finite", "doubled", "over_range", "implausible")
+        used = fog["samples"] + sum(fog[name] for name in refused)
         yield Row("fog: packets used or refused", used, self._counts["fog.frames"])
 
 
