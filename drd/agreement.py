@@ -9,6 +9,10 @@ from drd.units import NS_PER_S
 
 # Agreement for so long ends the report of a disagreement.
 AGREEMENT_NS = 2 * NS_PER_S
+# So many comparisons that differ to one side, each within its gate, are no noise: their normalised sum is white.
+IN_A_ROW = 20
+ONE_SIDED_SIGMAS = 7.0
+STILL_ONE_SIDED_SIGMAS = 2.0
 
 
 class Agreement:
@@ -21,6 +25,8 @@ class Agreement:
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
         self._slipped_m = 0.0
+        self._ratios, self._turns_rad = [0.0] * IN_A_ROW, [0.0] * IN_A_ROW
+        self._next, self._ratio_sum, self._turn_sum_rad, self._drifted_rad = 0, 0.0, 0.0, 0.0
 
     def update(self, track: Track, t_ns: int) -> bool:
         """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
@@ -49,7 +55,25 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
+        self._watch_drift(track, t_ns)
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
-            self._slipped_m = 0.0
+            self._slipped_m = self._drifted_rad = 0.0
         return True
+
+    def _watch_drift(self, track: Track, t_ns: int) -> None:
+        """One of the headings drifts away too slowly for the gate: nobody knows which, so both may be wrong. (16)"""
+        kf, i = track.kf, self._next
+        ratio = kf.z / math.sqrt(kf.S)
+        self._ratio_sum += ratio - self._ratios[i]
+        self._turn_sum_rad += kf.z - self._turns_rad[i]
+        self._ratios[i], self._turns_rad[i], self._next = ratio, kf.z, (i + 1) % IN_A_ROW
+        limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad else ONE_SIDED_SIGMAS
+        if abs(self._ratio_sum) < limit * math.sqrt(IN_A_ROW):
+            return
+        before_rad = self._drifted_rad
+        self._drifted_rad = before_rad + abs(kf.z) if before_rad else abs(self._turn_sum_rad)
+        kf.add_heading_variance(self._drifted_rad**2 - before_rad**2, both=True)
+        text = f"wheels and gyro drift apart, by {math.degrees(self._drifted_rad):.1f} deg so far"
+        self._reasons.set("agreement", text, t_ns)
+        self._rejected_ns = t_ns

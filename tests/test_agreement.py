@@ -8,7 +8,7 @@ from sensors import NO_BIAS, T0, S, drive, feed, make
 from drd.agreement import Agreement
 from drd.filter import HEADING_UNKNOWN_RAD2
 from drd.health import Reasons
-from drd.samples import WheelSample
+from drd.samples import GyroSample, WheelSample
 
 
 @pytest.mark.parametrize("unseen_rad2", [0.0, 10.0 * HEADING_UNKNOWN_RAD2], ids=["known", "unknown"])
@@ -42,3 +42,29 @@ def test_the_way_that_one_wrong_wheel_took_is_in_the_bound_when_the_pose_is_vali
     assert all(off <= p.position_bound_m for off, p in zip(off_m, poses, strict=True) if p.validity.value == "valid")
     # Nor is it hidden behind a bound that covers anything.
     assert poses[-1].position_bound_m < 10.0 * off_m[-1]
+
+
+def test_a_gyro_that_drifts_within_the_gate_is_told_and_the_bound_holds() -> None:
+    truth = {pose.t_ns: pose for pose in feed(make(NO_BIAS), drive(60.0))}
+    step_rad_s = math.radians(3.0)
+    wrong = (
+        (t_s, s._replace(rate_rad_s=s.rate_rad_s + step_rad_s) if isinstance(s, GyroSample) and 20 < t_s <= 35 else s)
+        for t_s, s in drive(60.0)
+    )
+    estimator = make(NO_BIAS)
+    poses = feed(estimator, wrong)
+    told = [p for p in poses if any("drift apart" in r.text for r in p.reasons)]
+    assert T0 + 20 * S < told[0].t_ns < T0 + 26 * S
+    assert estimator.counters["rejected"] == 0
+    off_m = [math.dist((p.x_m, p.y_m), (truth[p.t_ns].x_m, truth[p.t_ns].y_m)) for p in poses]
+    assert max(off_m) > 0.5
+    # Before it is told nobody can know; afterwards what is valid holds.
+    since = [(off, p) for off, p in zip(off_m, poses, strict=True) if p.t_ns >= told[0].t_ns]
+    assert all(off <= p.position_bound_m for off, p in since if p.validity.value == "valid")
+    assert sum(off <= p.position_bound_m for off, p in since) > 0.9 * len(since)
+
+
+@pytest.mark.parametrize("tread_m", [0.5, 0.51])
+def test_sensors_that_agree_never_drift_apart(tread_m: float) -> None:
+    poses = feed(make(NO_BIAS), drive(120.0, tread_m=tread_m))
+    assert not any(r.source == "agreement" for p in poses for r in p.reasons)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from drd_tools.diagnose.audit import Event, audit
 from drd_tools.diagnose.conclude import Conclusion, conclude
 from drd_tools.diagnose.evidence import Noise, gather
-from drd_tools.diagnose.library import is_plausible
+from drd_tools.diagnose.library import is_plausible, release
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import refine
@@ -66,7 +66,11 @@ def diagnose(recording: Recording) -> Diagnosis:
         problem = Problem(problem.evidence, problem.path, noise, doubt, temper=temper)
         found = find(problem, known)
     null = refine(problem, known)
-    return Diagnosis(recording, looked.events, problem, null.left, conclude(found, looked.events))
+    if found.problem is not problem:
+        release(problem)
+    conclusion = conclude(found, looked.events)
+    release(found.problem)
+    return Diagnosis(recording, looked.events, problem, null.left, conclusion)
 
 
 def _is_near(noise: Noise, temper: Temper, problem: Problem) -> bool:

@@ -17,7 +17,7 @@ STEP_S: Final = 0.1
 # A fast gyro's rows are added up: slower errors are as exact in sums, and time and memory are bounded.
 SHORTEST_STEP_S: Final = 0.02
 # A day, too, must fit into memory. Where rows are added up for that, a step keeps its last fix.
-MOST_STEPS: Final = 40_000
+MOST_STEPS: Final = 36_000
 MISSING_ROWS: Final = 1.5  # so many typical intervals after the row before, a row is not the mean over all that time
 LONGEST_GAP_S: Final = 86_400.0
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step

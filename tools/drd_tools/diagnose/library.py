@@ -153,5 +153,10 @@ def library_of(problem: Problem) -> Library:
     return _MADE[problem]
 
 
+def release(problem: Problem) -> None:
+    """Forget the problem's library: of a long recording it is large."""
+    _MADE.pop(problem, None)
+
+
 def _is_seen(signature: Signature) -> bool:
     return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in signature.channels)

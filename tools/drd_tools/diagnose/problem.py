@@ -26,7 +26,7 @@ Wanted = tuple[Effect, Values, str]
 # constant scale error where the form is known up to one only.
 BIAS: Final = Parameter("bias", "rad/s", "the gyro's own bias", 1e-6, 1e-2, linear=False)
 SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5, 0.05)
-CACHED_BYTES: Final = 300e6
+CACHED_BYTES: Final = 150e6
 CLEARINGS: Final = 2
 FORM: Final = "form "
 

@@ -19,7 +19,6 @@ LEFT_ID, RIGHT_ID, BOOT_UP_ID, EMERGENCY_ID, FOREIGN_ID = 0x181, 0x182, 0x701, 0
 SPIKE_DEG_S: Final = 80.0
 # Less than `estimation.reorder_s`, which is what the estimator waits.
 BUNCH_S: Final = 0.2
-BELIEVED: Final = "the gyro is believed where it contradicts the wheels: they are taken to slip"
 
 
 @dataclass
@@ -174,9 +173,8 @@ FAULTS: Final = (
     Fault("gyro says NaN", 5.0, ("fog", "fog.not_finite"), packet=_not_a_number),
     Fault("gyro saturated", 5.0, ("fog", "fog.over_range"), rate=lambda _, c, __: (100.0 * RAD_PER_DEG, c)),
     Fault("gyro spikes", 10.0, ("fog.implausible",), rate=_spike),
-    Fault("gyro stuck at a value", 20.0, ("agreement",), 15.0, rate=_stuck, unseen=BELIEVED),
-    Fault("gyro steps by 3 deg/s", 15.0, ("agreement",), rate=lambda r, c, _: (r + 3.0 * RAD_PER_DEG, c),
-          unseen=BELIEVED),
+    Fault("gyro stuck at a value", 20.0, ("agreement",), 15.0, rate=_stuck),
+    Fault("gyro steps by 3 deg/s", 15.0, ("agreement",), 5.0, rate=lambda r, c, _: (r + 3.0 * RAD_PER_DEG, c)),
     Fault("bias steps by 0.01 deg/s", 60.0, rate=lambda r, c, _: (r + 0.01 * RAD_PER_DEG, c)),
     Fault("temperature out of range", 10.0, ("calibration",), rate=lambda r, _, __: (r, 90.0)),
     # ---- the bus
