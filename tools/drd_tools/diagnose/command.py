@@ -138,6 +138,8 @@ def _tell(content: dict[str, Any], files: Sequence[Path], notes: Sequence[str] =
         print(f"    {finding['sentence']}")
     if content["next_drive"]:
         print(f"  {content['next_drive'].get('sentence', '')}".rstrip())
+    if "cut" in content:
+        print(f"  {content['cut']}: cut a longer recording, and diagnose its parts")
     reasons = Counter(row["because"] for row in content.get("not_observable", ()))
     for because, count in reasons.items():
         print(f"  nothing can be said of {count} of the {len(catalogue())} effects: {because}")

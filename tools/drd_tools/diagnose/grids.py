@@ -14,9 +14,9 @@ Array = npt.NDArray[np.float64]
 
 # A grid finer than the gyro's samples tells nothing more; a coarser one blurs latencies.
 STEP_S: Final = 0.1
-# A fast gyro's rows are added up: slower errors are as exact in sums, and time and memory are bounded.
+# A fast gyro's rows are added up: slower errors are as exact in sums.
 SHORTEST_STEP_S: Final = 0.02
-# A day, too, must fit into memory. Where rows are added up for that, a step keeps its last fix.
+# Time and memory are bounded: what is longer is cut. Coarser steps would not follow the way within a turn.
 MOST_STEPS: Final = 36_000
 MISSING_ROWS: Final = 1.5  # so many typical intervals after the row before, a row is not the mean over all that time
 LONGEST_GAP_S: Final = 86_400.0
@@ -59,22 +59,22 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
     end = columns[0]
     inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
     time_s, step_s, gyro, temperature_c, missing_s = (column[inside] for column in columns)
-    together = max(math.ceil(len(time_s) / MOST_STEPS), math.floor(SHORTEST_STEP_S / typical + 1e-9))
+    fewest, most = (math.floor(longest_s / typical + 1e-9) for longest_s in (SHORTEST_STEP_S, STEP_S))
+    together = min(max(math.ceil(len(time_s) / MOST_STEPS), fewest), most)
     if together > 1 and len(time_s):
         first = np.arange(0, len(time_s), together)
         last = np.append(first[1:], len(time_s)) - 1
         step_s, gyro, missing_s = (np.add.reduceat(v, first) for v in (step_s, gyro, missing_s))
         time_s, temperature_c = time_s[last], temperature_c[last]
-    return Grid(time_s, step_s, gyro, temperature_c, missing_s)
+    return Grid(*(column[:MOST_STEPS] for column in (time_s, step_s, gyro, temperature_c, missing_s)))
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     """Equal steps while there are wheels, the first fix at the end of one: noise within a step is not followed."""
-    step = max(STEP_S, float(log.time_s[-1] - log.time_s[0]) / MOST_STEPS)
-    first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % step)
-    time_s = np.arange(log.time_s[0] + first + step, log.time_s[-1] + 1e-6 * step, step)
+    first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % STEP_S)
+    time_s = np.arange(log.time_s[0] + first + STEP_S, log.time_s[-1] + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
     nothing = np.full(len(time_s), np.nan)
-    return Grid(time_s, np.full(len(time_s), step), None, nothing, np.zeros(len(time_s)))
+    return Grid(time_s, np.full(len(time_s), STEP_S), None, nothing, np.zeros(len(time_s)))
 
 
 def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
@@ -89,7 +89,7 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, "none")
     step = np.searchsorted(time_s, at - 1e-9)
     fix = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])[within]
-    if len(at) > MOST_STEPS:
+    if len(at) > MOST_STEPS:  # a step's last one is enough then
         last = np.append(np.diff(step) > 0, True)
         step, at, fix = step[last], at[last], fix[last]
     return step, (time_s[step] - at) / step_s[step], fix

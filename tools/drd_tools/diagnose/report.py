@@ -23,6 +23,8 @@ def write_report(folder: Path) -> list[Path]:
     for old in (*folder.glob("finding_*.png"), folder / "residual.png", folder / "held_out.png"):
         old.unlink(missing_ok=True)  # of an earlier diagnosis
     page = Page(title(d, [r["name"] for r in s["recordings"]]), lead(d, s))
+    if "cut" in d:
+        page.text(f"Of this recording, {d['cut']}.")
     files: list[Path] = []
     _findings_table(page, d, s)
     _paths(page, d, s, folder, files)

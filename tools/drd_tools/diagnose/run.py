@@ -27,6 +27,7 @@ from drd_tools.diagnose.report import write_report
 from drd_tools.recordings.folder import Recording
 
 THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+CUT_S: Final = 60.0
 NO_POSES: Final = np.zeros((0, 10))
 Content = dict[str, Any]
 
@@ -140,6 +141,8 @@ def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tu
         "fit": {"train": train, "held_out": proof},
         "next_drive": next_drive(result),
     }
+    if (cut := cut_off(recording, e)) is not None:
+        content["cut"] = cut
     outcome.write_json(folder / "diagnosis.json", content)
     series = {
         "format": "drd-diagnosis-series/1",
@@ -185,6 +188,16 @@ def proved(held_out: Sequence[Recording], model: Path) -> tuple[dict[str, Any], 
             bars.append({"name": other.name, "quantity": quantity.replace("_", " "), "unit": unit,
                          "before": first[q], "after": second[q]})  # fmt: skip
     return proof, bars
+
+
+def cut_off(recording: Recording, e: Evidence) -> str | None:
+    """What is said where a recording is longer than what can be looked at."""
+    ends_s = [float(log.time_s[-1]) for log in (recording.fog, recording.wheels) if log is not None]
+    end_s, begin_s = min(ends_s), float(e.edges_s[0])
+    if end_s - e.time_s[-1] < CUT_S:
+        return None
+    seen_min, whole_min = (e.time_s[-1] - begin_s) / 60.0, (end_s - begin_s) / 60.0
+    return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were looked at"
 
 
 def not_observable(e: Evidence, seen: set[str]) -> list[dict[str, str]]:

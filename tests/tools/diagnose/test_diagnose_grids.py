@@ -1,0 +1,37 @@
+"""Steps of long and of fast recordings: as fine as they must be, and no more of them than can be looked at."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_drives import recorded
+
+from drd_tools.diagnose import grids
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.run import cut_off
+from drd_tools.recordings.folder import FogLog
+
+DRIVE = ("slalom", 120.0)
+
+
+def test_what_is_too_long_is_cut_and_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = recorded(DRIVE, 1)
+    assert cut_off(recording, gather(recording)) is None
+    monkeypatch.setattr(grids, "MOST_STEPS", 300)
+    e = gather(recording)
+    assert len(e.time_s) == 300
+    assert np.median(e.step_s) == pytest.approx(0.1)
+    assert cut_off(recording, e) == "only the first 0 of 2 minutes were looked at"
+
+
+@pytest.mark.parametrize(("rate_hz", "step_s"), [(10.0, 0.1), (100.0, 0.02), (200.0, 0.02), (5.0, 0.2)])
+def test_rows_of_a_fast_gyro_are_added_up(rate_hz: float, step_s: float) -> None:
+    recording = recorded(DRIVE, 1)
+    assert recording.fog is not None
+    time_s = np.arange(1, int(119.0 * rate_hz)) / rate_hz
+    rate = np.interp(time_s, recording.fog.time_s, recording.fog.rate_rad_s)
+    e = gather(replace(recording, folder=Path("fast"), fog=FogLog(time_s, rate, None)))
+    assert np.median(e.step_s) == pytest.approx(step_s)
+    assert e.gyro_rad is not None
+    assert e.gyro_rad.sum() == pytest.approx(float(rate.sum()) / rate_hz, abs=0.05)
