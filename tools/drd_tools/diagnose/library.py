@@ -154,8 +154,9 @@ def library_of(problem: Problem) -> Library:
 
 
 def release(problem: Problem) -> None:
-    """Forget the problem's library: of a long recording it is large."""
+    """Forget the problem's library and signatures: of a long recording they are large."""
     _MADE.pop(problem, None)
+    problem.forget()
 
 
 def _is_seen(signature: Signature) -> bool:
