@@ -1,6 +1,7 @@
 """The comparison of the two headings, and what follows where they disagree."""
 
 import math
+from collections import deque
 
 from drd.filter import Outcome
 from drd.health import Reasons
@@ -25,8 +26,8 @@ class Agreement:
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
         self._slipped_m = 0.0
-        self._ratios, self._turns_rad = [0.0] * IN_A_ROW, [0.0] * IN_A_ROW
-        self._next, self._ratio_sum, self._turn_sum_rad, self._drifted_rad = 0, 0.0, 0.0, 0.0
+        self._ratios, self._turns_rad = deque([0.0] * IN_A_ROW, IN_A_ROW), deque([0.0] * IN_A_ROW, IN_A_ROW)
+        self._drifted_rad = 0.0
 
     def update(self, track: Track, t_ns: int) -> bool:
         """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
@@ -63,16 +64,14 @@ class Agreement:
 
     def _watch_drift(self, track: Track, t_ns: int) -> None:
         """One of the headings drifts away too slowly for the gate: nobody knows which, so both may be wrong. (16)"""
-        kf, i = track.kf, self._next
-        ratio = kf.z / math.sqrt(kf.S)
-        self._ratio_sum += ratio - self._ratios[i]
-        self._turn_sum_rad += kf.z - self._turns_rad[i]
-        self._ratios[i], self._turns_rad[i], self._next = ratio, kf.z, (i + 1) % IN_A_ROW
+        kf = track.kf
+        self._ratios.append(kf.z / math.sqrt(kf.S))
+        self._turns_rad.append(kf.z)
         limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad else ONE_SIDED_SIGMAS
-        if abs(self._ratio_sum) < limit * math.sqrt(IN_A_ROW):
+        if abs(sum(self._ratios)) < limit * math.sqrt(IN_A_ROW):
             return
         before_rad = self._drifted_rad
-        self._drifted_rad = before_rad + abs(kf.z) if before_rad else abs(self._turn_sum_rad)
+        self._drifted_rad = before_rad + abs(kf.z) if before_rad else abs(sum(self._turns_rad))
         kf.add_heading_variance(self._drifted_rad**2 - before_rad**2, both=True)
         text = f"wheels and gyro drift apart, by {math.degrees(self._drifted_rad):.1f} deg so far"
         self._reasons.set("agreement", text, t_ns)

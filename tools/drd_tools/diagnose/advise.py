@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Errors, apart
 from drd.nominal import FogSheet, Nominal
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.finding import Finding, Status
-from drd_tools.diagnose.generic import DRIVER_UNITS, PERIODIC, Curve, drivers
+from drd_tools.diagnose.generic import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.linear import Path, Signature
 from drd_tools.diagnose.problem import Claim, Problem
@@ -314,20 +313,8 @@ def _curve_signature(problem: Problem, curve: Curve) -> Signature:
     period = 360.0 if curve.driver in PERIODIC else None
     x = known[curve.driver][0] * DRIVER_UNITS[curve.driver][1]
     value = np.interp(x, curve.knots, curve.value, period=period)
-    share = 0.01 * value
-    errors = {
-        "gyro": lambda: Errors(gyro_rad_s=RAD_PER_DEG * value),
-        "gyro's scale": lambda: Errors(gyro_rad_s=share * m.rate_rad_s),
-        "wheels' delay": lambda: Errors(
-            left_m_s=-1e-3 * value * np.gradient(m.left_m_s, m.time_s),
-            right_m_s=-1e-3 * value * np.gradient(m.right_m_s, m.time_s),
-        ),
-        "wheels' mean": lambda: Errors(left_m_s=share * m.left_m_s, right_m_s=share * m.right_m_s),
-        "wheels' difference": lambda: Errors(left_m_s=-0.5 * share * m.left_m_s, right_m_s=0.5 * share * m.right_m_s),
-        "wheels' turn": lambda: apart(m, share),
-        "body": lambda: Errors(lateral_m_s=value * (np.abs(m.speed_m_s) > 0.02)),
-    }
-    return problem.signatures.of(errors[curve.channel]())
+    errors = errors_along(m)[curve.channel](value / CHANNELS[curve.channel].public)
+    return problem.signatures.of(errors)
 
 
 def _nats(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from drd_tools.diagnose.audit import Event
 from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
 from drd_tools.diagnose.finding import Finding, Status
-from drd_tools.diagnose.generic import PLACE, Curve, Smooths
+from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_hidden, is_plausible
 from drd_tools.diagnose.problem import Claim
@@ -30,11 +30,6 @@ GENERIC_SHARE: Final = 0.01  # of the names' worth, or
 GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
 CONFIRMING_E: Final = 100.0
-CURVES: Final = {
-    "gyro": ("gyro", "gyro's scale"),
-    "wheels": ("wheels' mean", "wheels' difference", "wheels' turn", "wheels' delay"),
-    "body": ("body",),
-}
 
 
 @dataclass(frozen=True)
@@ -88,15 +83,17 @@ def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance:
     """One curve without a name that is better than all names of a channel together takes their place."""
     problem, fit = found.problem, found.fit
     unknown: list[Finding] = []
-    for channels in CURVES.values():
-        group = [c for c in fit.claims if c.id not in search.known and CURVES[c.effect.channel] == channels]
+    for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
+        group = [c for c in fit.claims if c.id not in search.known and c.effect.channel == acts_on]
         if len(group) < 2:
             continue
         rest = refine(problem, [c for c in fit.claims if c not in group])
         worth = rest.cost - fit.cost
         curve = smooths.best(rest.claims)
         margin = max(GENERIC_NATS, GENERIC_SHARE * worth)
-        if curve is None or curve.channel not in channels or curve.gain < worth - problem.penalty(group) + margin:
+        if curve is None or CHANNELS[curve.channel].acts_on != acts_on:
+            continue
+        if curve.gain < worth - problem.penalty(group) + margin:
             continue
         p = family_wise_p(curve.gain, chance)
         unknown.append(_unknown(curve, p, 1.0, also_fits=unique(c.id for c in group)))
@@ -171,7 +168,8 @@ def _curve(smooths: Smooths, found: Found, claim: Claim, rival: Curve | None) ->
     """The mismatch that a claim explains, against the claim's own driver where that is one of the smooths'."""
     options = [
         smooths.best(found.fit.claims, claim, (channel, claim.effect.driver))
-        for channel in CURVES[claim.effect.channel]
+        for channel, where in CHANNELS.items()
+        if where.acts_on == claim.effect.channel
     ]
     curves = [c for c in options if c is not None]
     return max(curves, key=lambda c: c.gain, default=rival)
@@ -196,7 +194,7 @@ def _unknown(
     where = (
         f"in one of {len(curve.knots)} places"
         if curve.driver == PLACE
-        else (f"at {curve.knots[peak]:.3g} {curve.driver_unit}")
+        else f"at {curve.knots[peak]:.3g} {curve.driver_unit}"
     )
     text = (
         f"Something that is in no catalogue acts on the {curve.channel} and depends on "

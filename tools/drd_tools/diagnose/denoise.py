@@ -20,12 +20,12 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
     intervals: Goldenshluger and Nemirovski 1997).
     """
     variance = np.broadcast_to(np.asarray(sigma, float) ** 2, values.shape)
-    result = mean = gaussian_filter1d(values, width)
+    result = values
     low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
     agrees = np.ones(len(values), bool)
     for doubling in range(WIDEST):
         s = width * 2.0**doubling
-        if 4.0 * s > len(values):
+        if doubling and 4.0 * s > len(values):
             break
         mean = gaussian_filter1d(values, s)
         # Of a mean with Gaussian weights of deviation s samples.

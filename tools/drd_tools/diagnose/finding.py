@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.generic import Curve
+from drd_tools.diagnose.generic import CHANNELS, Curve
 from drd_tools.diagnose.problem import Claim
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ class Finding:
         """gyro, wheels, body or timing."""
         if self.claim is None:
             assert self.curve is not None
-            return {"gyro": "gyro", "gyro's scale": "gyro", "body": "body"}.get(self.curve.channel, "wheels")
+            return CHANNELS[self.curve.channel].acts_on
         acts_on = self.claim.effect.acts_on.value
         return acts_on if acts_on != "readout" else self.claim.effect.channel
 

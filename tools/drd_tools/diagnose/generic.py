@@ -1,16 +1,17 @@
 """Smooth curves without a name, of every driver and channel: they compete with the catalogue's names."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from drd.effects.effect import Errors
+from drd.effects.effect import Errors, apart, both
+from drd.effects.motion import Motion
+from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.columns import SUB
-from drd_tools.diagnose.linear import Signature
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import soft_forms
 
@@ -21,12 +22,46 @@ TIME_KNOTS: Final = 16  # what swings several times in a drive
 CELLS: Final = 5  # along and across
 PLACE: Final = "place"
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
-# Units of one hat, so that amplitudes are comparable: a rate of 0.01 deg/s, 0.1 % of a wheel's speed or of the gyro's
-# scale, 1 ms, 1 mm/s.
-GYRO_UNIT: Final = 1.745e-4
-GAIN_UNIT: Final = 1e-3
-DELAY_UNIT: Final = 1e-3
-LATERAL_UNIT: Final = 1e-3
+
+
+class Channel(NamedTuple):
+    """Where a curve acts. `hat`: size of one hat, SI, so that amplitudes compare; `public`: units per SI unit."""
+
+    acts_on: str
+    unit: str
+    hat: float
+    public: float
+
+    @property
+    def hat_in_public(self) -> float:
+        """Size of one hat in the public unit."""
+        return self.hat * self.public
+
+
+CHANNELS: Final = {
+    "gyro": Channel("gyro", "deg/s", 1.745e-4, DEG_PER_RAD),
+    "gyro's scale": Channel("gyro", "%", 1e-3, 100.0),
+    "wheels' mean": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' difference": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' turn": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' delay": Channel("wheels", "ms", 1e-3, 1000.0),
+    "body": Channel("body", "m/s", 1e-3, 1.0),
+}
+
+
+def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
+    """For each channel what a curve's values along a motion, (n,), SI, add to the sensors."""
+    slope_l, slope_r = (np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
+    moving = np.abs(m.speed_m_s) > 0.02
+    return {
+        "gyro": lambda x: Errors(gyro_rad_s=x),
+        "gyro's scale": lambda x: Errors(gyro_rad_s=x * m.rate_rad_s),
+        "wheels' mean": lambda x: both(m, x),
+        "wheels' difference": lambda x: Errors(left_m_s=-0.5 * x * m.left_m_s, right_m_s=0.5 * x * m.right_m_s),
+        "wheels' turn": lambda x: apart(m, x),
+        "wheels' delay": lambda x: Errors(left_m_s=-x * slope_l, right_m_s=-x * slope_r),
+        "body": lambda x: Errors(lateral_m_s=x * moving),
+    }
 
 
 @dataclass(frozen=True)
@@ -58,10 +93,15 @@ class Smooths:
     def __init__(self, problem: Problem):
         self._problem = problem
         self._smooths: list[_Smooth] = []
+        errors, of = errors_along(problem.signatures.motion), problem.signatures.of
+        seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
         for driver, hats, knots in self._hats():
-            for channel, made in self._channels(hats, driver):
+            for name in seen:
+                if (name, driver) == ("gyro's scale", "yaw_rate"):
+                    continue  # the same as the gyro's error against the rate
+                made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
-                self._smooths.append(_Smooth(channel, driver, knots, rows, _roughness(driver, len(made))))
+                self._smooths.append(_Smooth(name, driver, knots, rows, _roughness(driver, len(made))))
         self.cost = math.log(max(len(self._smooths), 1)) + problem.per_parameter
 
     def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
@@ -73,28 +113,6 @@ class Smooths:
             fine = np.linspace(0.0, len(e.time_s), SUB * len(e.time_s), endpoint=False)
             x, y = (np.interp(fine, np.arange(len(e.time_s) + 1), self._problem.path.pose[:, i]) for i in (0, 1))
             yield PLACE, _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
-
-    def _channels(self, hats: Sequence[Array], driver: str) -> list[tuple[str, list[Signature]]]:
-        problem, m = self._problem, self._problem.signatures.motion
-        of = problem.signatures.of
-        found = []
-        if problem.evidence.gyro_rad is not None:
-            found.append(("gyro", [of(Errors(gyro_rad_s=GYRO_UNIT * h)) for h in hats]))
-            if driver != "yaw_rate":
-                found.append(("gyro's scale", [of(Errors(gyro_rad_s=GAIN_UNIT * h * m.rate_rad_s)) for h in hats]))
-        if not problem.evidence.has_wheels:
-            return found
-        left, right = m.left_m_s, m.right_m_s
-        gain = [of(Errors(left_m_s=GAIN_UNIT * h * left, right_m_s=GAIN_UNIT * h * right)) for h in hats]
-        spread = [of(Errors(left_m_s=-0.5 * GAIN_UNIT * h * left, right_m_s=0.5 * GAIN_UNIT * h * right)) for h in hats]
-        half = 0.5 * (right - left)
-        tread = [of(Errors(left_m_s=-GAIN_UNIT * h * half, right_m_s=GAIN_UNIT * h * half)) for h in hats]
-        slope_l, slope_r = (np.gradient(v, m.time_s) for v in (left, right))
-        late = [of(Errors(left_m_s=-DELAY_UNIT * h * slope_l, right_m_s=-DELAY_UNIT * h * slope_r)) for h in hats]
-        found += [("wheels' mean", gain), ("wheels' difference", spread), ("wheels' turn", tread)]
-        found.append(("wheels' delay", late))
-        found.append(("body", [of(Errors(lateral_m_s=LATERAL_UNIT * h * (np.abs(m.speed_m_s) > 0.02))) for h in hats]))
-        return found
 
     def best(
         self, claims: Sequence[Claim], beside: Claim | None = None, wanted: tuple[str, str] | None = None
@@ -122,10 +140,11 @@ class Smooths:
             gain, value, sigma = _marginal(G, S.T @ cleared, smooth.rough)
             gain -= self.cost
             if best is None or gain > best.gain:
-                unit, factor = _UNITS[smooth.channel]
+                channel = CHANNELS[smooth.channel]
                 driver_unit, si = DRIVER_UNITS[smooth.driver]
-                value, sigma = value * factor, sigma * factor
-                best = Curve(smooth.channel, smooth.driver, unit, driver_unit, smooth.knots * si, value, sigma, gain)
+                value, sigma = value * channel.hat_in_public, sigma * channel.hat_in_public
+                knots = smooth.knots * si
+                best = Curve(smooth.channel, smooth.driver, channel.unit, driver_unit, knots, value, sigma, gain)
         return best
 
     def told(self, claim: Claim, curve: Curve) -> Array:
@@ -134,12 +153,12 @@ class Smooths:
         G = S.T @ S
         rows = self._problem.effect_rows([claim])
         values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
-        result: Array = values * _UNITS[curve.channel][1]
+        result: Array = values * CHANNELS[curve.channel].hat_in_public
         return result
 
     def rows(self, curve: Curve) -> Array:
         """What a curve explains of the data, (r,)."""
-        result: Array = self._of(curve).rows @ (curve.value / _UNITS[curve.channel][1])
+        result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
         return result
 
     def _of(self, curve: Curve) -> _Smooth:
@@ -203,15 +222,6 @@ DRIVER_UNITS: Final = {
     "right_wheel_phase": ("deg", 180.0 / np.pi),
     "lateral_acceleration": ("m/s^2", 1.0),
     PLACE: (f"number of the cell of {CELLS} x {CELLS}", 1.0),
-}
-_UNITS: Final = {
-    "gyro": ("deg/s", GYRO_UNIT * 180.0 / np.pi),
-    "gyro's scale": ("%", 100.0 * GAIN_UNIT),
-    "wheels' mean": ("%", 100.0 * GAIN_UNIT),
-    "wheels' difference": ("%", 100.0 * GAIN_UNIT),
-    "wheels' turn": ("%", 100.0 * GAIN_UNIT),
-    "wheels' delay": ("ms", 1000.0 * DELAY_UNIT),
-    "body": ("m/s", LATERAL_UNIT),
 }
 
 

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from drd.schema import ConfigError
 from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
+from drd_tools.replay.folder_source import MISSING_ROWS
 
 Array = npt.NDArray[np.float64]
 
@@ -18,7 +19,6 @@ STEP_S: Final = 0.1
 SHORTEST_STEP_S: Final = 0.02
 # Time and memory are bounded: what is longer is cut. Coarser steps would not follow the way within a turn.
 MOST_STEPS: Final = 36_000
-MISSING_ROWS: Final = 1.5  # so many typical intervals after the row before, a row is not the mean over all that time
 LONGEST_GAP_S: Final = 86_400.0
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
 HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a hole may be off, of itself and in a second

@@ -154,9 +154,8 @@ def library_of(problem: Problem) -> Library:
 
 
 def release(problem: Problem) -> None:
-    """Forget the problem's library and signatures: of a long recording they are large."""
+    """Forget the problem's library: of a long recording it is large."""
     _MADE.pop(problem, None)
-    problem.forget()
 
 
 def _is_seen(signature: Signature) -> bool:

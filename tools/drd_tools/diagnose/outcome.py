@@ -218,14 +218,15 @@ def residual_series(null: Any, conclusion: Conclusion, problem: Problem) -> dict
 
 def write_json(file: Path, content: Any) -> None:
     """JSON without values that JSON does not know."""
-    file.write_text(json.dumps(_finite(content), indent=1, allow_nan=False), encoding="utf-8")
+    file.write_text(json.dumps(finite(content), indent=1, allow_nan=False), encoding="utf-8")
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """As JSON knows it: numpy's numbers as Python's, and null for what is not finite."""
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
+        return {k: finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.integer):

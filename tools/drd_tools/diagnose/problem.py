@@ -233,10 +233,6 @@ class Problem:
         made = [self._cache[key] for key in keys]
         return made if self._rows is None else [row[self._rows] for row in made]
 
-    def forget(self) -> None:
-        """Whitened signatures are made again where they are asked for."""
-        self._cache.clear()
-
     def forms(self, claim: Claim) -> Array:
         """Other shapes of a claim's cause, (r, s), each as large as the claim itself."""
         rows = self.units(self.wanted_forms(claim))

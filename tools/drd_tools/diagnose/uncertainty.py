@@ -4,7 +4,7 @@ A curvature at the best fit is too sure of three things: a parameter that was le
 its cost, is not zero; an edge of a window may lie anywhere in a stretch that tells nothing of it; and no form is exact.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Final
 
@@ -23,7 +23,7 @@ FINE: Final = 2000
 FEWEST_PLACES: Final = 3
 
 
-def told(problem: Problem, fit: Fit, known: frozenset[str] | set[str] = frozenset()) -> tuple[Claim, ...]:
+def told(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Claim, ...]:
     """The claims of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
     fit = _widened(problem, fit, known)
     spread = responses(problem, fit)
@@ -51,7 +51,7 @@ def _most(problem: Problem, claim: Claim) -> Array:
     return np.array([anywhere_s if name in ("t0", "t1") else np.inf for name in claim.free])
 
 
-def _widened(problem: Problem, fit: Fit, known: frozenset[str] | set[str]) -> Fit:
+def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
     """With every linear parameter of the claims free, where that is plausible."""
     wider = tuple(
         c if c.id in known else replace(c, free=(*c.free, *(n for n in c.effect.linear() if n not in c.free)))
@@ -73,22 +73,23 @@ def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
     claim = fit.claims[which]
     at, sigma = claim.number(name), claim.sigma(name)
     free = tuple(n for n in claim.free if n != name)
-    places, sets = [at], [list(fit.claims)]
+    places, sets = [at], []
     for offset in (sigma * sign * r for r in REACHES for sign in (-1.0, 1.0)):
         moved = replace(claim, values={**claim.values, name: at + offset}, free=free)
         if sigma > 0.0 and is_plausible(moved) and _is_inside(problem, moved):
             places.append(at + offset)
             sets.append([moved if j == which else c for j, c in enumerate(fit.claims)])
-    fits = [fit, *refine_all(problem, sets[1:])]
+    fits = [fit, *refine_all(problem, sets)]
     if len(fits) < FEWEST_PLACES:
         return np.zeros(len(claim.free))
     order = np.argsort(places)
+    place = np.array(places)[order]
     nats = np.array([fits[i].cost for i in order])
-    fine = np.linspace(min(places), max(places), FINE)
-    weight = np.exp(-np.minimum(np.interp(fine, np.array(places)[order], nats - nats.min()), 700.0))
     square = np.array([_squares(fits[i].claims[which], claim) for i in order])
+    fine = np.linspace(place[0], place[-1], FINE)
+    weight = np.exp(-np.minimum(np.interp(fine, place, nats - nats.min()), 700.0))
     weight /= weight.sum()
-    mean = np.array([float(weight @ np.interp(fine, np.array(places)[order], column)) for column in square.T])
+    mean = np.array([float(weight @ np.interp(fine, place, column)) for column in square.T])
     # Between two places a parabola runs below its chord; for the profiled parameter itself it is known.
     mean[claim.free.index(name)] = float(weight @ (fine - at) ** 2)
     return np.asarray(np.sqrt(mean), float)
@@ -100,8 +101,5 @@ def _squares(fitted: Claim, claim: Claim) -> list[float]:
 
 
 def _is_inside(problem: Problem, claim: Claim) -> bool:
-    edges = problem.evidence.edges_s
-    inside: Sequence[bool] = [
-        float(edges[0]) < claim.number(n) < float(edges[-1]) for n in ("t0", "t1") if n in claim.values
-    ]
-    return all(inside)
+    begin_s, end_s = problem.evidence.edges_s[[0, -1]].tolist()
+    return all(begin_s < claim.number(name) < end_s for name in ("t0", "t1") if name in claim.values)

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +9,7 @@ import drd.effects
 import drd_tools.diagnose
 import drd_tools.simulate
 from drd.schema import ConfigError
+from drd_tools.diagnose.outcome import finite
 
 Record = dict[str, Any]
 Head = dict[str, Any]
@@ -59,7 +59,7 @@ class Store:
     def add(self, record: Record) -> None:
         """Keep a record. Raises OSError."""
         with self.file.open("a", encoding="utf-8") as out:
-            out.write(json.dumps(_finite(record), allow_nan=False) + "\n")
+            out.write(json.dumps(finite(record), allow_nan=False) + "\n")
 
     def read(self) -> tuple[Head, list[Record]]:
         """What is there. A last line that was cut off does not count. Raises ConfigError."""
@@ -73,14 +73,5 @@ class Store:
         return rows[0], rows[1:]
 
     def _write(self, rows: list[Any]) -> None:
-        text = "".join(json.dumps(_finite(row), allow_nan=False) + "\n" for row in rows)
+        text = "".join(json.dumps(finite(row), allow_nan=False) + "\n" for row in rows)
         self.file.write_text(text, encoding="utf-8")
-
-
-def _finite(value: Any) -> Any:
-    """Without values that JSON does not know."""
-    if isinstance(value, dict):
-        return {name: _finite(v) for name, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
