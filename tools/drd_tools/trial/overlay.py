@@ -7,7 +7,6 @@ import numpy as np
 
 from drd.effects.effect import Effect, Values
 from drd.effects.motion import Array, Motion
-from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
 
 Effects = Sequence[tuple[Effect, Values]]
@@ -17,7 +16,7 @@ def overlaid(recording: Recording, motion: Motion, effects: Effects) -> Recordin
     """The recording with `effects` (values in SI) along its true `motion`.
 
     Each effect takes the motion as it is: of several together, second-order terms are left out. The sensors' noise is
-    the recording's own; rates and counts are rounded again. Raises ValueError where encoders.csv has no counts.
+    the recording's own; counts are rounded again, rates are not. Raises ValueError where encoders.csv has no counts.
     """
     log, nominal = recording.encoders, recording.nominal
     if log.left_counts is None or log.right_counts is None or nominal.wheel.counts_per_revolution is None:
@@ -38,9 +37,8 @@ def overlaid(recording: Recording, motion: Motion, effects: Effects) -> Recordin
     if fog is not None:
         edges = np.concatenate([[2.0 * fog.time_s[0] - fog.time_s[1]], fog.time_s])
         turned = gained([e.gyro_rad_s for e in errors], edges)
-        rate = fog.rate_rad_s + np.diff(turned) / np.diff(edges)
-        step = (nominal.fog.resolution_deg_s or 0.0) * RAD_PER_DEG
-        made = replace(made, fog=replace(fog, rate_rad_s=step * np.round(rate / step) if step else rate))
+        # Rounded twice, a small rate would be lost or doubled in one sample after the other.
+        made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + np.diff(turned) / np.diff(edges)))
     if reference is not None:
         x, y = (
             gained([e.lateral_m_s * part for e in errors], reference.time_s)
