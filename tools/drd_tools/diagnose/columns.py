@@ -1,5 +1,6 @@
 """Signatures of the catalogue's effects in one recording."""
 
+import math
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +18,7 @@ Array = npt.NDArray[np.float64]
 SUB = 4
 SPEED_SMOOTHING_S = 0.3
 TEMPERATURE_SMOOTHING_S = 5.0
+REACH = 4.0  # sigmas that a Gaussian filter looks
 SLOW_S = 3.0
 TURN_SMOOTHING_S = 0.8
 CALM_SMOOTHING_S = 0.4
@@ -46,9 +48,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
     known = np.isfinite(e.temperature_c)
     if known.any():
-        T = gaussian_filter1d(
-            np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical
-        )
+        T = _smoothed(np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical)
         still = e.time_s <= e.time_s[0] + max(e.standstill_s, 1.0)
         still_c = float(e.temperature_c[known & still].mean()) if (known & still).any() else float(T[0])
         T = np.interp(middle, e.time_s, T)
@@ -57,6 +57,17 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     return Motion(
         middle, w, v, a, heading(middle), v - 0.5 * w * B, v + 0.5 * w * B, wl, wr, T, still_c, B, float(edges[-1])
     )
+
+
+def _smoothed(values: Array, sigma: float) -> Array:
+    """Smoothed by a Gaussian of `sigma` rows. At its ends a series goes on along its line there: mirrored, a steady
+    rise would begin with a pause, which a coil remembers.
+    """
+    m = min(len(values), math.ceil(REACH * sigma) + 1)
+    k = np.arange(m)
+    first, last = (np.polynomial.Polynomial.fit(k, part, 1) for part in (values[:m], values[-m:]))
+    longer = np.concatenate([first(k - m), values, last(k + m)])
+    return np.asarray(gaussian_filter1d(longer, sigma)[m:-m], float)
 
 
 def _speed_sigma_m_s(e: Evidence) -> Array:
