@@ -28,7 +28,7 @@ SPIKE_SIGMAS: Final = 5.0
 MEDIAN_ROWS: Final = 5
 SURROUNDINGS_ROWS: Final = 9
 DEVIATION_PER_MAD: Final = 1.4826
-ONE_SIDED_P: Final = 1e-4
+ONE_SIDED_P: Final = 1e-6
 
 
 @dataclass(frozen=True)

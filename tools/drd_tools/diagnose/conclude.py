@@ -23,8 +23,9 @@ Array = npt.NDArray[np.float64]
 
 CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
 RIVALS: Final = 8
-# A curve without a name, beside all names, must be clear, and no mere rest of a name's imperfect form.
-UNKNOWN_NATS: Final = 8.0
+# What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
+LEAST_NATS: Final = 12.0
+# A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
 UNKNOWN_SHARE: Final = 0.02
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
 GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
@@ -64,7 +65,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     left = smooths.best(found.fit.claims)
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
-    if left is not None and left.gain > max(UNKNOWN_NATS, UNKNOWN_SHARE * all_explained):
+    if left is not None and left.gain > max(LEAST_NATS, UNKNOWN_SHARE * all_explained):
         # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
         rest = found.fit.left - smooths.rows(left)
         p = family_wise_p(left.gain + smooths.cost, chance_gains(found.problem, search.library, rest))
@@ -102,16 +103,18 @@ def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance:
 
 
 def _held(found: Found, search: Search) -> Found:
-    """Without the claims that do not hold on data that they were not fitted to."""
-    kept = [
-        c
-        for c in found.fit.claims
-        if c.id in search.known or sum(unseen_nats(found.problem, search.library, found.fit, c)) > 0.0
-    ]
-    if len(kept) == len(found.fit.claims):
-        return found
-    fit = refine(found.problem, kept)
-    return Found(found.problem, fit, search.score(fit), found.null)
+    """Without the claims that do not hold on data that they were not fitted to, or gain next to nothing."""
+    problem, fit = found.problem, found.fit
+    kept = [c for c in fit.claims if c.id in search.known or sum(unseen_nats(problem, search.library, fit, c)) > 0.0]
+    if len(kept) < len(fit.claims):
+        fit = refine(problem, kept)
+    while others := [one for one in fit.claims if one.id not in search.known]:
+        rests = refine_all(problem, [[c for c in fit.claims if c is not one] for one in others])
+        least = min(rests, key=lambda rest: rest.cost)
+        if least.cost - fit.cost >= LEAST_NATS:
+            break
+        fit = least
+    return found if fit is found.fit else Found(problem, fit, search.score(fit), found.null)
 
 
 def _finding(

@@ -13,7 +13,7 @@ from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.columns import SUB
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import soft_forms
+from drd_tools.diagnose.refine import held_free
 
 Array = npt.NDArray[np.float64]
 
@@ -97,8 +97,8 @@ class Smooths:
         seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
         for driver, hats, knots in self._hats():
             for name in seen:
-                if (name, driver) == ("gyro's scale", "yaw_rate"):
-                    continue  # the same as the gyro's error against the rate
+                if driver not in DRIVERS_OF.get(name, (driver,)):
+                    continue
                 made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
                 self._smooths.append(_Smooth(name, driver, knots, rows, _roughness(driver, len(made))))
@@ -123,10 +123,7 @@ class Smooths:
         """
         problem = self._problem
         kept = [c for c in claims if c is not beside]
-        T = problem.tangents(kept)
-        norms = np.linalg.norm(T, axis=0)
-        T = T[:, norms > 0] / norms[norms > 0] * 1e6
-        held = np.column_stack([problem.nuisance, T, *(soft_forms(problem, c) for c in kept)])
+        held = np.column_stack([problem.nuisance, held_free(problem, kept)])
         residual = problem.data - problem.effect_rows(kept)
         A = held.T @ held + np.eye(held.shape[1])
         cleared = residual - held @ np.linalg.solve(A, held.T @ residual)
@@ -222,6 +219,14 @@ DRIVER_UNITS: Final = {
     "right_wheel_phase": ("deg", 180.0 / np.pi),
     "lateral_acceleration": ("m/s^2", 1.0),
     PLACE: (f"number of the cell of {CELLS} x {CELLS}", 1.0),
+}
+
+
+# A delay is electronics': what comes with the motion's changes and depends on the motion besides is slip.
+# The gyro's scale against the rate is the gyro's error against the rate.
+DRIVERS_OF: Final = {
+    "wheels' delay": ("time", "temperature", "temperature_rate"),
+    "gyro's scale": tuple(d for d in DRIVER_UNITS if d != "yaw_rate"),
 }
 
 
