@@ -33,3 +33,23 @@ def test_events_are_never_joined() -> None:
     found = Search(p, [dropout]).settled(refine(p, [dropout, slip])).claims
     assert {c.id for c in found} >= {"encoder_dropout"}
     assert found[0].number("t1") == 44.0
+
+
+def test_two_that_hide_each_other_are_found_together() -> None:
+    """Bumps count too much way, a wheel that grows with speed counts too little: alone neither is worth its cost."""
+    p = problem(WAREHOUSE, 3)
+    bumps, growth = claim("bump_counts", travel_per_m=1.0), claim("wheel_radius_speed", k=1.0)
+    a, b = (row / np.linalg.norm(row) for row in (p.effect_rows([bumps]), p.effect_rows([growth])))
+    p.data = 30.0 * (a + b) + np.random.default_rng(4).standard_normal(len(a))
+    search, empty = Search(p), refine(p, ())
+    assert not {"bump_counts", "wheel_radius_speed"} & {c.id for _, c in search.ranked(empty)}
+    assert {c.id for c in search.grown(empty)[0].claims} == {"bump_counts", "wheel_radius_speed"}
+
+
+def test_pairs_are_rarely_found_in_noise() -> None:
+    p = problem(WAREHOUSE, 3)
+    found = []
+    for seed in range(20):
+        p.data = np.random.default_rng(seed).standard_normal(len(p.data))
+        found.append(bool(Search(p).grown(refine(p, ()))))
+    assert sum(found) <= 2

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from drd_tools.diagnose.library import Library, is_plausible
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.diagnose.refine import Fit, held_free, refine
 
 Array = npt.NDArray[np.float64]
 
@@ -49,22 +49,28 @@ def family_wise_p(gain: float, chance: Array) -> float:
 def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> tuple[float, float]:
     """Log likelihood ratio of a claim on each half of the data, its parameters found anew on the other half.
 
-    The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it.
+    The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
+    and without the claim the nuisances, and other shapes of the other claims, are integrated over anew.
     """
-    effect = problem.effect_rows([claim])
-    data = fit.left + effect
+    others = [c for c in fit.claims if c is not claim]
+    data = problem.data - problem.effect_rows(others)
+    beside = held_free(problem, others)
+    seen = problem.effect_rows([claim]) ** 2
     order = np.argsort(problem.row_time_s, kind="stable")
-    seen = np.cumsum(effect[order] ** 2)
-    if seen[-1] <= 0.0:
+    total = np.cumsum(seen[order])
+    if total[-1] <= 0.0:
         return 0.0, 0.0
     half = np.zeros(len(data), bool)
-    half[order] = (np.minimum(seen / seen[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-    return _nats(problem, library, data, claim, half), _nats(problem, library, data, claim, ~half)
+    half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
+    parts = problem.part(half, data, beside), problem.part(~half, data, beside)
+    return (
+        _nats(library, claim, half, parts[0], parts[1]),
+        _nats(library, claim, ~half, parts[1], parts[0]),
+    )
 
 
-def _nats(problem: Problem, library: Library, data: Array, claim: Claim, train: npt.NDArray[np.bool_]) -> float:
-    """Of the effect on rows that are not of `train`; 0 where those of `train` show none."""
-    part, test = problem.part(train, data), problem.part(~train, data)
+def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
+    """Of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none."""
     if "t0" not in claim.values:
         found = _relearned(part, library, train, claim)
         choices = 1
@@ -75,7 +81,15 @@ def _nats(problem: Problem, library: Library, data: Array, claim: Claim, train: 
     if found is None:
         return 0.0
     effect = test.effect_rows([found])
-    return float(effect @ test.data) - 0.5 * float(effect @ effect) - math.log(choices)
+    left = _without_nuisances(test, np.column_stack([effect, test.data]))
+    return float(effect @ left[:, 1]) - 0.5 * float(effect @ left[:, 0]) - math.log(choices)
+
+
+def _without_nuisances(problem: Problem, rows: Array) -> Array:
+    """Rows (r, p) times the inverse covariance of the data under nuisances with their priors."""
+    N = problem.nuisance
+    result: Array = rows - N @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), N.T @ rows)
+    return result
 
 
 def _resized(part: Problem, claim: Claim) -> Claim:
@@ -89,11 +103,12 @@ def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], cl
     best, most = None, 0.0
     variants = [c for c in library.candidates if c.effect.id == claim.id]
     index = sorted({i for c in variants for i in c.columns})
-    columns = library.columns[:, index][train]
-    G, b = np.asarray(columns.T @ columns, float), np.asarray(columns.T @ part.data.astype(np.float32), float)
+    columns = library.columns[:, index][train].astype(float)
+    left = _without_nuisances(part, np.column_stack([columns, part.data]))
+    G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]
-        x = np.linalg.lstsq(G[np.ix_(at, at)], b[at], rcond=1e-8)[0]
+        x = np.asarray(np.linalg.lstsq(G[np.ix_(at, at)], b[at], rcond=1e-8)[0], float)
         gain = float(b[at] @ x)
         if gain > most and (found := variant.claim(x)) is not None and found.free == claim.free:
             best, most = found, gain
@@ -128,18 +143,19 @@ def rms_per_block(problem: Problem, left: Array) -> tuple[Array, Array]:
 
 
 def unseen_rms(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Rms of the whitened data without claims, and with claims whose parameters are those of the other half each time.
+    """Rms of the whitened data without and with the claims; all that is fitted is that of the other half each time.
 
     The halves are alternating blocks.
     """
-    data = fit.left + problem.effect_rows(fit.claims)
-    left = data.copy()
-    if fit.claims:
-        odd = (blocks(problem) % 2).astype(bool)
+    odd = (blocks(problem) % 2).astype(bool)
+    rms = []
+    for claims in ((), fit.claims):
+        left = problem.data.copy()
         for train in (odd, ~odd):
-            claims = refine(problem.part(train, data), fit.claims).claims
-            left[~train] -= problem.part(~train, data).effect_rows(claims)
-    return _rms(data), _rms(left)
+            known, test = refine(problem.part(train, problem.data), claims), problem.part(~train, problem.data)
+            left[~train] -= test.effect_rows(known.claims) + test.nuisance @ known.nuisance
+        rms.append(_rms(left))
+    return rms[0], rms[1]
 
 
 def _rms(rows: Array) -> float:

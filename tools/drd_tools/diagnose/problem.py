@@ -122,10 +122,12 @@ class Problem:
         self._form_counts: dict[str, int] = {}
         self._rows: npt.NDArray[np.bool_] | None = None
 
-    def part(self, rows: npt.NDArray[np.bool_], data: Array) -> "Problem":
-        """The same with some rows only, of `data` (r,)."""
+    def part(self, rows: npt.NDArray[np.bool_], data: Array, beside: Array | None = None) -> "Problem":
+        """The same with some rows only, of `data` (r,). `beside`: further nuisances (r, s)."""
         made = copy(self)
-        made._rows, made.data, made.nuisance = rows, data[rows], self.nuisance[rows]
+        made._rows, made.data = rows, data[rows]
+        held = self.nuisance if beside is None else np.column_stack([self.nuisance, beside])
+        made.nuisance = held[rows]
         return made
 
     @property

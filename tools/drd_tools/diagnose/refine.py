@@ -15,6 +15,7 @@ Array = npt.NDArray[np.float64]
 ROUNDS: Final = 12
 ENOUGH_NATS: Final = 0.02
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
+FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 FORM_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
 
 
@@ -139,6 +140,14 @@ def soft_forms(problem: Problem, claim: Claim) -> Array:
         return forms
     basis = np.linalg.qr(tangents / np.maximum(np.linalg.norm(tangents, axis=0), 1e-300))[0]
     return forms - basis @ (basis.T @ forms)
+
+
+def held_free(problem: Problem, claims: Sequence[Claim]) -> Array:
+    """Columns (r, s), of prior 1, that leave the claims' parameters as good as free and their causes' shapes soft."""
+    T = problem.tangents(claims)
+    norms = np.linalg.norm(T, axis=0)
+    seen = norms > 0.0
+    return np.column_stack([T[:, seen] / norms[seen] * FREE, *(soft_forms(problem, c) for c in claims)])
 
 
 def _priors(claim: Claim) -> Array:

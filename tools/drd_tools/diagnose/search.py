@@ -10,11 +10,12 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.library import SEVERAL, is_hidden, is_plausible, library_of
+from drd_tools.diagnose.library import SEVERAL, Candidate, is_hidden, is_plausible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit, refine, refine_all, soft_forms
+from drd_tools.diagnose.refine import Fit, held_free, refine, refine_all
 
 Array = npt.NDArray[np.float64]
+_Products = tuple[Array, Array, npt.NDArray[np.bool_]]
 
 MOST_CLAIMS: Final = 6
 RIVALS: Final = 6
@@ -27,6 +28,9 @@ CONVERGED_NATS: Final = 1.0
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
 MEET_S: Final = 5.0
+PAIRS: Final = 200  # of variants, the best, from which so many
+MOST_PAIRS: Final = 3  # of effects are tried
+APART_SHARE: Final = 0.01  # of a column's square that the other of its pair must leave
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,7 @@ class Search:
     def __init__(self, problem: Problem, known: Sequence[Claim] = ()):
         self.problem, self.library = problem, library_of(problem)
         self.known = {c.id for c in known}
+        self._last: tuple[Fit, _Products] | None = None
 
     def score(self, fit: Fit) -> float:
         """Nats: how likely the data, less what the claims cost."""
@@ -120,33 +125,71 @@ class Search:
 
     def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
         """What each effect would gain beside the claims, with its best variant; best first."""
+        G, b, free = self._beside(fit)
+        best: dict[str, tuple[float, Claim]] = {}
+        for candidate in self._free(fit, free):
+            index = list(candidate.columns)
+            x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
+            gain = 0.5 * float(b[index] @ x) - candidate.penalty
+            if gain > best.get(candidate.effect.id, (0.0,))[0] and (claim := candidate.claim(x)) is not None:
+                best[candidate.effect.id] = (gain, claim)
+        return sorted(best.values(), key=lambda r: -r[0])
+
+    def paired(self, fit: Fit) -> list[tuple[Claim, Claim]]:
+        """Pairs of effects that hide each other: together they gain more than each alone; best first."""
+        G, b, free = self._beside(fit)
+        single = [c for c in self._free(fit, free) if len(c.columns) == 1]
+        if not single:
+            return []
+        index = np.array([c.columns[0] for c in single])
+        G, b, own = G[np.ix_(index, index)], b[index], np.diag(G)[index]
+        penalty = np.array([c.penalty for c in single])
+        alone = np.maximum(0.5 * b**2 / own - penalty, 0.0)
+        determinant = own[:, None] * own - G * G
+        # Of two that are nearly the same only noise can tell.
+        told = determinant > APART_SHARE * own[:, None] * own
+        names = np.array([c.effect.id for c in single])
+        told &= names[:, None] != names
+        both = 0.5 * (b[:, None] ** 2 * own + b**2 * own[:, None] - 2.0 * b[:, None] * b * G)
+        gain = np.divide(both, determinant, out=np.zeros_like(G), where=told) - penalty[:, None] - penalty
+        gain = np.triu(np.where(gain > alone[:, None] + alone, gain, 0.0))
+        found: dict[tuple[str, str], tuple[Claim, Claim]] = {}
+        for flat in np.argsort(gain, axis=None)[: -PAIRS - 1 : -1]:
+            i, j = (int(k) for k in np.unravel_index(flat, gain.shape))
+            if gain[i, j] <= 0.0 or len(found) == MOST_PAIRS:
+                break
+            x = np.linalg.solve(G[np.ix_([i, j], [i, j])], b[[i, j]])
+            pair = single[i].claim(x[:1]), single[j].claim(x[1:])
+            if pair[0] is not None and pair[1] is not None:
+                found.setdefault((single[i].effect.id, single[j].effect.id), (pair[0], pair[1]))
+        return list(found.values())
+
+    def _beside(self, fit: Fit) -> _Products:
+        """Products of the library's columns among themselves and with the data, beside a fit; and which it leaves."""
+        if self._last is None or self._last[0] is not fit:
+            self._last = fit, self._products(fit)
+        return self._last[1]
+
+    def _products(self, fit: Fit) -> _Products:
         problem, library = self.problem, self.library
-        T = problem.tangents(fit.claims)
-        norms = np.linalg.norm(T, axis=0)
-        T = T[:, norms > 0.0] / norms[norms > 0.0] * 1e6  # as good as free
-        held = np.column_stack([problem.nuisance, T, *(soft_forms(problem, c) for c in fit.claims)])
+        held = np.column_stack([problem.nuisance, held_free(problem, fit.claims)])
         residual = problem.data - problem.effect_rows(fit.claims)
         A = held.T @ held + np.eye(held.shape[1])
         cross = np.asarray(library.columns.T @ held.astype(np.float32), float)
         b = np.asarray(library.columns.T @ residual.astype(np.float32), float)
         b = b - cross @ np.linalg.solve(A, held.T @ residual)
         G = library.products - cross @ np.linalg.solve(A, cross.T)
-        free = np.diag(G) > 1e-5 * np.diag(library.products)
-        best: dict[str, tuple[float, Claim]] = {}
-        for candidate in library.candidates:
-            index = list(candidate.columns)
-            taken = candidate.effect.id not in SEVERAL and any(candidate.effect.id == c.id for c in fit.claims)
-            if taken or not free[index].all():
-                continue
-            x = np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0]
-            gain = 0.5 * float(b[index] @ x) - candidate.penalty
-            if gain > best.get(candidate.effect.id, (0.0,))[0] and (claim := candidate.claim(x)) is not None:
-                best[candidate.effect.id] = (gain, claim)
-        return sorted(best.values(), key=lambda r: -r[0])
+        return G, b, np.diag(G) > 1e-5 * np.diag(library.products)
+
+    def _free(self, fit: Fit, free: npt.NDArray[np.bool_]) -> list[Candidate]:
+        """Candidates that a fit leaves something of, and does not have already."""
+        taken = {c.id for c in fit.claims} - set(SEVERAL)
+        return [c for c in self.library.candidates if c.effect.id not in taken and free[list(c.columns)].all()]
 
     def grown(self, fit: Fit) -> list[Fit]:
-        """Fits with one claim more that are better; best first."""
-        tried = refine_all(self.problem, [[*fit.claims, claim] for _, claim in self.ranked(fit)[:RIVALS]])
+        """Fits with one claim more, or two that hide each other, that are better; best first."""
+        more = [*((claim,) for _, claim in self.ranked(fit)[:RIVALS]), *self.paired(fit)]
+        tried = refine_all(self.problem, [[*fit.claims, *claims] for claims in more])
         good = [t for t in tried if _is_plausible(self.problem, t) and self.score(t) > self.score(fit)]
         return sorted(good, key=self.score, reverse=True)
 
