@@ -8,12 +8,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.effects.motion import Motion
 from drd.model import DRIVERS, Model, make_model
 from drd.schema import ConfigError
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.finding import Finding
-from drd_tools.diagnose.problem import SCALE, Problem
+from drd_tools.diagnose.problem import SCALE, Claim, Problem
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run
 from drd_tools.evaluate.trajectory import Poses, reference_of
@@ -23,6 +24,8 @@ from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
 
 DRAWN_ROWS: Final = 2000
+TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
+SLOWEST_M_S: Final = 1e-3
 NOTHING, EXPLAINED, PARTLY, UNKNOWN = "nothing_missing", "explained", "partly_explained", "unknown"
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
 
@@ -65,24 +68,34 @@ def terms(conclusion: Conclusion) -> list[dict[str, Any]]:
         if claim is None:
             continue
         term: dict[str, Any] = {"effect": claim.id, "parameters": parameters(finding)}
-        driver = claim.effect.driver
-        values = {
-            "time": motion.time_s,
-            "yaw_rate": motion.rate_rad_s,
-            "speed": motion.speed_m_s,
-            "acceleration": motion.acceleration_m_s2,
-            "temperature": motion.temperature_c,
-        }.get(driver)
-        if values is not None and np.isfinite(values).all() and claim.effect.lasting:
-            low, high = (float(v) / DRIVERS[driver].si for v in (values.min(), values.max()))
-            if high > low:
-                term["seen"] = {driver: [low, high]}
+        if ranges := seen(motion, claim):
+            term["seen"] = ranges
         made.append(term)
         if SCALE.name in claim.values and claim.id != "gyro_scale_temperature":
             amount = {"value": claim.number(SCALE.name), "std": claim.sigma(SCALE.name), "unit": "1"}
             made.append({"effect": "gyro_scale_error", "parameters": {"k": amount},
                          "provenance": {"why": f"the straight line beside {claim.id}"}})  # fmt: skip
     return made
+
+
+def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
+    """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
+    turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
+    lag_s = float(claim.values.get("coil_lag_s", 0.0))
+    values = {
+        "time": m.time_s,
+        "yaw_rate": m.rate_rad_s,
+        "speed": m.speed_m_s,
+        "acceleration": m.acceleration_m_s2,
+        "lateral_acceleration": m.speed_m_s * m.rate_rad_s,
+        "curvature": np.abs(m.rate_rad_s[turning]) / np.maximum(np.abs(m.speed_m_s[turning]), SLOWEST_M_S),
+        "temperature": m.temperature_c,
+        "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
+    }.get(claim.effect.driver, np.zeros(0))
+    if not claim.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
+        return {}
+    si = DRIVERS[claim.effect.driver].si
+    return {claim.effect.driver: [float(values.min()) / si, float(values.max()) / si]}
 
 
 def model_of(conclusion: Conclusion, recording: Recording, version: str) -> Model:
@@ -92,7 +105,11 @@ def model_of(conclusion: Conclusion, recording: Recording, version: str) -> Mode
 
 def model_of_findings(findings: list[dict[str, Any]], recording: Recording, names: str, version: str) -> Model:
     """The nominal robot with findings as diagnosis.json has them."""
-    effects = [{"effect": f["effect"], "parameters": f["parameters"]} for f in findings if f["effect"] != "unknown"]
+    effects = [
+        {"effect": f["effect"], "parameters": f["parameters"]} | ({"seen": f["seen"]} if f["seen"] else {})
+        for f in findings
+        if f["effect"] != "unknown"
+    ]
     return _model(effects, recording, names, version)
 
 
@@ -164,6 +181,7 @@ def plain_finding(finding: Finding, problem: Problem) -> dict[str, Any]:
         "acts_on": finding.acts_on,
         "parameters": parameters(finding),
         "windows": [list(w) for w in finding.windows] or whole,
+        "seen": {} if finding.claim is None else seen(problem.signatures.motion, finding.claim),
         "driver": finding.driver,
         "evidence": {
             "gain_nats": finding.gain_nats,

@@ -34,6 +34,7 @@ def pooled(contents: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "status": max((f["status"] for f in found), key=ORDER.index),
             "also_fits": sorted(set.intersection(*(set(f["also_fits"]) for f in found))),
             "parameters": _combined(found),
+            "seen": _united(found),
             "evidence": evidence,
             "explains": sum(float(f["explains"]) for f in found) / len(contents),
             "sentence": f"{best['sentence']} Found in {len(parts)} of {len(contents)} recordings ({where}).",
@@ -73,6 +74,13 @@ def _grouped(contents: Sequence[dict[str, Any]]) -> dict[str, list[tuple[str, di
         for finding in content["findings"]:
             groups.setdefault(finding["effect"], []).append((content["recording"], finding))
     return groups
+
+
+def _united(findings: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
+    """The range that the recordings have seen together."""
+    drivers = {driver for f in findings for driver in f["seen"]}
+    ends = {driver: [f["seen"][driver] for f in findings if driver in f["seen"]] for driver in sorted(drivers)}
+    return {driver: [min(e[0] for e in found), max(e[1] for e in found)] for driver, found in ends.items()}
 
 
 def _combined(findings: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -1,14 +1,17 @@
 """What a diagnosis is worth on another drive of the same robot, beside an oracle that knows what is true."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 import drd
-from drd.model import Amount, Term
+from drd.effects.motion import Motion
+from drd.model import DRIVERS, Amount, Term
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
@@ -19,6 +22,11 @@ from drd_tools.replay.result import table
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.unknown import HIDDEN
 
+Array = npt.NDArray[np.float64]
+Seen = Mapping[str, Sequence[float]]
+_Ranged = tuple[Claim, Seen]
+SLOWEST_M_S: Final = 1e-3
+
 
 def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any]:
     """`other`'s mismatch before, with what was found, and with what is true (the oracle), all with values as they are.
@@ -27,8 +35,9 @@ def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any
     dead-reckoned path from the reference; with hidden physics there is no oracle for it.
     """
     problem = Problem(gather(other))
-    claims = [f.claim for f in result.conclusion.findings if f.claim is not None]
-    true = [Claim(effect, values, ()) for effect, values in truth]
+    home = result.conclusion.found.problem.signatures.motion
+    claims = [(f.claim, outcome.seen(home, f.claim)) for f in result.conclusion.findings if f.claim is not None]
+    true: list[_Ranged] = [(Claim(effect, values, ()), {}) for effect, values in truth]
     before = _squares(problem, ())
     found: dict[str, Any] = {
         "rows": len(problem.data),
@@ -46,16 +55,50 @@ def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any
     return {**found, "path_m": path_m}
 
 
-def _corrected(problem: Problem, claims: Sequence[Claim]) -> float:
+def _corrected(problem: Problem, claims: Sequence[_Ranged]) -> float:
     """Around the path as it is, or around the one without the claims: whichever is nearer to the truth."""
-    return min(_squares(p, claims) for p in (problem, problem.around(claims)))
+    return min(_squares(p, claims) for p in (problem, problem.around([claim for claim, _ in claims])))
 
 
-def _squares(problem: Problem, claims: Sequence[Claim]) -> float:
-    residual = problem.data - problem.effect_rows(claims)
+def _squares(problem: Problem, claims: Sequence[_Ranged]) -> float:
+    residual = problem.data - sum((_rows(problem, *ranged) for ranged in claims), np.zeros(len(problem.data)))
     N = problem.nuisance
     b = N.T @ residual
     return float(residual @ residual - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b))
+
+
+def _rows(problem: Problem, claim: Claim, seen: Seen) -> Array:
+    """What a claim explains, its driver held to the range in which it was seen, as model.yaml has it."""
+    if not seen:
+        return problem.effect_rows([claim])
+    held = copy(problem)
+    held.signatures = copy(problem.signatures)
+    held.signatures.motion = _within(problem.signatures.motion, seen)
+    return held.whiten([held.signature(claim.effect, claim.values)])[:, 0]
+
+
+def _within(m: Motion, seen: Seen) -> Motion:
+    """The motion with drivers held to their ranges; the wheels' speeds follow."""
+    for driver, ends in seen.items():
+        low, high = (end * DRIVERS[driver].si for end in ends)
+        if driver in ("time", "acceleration", "temperature"):
+            name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[driver]
+            m = replace(m, **{name: np.clip(getattr(m, name), low, high)})
+            continue
+        v, w = m.speed_m_s, m.rate_rad_s
+        if driver == "speed":
+            v = np.clip(v, low, high)
+        elif driver == "yaw_rate":
+            w = np.clip(w, low, high)
+        elif driver == "lateral_acceleration":
+            w = np.divide(np.clip(v * w, low, high), v, out=w.copy(), where=np.abs(v) > SLOWEST_M_S)
+        elif driver == "curvature":
+            bend = np.abs(w) / np.maximum(np.abs(v), SLOWEST_M_S)
+            v = np.copysign(np.abs(w) / np.clip(bend, max(low, SLOWEST_M_S), high), v)
+        ahead, half_turn = v - m.speed_m_s, 0.5 * m.tread_m * (w - m.rate_rad_s)
+        left, right = m.left_m_s + ahead - half_turn, m.right_m_s + ahead + half_turn
+        m = replace(m, speed_m_s=v, rate_rad_s=w, left_m_s=left, right_m_s=right)
+    return m
 
 
 def _term(effect: Any, values: Any) -> Term:
