@@ -112,14 +112,14 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
     covariance turn with the start: nothing in the filter depends on where x points.
     """
     zero, began = replayed.zero_ns, replayed.began_ns
-    rows = [((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in replayed.poses]
-    if began is not None and rows and began < replayed.poses[0].t_ns:
+    # One by one: as tuples the rows of ten hours would take 270 MB more.
+    numbers = (((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in replayed.poses)
+    rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(replayed.poses))
+    if began is not None and len(rows) and began < replayed.poses[0].t_ns:
         i = replayed.config.estimation.initial
         xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2
-        rows.insert(0, ((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, xx, 0.0, 0.0, xx, 0.0, hh))
-    if not rows:
-        return np.zeros((0, len(COLUMNS)))
-    time_s, x, y, heading, xx_, xy, xh, yy, yh, hh_ = np.array(rows).T
+        rows = np.concatenate([[((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, xx, 0.0, 0.0, xx, 0.0, hh)], rows])
+    time_s, x, y, heading, xx_, xy, xh, yy, yh, hh_ = rows.T
     c, s = math.cos(start.heading_rad), math.sin(start.heading_rad)
     return np.column_stack(
         [
