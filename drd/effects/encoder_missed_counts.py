@@ -43,8 +43,11 @@ class EncoderMissedCounts(Effect):
         return on_side(p, np.where(fast, -number(p, "fraction") * of_side(m, p), 0.0))
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        top = max(largest(m.left_m_s), largest(m.right_m_s))
-        return [{"side": side, "speed": top * k / 10} for side in SIDES for k in range(2, 10)]
+        return [
+            {"side": side, "speed": largest(of_side(m, {"side": side})) * k / 10}
+            for side in SIDES
+            for k in range(2, 10)
+        ]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # More and more above the speed; no sharp edge.

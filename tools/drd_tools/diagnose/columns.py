@@ -18,6 +18,7 @@ Array = npt.NDArray[np.float64]
 SUB = 4
 SPEED_SMOOTHING_S = 0.3
 TEMPERATURE_SMOOTHING_S = 5.0
+MOST_SHARE = 3.0  # of the smooth speed, at a stop
 REACH = 4.0  # sigmas that a Gaussian filter looks
 SLOW_S = 3.0
 TURN_SMOOTHING_S = 0.8
@@ -41,6 +42,8 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
     smooth = np.diff(way(edges))
     share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
+    # On the spot the two are chance, and their ratio anything.
+    share = np.clip(share, 0.0, MOST_SHARE)
     v = np.diff(way(fine)) / h * np.repeat(share, SUB)
     w = np.diff(turned(fine)) / h
     a = way(middle, 2)
