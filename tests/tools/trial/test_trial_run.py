@@ -10,6 +10,7 @@ import pytest
 
 from drd.cli import main
 from drd.effects.catalogue import catalogue
+from drd.schema import ConfigError
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
 from drd_tools.simulate.conditions import Conditions
@@ -19,6 +20,8 @@ from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial.draw import make
+from drd_tools.trial.figures import Figures
+from drd_tools.trial.page import BEGIN, END, quote
 from drd_tools.trial.plan import NONE, Drawing, Plan, drawings, events, reversible
 from drd_tools.trial.size import sized, visibility
 from drd_tools.trial.store import RESULTS, Store
@@ -116,6 +119,23 @@ def test_a_null_and_an_effect_from_the_command_and_again(tmp_path: Path, capsys:
     assert "| single d=20: the right name first | 1 |" in (out / "figures.md").read_text()
     assert main(["trial", "--draw", str(out)]) == 0
     assert capsys.readouterr().out in captured.out
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    for _ in range(2):
+        assert main(["trial", "--draw", str(out), "--quote", str(readme)]) == 0
+    lines = readme.read_text().splitlines()
+    assert [line for line in ("before", BEGIN, END, "after") if line in lines] == ["before", BEGIN, END, "after"]
+    assert "old" not in lines
+    assert sum("| nothing is missing, something is claimed | 1 |" in line for line in lines) == 1
+
+
+def test_a_file_without_marks_is_not_written(tmp_path: Path) -> None:
+    plain = tmp_path / "plain.md"
+    plain.write_text("text\n")
+    figures = Figures([{"case": "a", "kind": "null", "effects": [], "verdict": "nothing_missing", "findings": []}])
+    with pytest.raises(ConfigError, match="marks"):
+        quote(figures, {"seed": 1, "minutes": [4.0, 10.0], "build": "x"}, plain)
+    assert plain.read_text() == "text\n"
 
 
 def test_other_cases_are_not_mixed_and_another_build_begins_again(tmp_path: Path) -> None:

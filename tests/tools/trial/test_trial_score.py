@@ -207,7 +207,7 @@ def test_the_text_has_the_figures_and_what_was_confused() -> None:
     assert "b: none of 30 drives" in text
     assert "drd trial --seed 3 --only CASE" in text
     quoted = markdown(figures.quoted()).splitlines()
-    assert quoted[2] == "| nothing is missing, something is claimed | 2 | 0.50 (0.09..0.91) | 0.00 |"
+    assert quoted[2] == "| nothing is missing, something is claimed | 2 | 0.50 (0.09..0.91) | 0.00 of 1 |"
     assert "| in no catalogue: flagged as unknown | 1 | 0.00 (0.00..0.79) | - |" in quoted
 
 

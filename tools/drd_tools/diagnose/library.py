@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Parameter
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import COLUMNS, Signature
 from drd_tools.diagnose.problem import BIAS, SCALE, Claim, Problem, Values, linear_names
 
 Array = npt.NDArray[np.float64]
@@ -100,11 +100,18 @@ class Library:
         e = problem.evidence
         effects = [x for x in catalogue().values() if x.id not in AUDITED and x.channel in e.channels]
         self.candidates: list[Candidate] = []
+        whitened: list[npt.NDArray[np.float32]] = []
         signatures: list[Signature] = []
+        first = 0
         for effect in effects:
             for shape in self._shapes(problem, effect):
-                signatures += self._add(problem, effect, shape, len(signatures))
-        self.columns: npt.NDArray[np.float32] = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
+                signatures += self._add(problem, effect, shape, first + len(signatures))
+            # Those of an hour's drive, all at once, would be 400 MB.
+            if len(signatures) >= COLUMNS or effect is effects[-1]:
+                whitened.append(problem.whiten(signatures, np.float32).astype(np.float32, copy=False))
+                first += len(signatures)
+                signatures = []
+        self.columns = np.concatenate(whitened, axis=1)
         self.products: npt.NDArray[np.float32] = self.columns.T @ self.columns
 
     @staticmethod

@@ -11,7 +11,7 @@ from drd.schema import ConfigError
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, contacts
 from drd_tools.trial.figures import Figures
-from drd_tools.trial.plan import CONTACTS, LARGE, NONE, Plan, drawings
+from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.run import Record, calls, read_answers, run
 from drd_tools.trial.store import Head, Store
 from drd_tools.trial.text import PROGRAM, told
@@ -40,9 +40,9 @@ EXAMPLES = f"""\
 examples:
   {PROGRAM} --each 1 --only '*-d20-*' --minutes 4 5 --output out/singles
   {PROGRAM} --each 40 --only 'null-*' --no-baselines --output out/nulls
-  {PROGRAM} --large --seed 7 --output out/large                   (an hour or two on two cores)
+  {PROGRAM} --large --seed 7 --output out/large                   (about an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
-  {PROGRAM} --draw out/large                                      (print and draw again)
+  {PROGRAM} --draw out/large --quote README.md                    (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
 """
@@ -53,12 +53,12 @@ def main(argv: list[str]) -> int:
     parser = _parser()
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
-        return _told(chosen.draw)
+        return _told(chosen.draw, chosen.quote)
     if chosen.output is None or not (chosen.folder or chosen.each or chosen.large):
         parser.error("give --output DIR with --each N, --large or --folder DIR, or --draw DIR")
     try:
         _run(chosen)
-        return _told(chosen.output)
+        return _told(chosen.output, chosen.quote)
     except OSError as error:
         raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
 
@@ -84,7 +84,8 @@ def _run(chosen: argparse.Namespace) -> None:
     answers, drawn = [a for a in answers if a["case"] not in done], [d for d in drawn if d.name not in done]
     if done:
         print(f"{len(done)} cases are there already, {len(answers) + len(drawn)} are to do", file=sys.stderr)
-    for record in run(calls(chosen.folder, answers, drawn, names), chosen.jobs):
+    beside = LARGE_BESIDE if chosen.large else 1
+    for record in run(calls(chosen.folder, answers, drawn, names, beside), chosen.jobs):
         store.add(record)
 
 
@@ -107,15 +108,18 @@ def _methods(wanted: bool) -> tuple[str, ...]:
     return names
 
 
-def _told(folder: Path) -> int:
-    """Print and draw what the folder holds."""
-    from drd_tools.trial.page import write_page  # noqa: PLC0415  # matplotlib is slow
+def _told(folder: Path, quoting: Path | None) -> int:
+    """Print and draw what the folder holds; quote it."""
+    from drd_tools.trial.page import quote, write_page  # noqa: PLC0415  # matplotlib is slow
 
     head, records = Store(folder).read()
     figures = Figures(records)
     again = _again(head, records)
     print(told(figures, again))
     files = write_page(figures, again, head, folder)
+    if quoting is not None:
+        quote(figures, head, quoting)
+        files.append(quoting)
     print(f"\nwrote {', '.join(str(f) for f in files)}; {PROGRAM} --draw {folder} prints and draws it again")
     return 0
 
@@ -150,6 +154,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
     add("--jobs", type=_jobs, default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
+    add("--quote", type=Path, metavar="FILE", help="put the short table between FILE's marks, as README.md has them")
     add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
     return parser
 
@@ -158,7 +163,8 @@ def _sizes() -> str:
     p = LARGE
     return (
         f"{2 * p.nulls} nulls, {p.singles} drives of each effect at each visibility, {2 * p.sets} sets, {p.unknowns} "
-        f"of each unknown cause, {p.variants} with and without an effect for each other reference, and in MuJoCo"
+        f"of each unknown cause, {p.variants} with and without an effect for each other reference, {p.contacts} in "
+        f"MuJoCo; the other methods on one in {LARGE_BESIDE}"
     )
 
 

@@ -188,16 +188,23 @@ class Figures:
             cells = [_said(of(s) for _, s in pairs)]
             for name in names:
                 own = [r for r, _ in pairs if name in r.get("baselines", {})]
-                cells.append(share(of(of_names(r, r["baselines"][name])) for r in own)[0])
+                shown = share(of(of_names(r, r["baselines"][name])) for r in own)[0]
+                cells.append(shown if len(own) in (0, len(pairs)) else f"{shown} of {len(own)}")
             rows.append([text, str(len(pairs)), *cells])
 
         add("nothing is missing, something is claimed", self.null_kinds, lambda s: s.claims)
         for kind in self.named_kinds:
             if kind.startswith("single d=") or kind == "single event":
                 add(f"{kind}: the right name first", [kind], lambda s: s.top_1)
+                add(
+                    f"{kind}: the right name, or one that the drive cannot tell from it",
+                    [kind],
+                    lambda s: s.top_1_class,
+                )
         for kind in self.named_kinds:
             if kind.startswith(("pair", "triple")):
                 add(f"{kind}: exactly the right set", [kind], lambda s: s.exact)
+                add(f"{kind}: exactly the right set, up to what cannot be told apart", [kind], lambda s: s.exact_class)
         add("in no catalogue: flagged as unknown", self.unknown_kinds, lambda s: s.flagged)
         rows += self._quoted_ours(len(names))
         return Table("", ["figure (95 % Wilson interval)", "n", OURS, *names], rows)

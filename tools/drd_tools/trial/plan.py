@@ -39,6 +39,11 @@ class Drawing:
     reference: str = "full"
     world: str = "formulas"
 
+    @property
+    def number(self) -> int:
+        """Which of its kind, from 0."""
+        return int(self.name.rpartition("-")[2])
+
 
 class Plan(NamedTuple):
     """How many: nulls (plain, and stressed), drives of each effect at each visibility, pairs (and triples), drives of
@@ -54,7 +59,8 @@ class Plan(NamedTuple):
 
 
 NONE: Final = Plan()
-LARGE: Final = Plan(nulls=150, singles=4, sets=40, unknowns=6, variants=20, contacts=20)
+LARGE: Final = Plan(nulls=150, singles=4, sets=25, unknowns=4, variants=8, contacts=12)
+LARGE_BESIDE: Final = 4  # one case in so many is given to the other methods, which take as long as the diagnosis
 
 
 def reversible() -> list[str]:

@@ -104,12 +104,14 @@ def _truth_nats(result: Diagnosis, truth: Effects) -> float:
     return max(scores) - found.score
 
 
-def calls(folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str]) -> list[Call]:
-    """What is to be done, a call for each case."""
+def calls(
+    folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str], beside: int = 1
+) -> list[Call]:
+    """What is to be done, a call for each case. `names`: of other methods, for one in `beside` of those drawn."""
     made: list[Call] = []
     if folder is not None:
         made += [partial(from_folder, folder, answer, names) for answer in answers]
-    return [*made, *(partial(simulated, drawing, names) for drawing in drawn)]
+    return [*made, *(partial(simulated, d, () if d.number % beside else names) for d in drawn)]
 
 
 def run(todo: Sequence[Call], jobs: int) -> Iterator[Record]:
