@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -25,11 +25,13 @@ CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
 RIVALS: Final = 8
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
 LEAST_NATS: Final = 12.0
+FAILING_NATS: Final = -0.01
 # A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
 UNKNOWN_SHARE: Final = 0.02
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
 GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
+SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
 CONFIRMING_E: Final = 100.0
 
 
@@ -73,11 +75,23 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
         same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
-    findings.sort(key=lambda f: -f.gain_nats)
+    findings = [f for f in _merged(findings) if f.family_wise_p <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
     ruled_out = [{"effect": name, "because": text} for name, text in sorted(bounds.items()) if name not in named]
     return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
+
+
+def _merged(findings: Sequence[Finding]) -> list[Finding]:
+    """The best first; several names that one and the same curve beats are one finding."""
+    found: dict[tuple[str, str] | int, Finding] = {}
+    for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
+        key = i if finding.claim is not None or finding.curve is None else (finding.curve.channel, finding.curve.driver)
+        first = found.setdefault(key, finding)
+        if first is not finding:
+            also = unique((*first.also_fits, *finding.also_fits))
+            found[key] = replace(first, also_fits=also, explains=min(1.0, first.explains + finding.explains))
+    return list(found.values())
 
 
 def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance: Array) -> tuple[Found, list[Finding]]:
@@ -103,9 +117,13 @@ def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance:
 
 
 def _held(found: Found, search: Search) -> Found:
-    """Without the claims that do not hold on data that they were not fitted to, or gain next to nothing."""
+    """Without the claims that fail on data that they were not fitted to, or gain next to nothing.
+
+    One that shows in a single fix has no such data: nothing speaks against it there.
+    """
     problem, fit = found.problem, found.fit
-    kept = [c for c in fit.claims if c.id in search.known or sum(unseen_nats(problem, search.library, fit, c)) > 0.0]
+    unseen = [sum(unseen_nats(problem, search.library, fit, c)) for c in fit.claims]
+    kept = [c for c, nats in zip(fit.claims, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
     if len(kept) < len(fit.claims):
         fit = refine(problem, kept)
     while others := [one for one in fit.claims if one.id not in search.known]:

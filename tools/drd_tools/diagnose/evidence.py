@@ -228,7 +228,7 @@ def check_comparable(recording: Recording) -> None:
         "fog.csv": recording.fog,
         "reference.csv": recording.reference,
     }
-    known = {name: log.time_s for name, log in times.items() if log is not None}
+    known = {name: log.time_s for name, log in times.items() if log is not None and len(log.time_s)}
     if len(known) < 2:
         alone = "wheels alone" if recording.wheels is not None else "a gyro alone"
         others = " or ".join(name for name in times if name not in known)

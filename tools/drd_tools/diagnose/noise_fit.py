@@ -59,8 +59,11 @@ def _slow(rows: Array, every_s: float) -> float:
     return worst if worst > LEAST_COLOUR else 1.0
 
 
-def fitted(problem: Problem, left: Array) -> tuple[Noise, Array]:
-    """Noise, and doubt (m,) of each fix, from what claims leave (r,) of the whitened data."""
+def fitted(problem: Problem, left: Array, searched: bool) -> tuple[Noise, Array]:
+    """Noise, and doubt (m,) of each fix, from what claims leave (r,) of the whitened data.
+
+    Of few fixes none is doubted before the claims have been searched for: one by itself may be all that tells of them.
+    """
     e, noise = problem.evidence, problem.noise
     wheels, fixes = _untempered(problem, left)
     moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
@@ -68,6 +71,8 @@ def fitted(problem: Problem, left: Array) -> tuple[Noise, Array]:
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
+    if not searched and len(fixes) < FEWEST_ROWS:
+        doubt = np.ones(len(doubt))
     before = problem.doubt if problem.doubt is not None else np.ones(len(doubt))
     return (
         replace(
