@@ -21,8 +21,7 @@ Parameters = dict[str, float | str]
 AUDITED: Final = ("encoder_dropout", "gyro_saturation")
 # Effects that can be there more than once.
 SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
-ABOVE_NOISE: Final = 3.0  # sigma of a gyro's sample
-SEEN_SHARE: Final = 0.5  # of the squared rates that a dead band hides
+ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
@@ -87,10 +86,10 @@ def is_hidden(problem: Problem, claim: Claim) -> bool:
     e = problem.evidence
     if claim.effect.acts_on is not ActsOn.READOUT or "band" not in claim.values or e.gyro_rad is None:
         return False
-    seen_rad_s = ABOVE_NOISE * float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
     rate_rad_s = np.abs(problem.signatures.calm_rate_rad_s + float(claim.values.get(BIAS.name, 0.0)))
-    lost = rate_rad_s[rate_rad_s < claim.number("band")] ** 2
-    return not float(lost[lost > seen_rad_s**2].sum()) > SEEN_SHARE * float(lost.sum())
+    hidden = rate_rad_s[rate_rad_s < claim.number("band")]
+    return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
 
 
 class Library:
