@@ -14,6 +14,8 @@ Array = npt.NDArray[np.float64]
 
 ROUNDS: Final = 12
 ENOUGH_NATS: Final = 0.02
+FAIR_ROUNDS: Final = 2
+HOPELESS_NATS: Final = 30.0  # that a score lies below what is asked for, although the linear model was followed
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 FORM_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
@@ -38,9 +40,12 @@ def refine(problem: Problem, claims: Sequence[Claim]) -> Fit:
     return refine_all(problem, [claims])[0]
 
 
-def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]]) -> list[Fit]:
-    """Several sets of claims side by side: passing all their signatures at once costs little more than one."""
-    searches = [_Descent(problem, tuple(claims)) for claims in sets]
+def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]], least: float = -math.inf) -> list[Fit]:
+    """Several sets of claims side by side: passing all their signatures at once costs little more than one.
+
+    Those that will clearly not reach the score `least` are left as they are.
+    """
+    searches = [_Descent(problem, tuple(claims), least) for claims in sets]
     for _ in range(ROUNDS):
         active = [s for s in searches if not s.done]
         if not active:
@@ -54,8 +59,10 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]]) -> list[Fit]:
 class _Descent:
     """One set of claims on its way down."""
 
-    def __init__(self, problem: Problem, claims: tuple[Claim, ...]):
+    def __init__(self, problem: Problem, claims: tuple[Claim, ...], least: float):
         self._problem, self._current = problem, claims
+        self._hopeless = HOPELESS_NATS - least - problem.penalty(claims)
+        self._rounds = 0
         self._best: Fit | None = None
         self._moves: Array = np.zeros(0)
         self._share = 1.0
@@ -73,13 +80,15 @@ class _Descent:
 
     def step(self) -> None:
         fit, moves, reachable = _evaluate(self._problem, self._current)
+        self._rounds += 1
         if self._best is not None and not fit.cost < self._best.cost - 1e-9:
             self._share *= 0.3
             self.done = self._share < 0.02
             self._current = _moved(self._best.claims, self._moves * self._share)
             return
         self._best, self._moves, self._share = fit, moves, 1.0
-        self.done = fit.cost - reachable < ENOUGH_NATS
+        is_hopeless = self._rounds >= FAIR_ROUNDS and reachable > self._hopeless
+        self.done = fit.cost - reachable < ENOUGH_NATS or is_hopeless
         self._current = _moved(fit.claims, moves)
 
 

@@ -20,6 +20,7 @@ _Products = tuple[Array, Array, npt.NDArray[np.bool_]]
 MOST_CLAIMS: Final = 6
 RIVALS: Final = 6
 SWAPS: Final = 3
+ROUGH_SHARE: Final = 0.6  # of its worth that an effect shows at least in the roughest variant of the library
 CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 # Where claims explain so much, or shift the time, the signatures must be taken along a motion that is cleared of them.
 STRONG_NATS: Final = 2000.0
@@ -189,7 +190,7 @@ class Search:
     def grown(self, fit: Fit) -> list[Fit]:
         """Fits with one claim more, or two that hide each other, that are better; best first."""
         more = [*((claim,) for _, claim in self.ranked(fit)[:RIVALS]), *self.paired(fit)]
-        tried = refine_all(self.problem, [[*fit.claims, *claims] for claims in more])
+        tried = refine_all(self.problem, [[*fit.claims, *claims] for claims in more], self.score(fit))
         good = [t for t in tried if _is_plausible(self.problem, t) and self.score(t) > self.score(fit)]
         return sorted(good, key=self.score, reverse=True)
 
@@ -197,8 +198,9 @@ class Search:
         """Delete and swap claims, while that is better."""
         while any(c.id not in self.known for c in fit.claims):
             rests = [[c for c in fit.claims if c is not one] for one in fit.claims if one.id not in self.known]
-            less = refine_all(self.problem, rests)
-            swaps = [[*rest.claims, c] for rest in less for _, c in self.ranked(rest)[:SWAPS]] if len(rests) > 1 else []
+            least = self.score(fit)
+            less = refine_all(self.problem, rests, least)
+            swaps = [[*rest.claims, c] for rest in less for c in self._rivals(fit, rest)] if len(rests) > 1 else []
             swaps += [
                 [*(c for c in fit.claims if c is not one), other]
                 for one in fit.claims
@@ -207,12 +209,17 @@ class Search:
             ]
             found = [c for c in fit.claims if c.id not in self.known]
             swaps += [[*(c for c in fit.claims if c not in pair), one] for pair, one in joined(found)]
-            good = [t for t in (*less, *refine_all(self.problem, swaps)) if _is_plausible(self.problem, t)]
+            good = [t for t in (*less, *refine_all(self.problem, swaps, least)) if _is_plausible(self.problem, t)]
             better = max(good, key=self.score, default=fit)
             if self.score(better) <= self.score(fit) + CLEARLY_BETTER:
                 break
             fit = better
         return fit
+
+    def _rivals(self, fit: Fit, rest: Fit) -> list[Claim]:
+        """What may be worth as much beside `rest` as what it lacks of `fit`, once it is refined."""
+        least = ROUGH_SHARE * (self.score(fit) - self.score(rest))
+        return [c for gain, c in self.ranked(rest)[:SWAPS] if gain > least]
 
 
 def same_window(claim: Claim) -> list[Claim]:
