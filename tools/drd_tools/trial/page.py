@@ -52,8 +52,8 @@ def _markdown_page(figures: Figures, arguments: Sequence[str], head: Head) -> st
     """The same page for a repository."""
     parts = ["# Trial of the diagnosis", _origin(figures, head), markdown(figures.quoted())]
     for table in figures.tables():
-        title, _, more = table.caption.partition(" (")
-        parts += [f"## {title}", *([more.rstrip(")").capitalize() + "."] if more else []), markdown(table)]
+        title, more, _ = table.caption.partition(" (")
+        parts += [f"## {title}", *([f"{table.caption}."] if more else []), markdown(table)]
     failed = "\n".join(failures(figures, arguments)).strip() or "none"
     parts += ["## Failures, and how to make each alone", f"```\n{failed}\n```"]
     return "\n\n".join(part.strip() for part in parts) + "\n"
