@@ -105,7 +105,7 @@ def _write_together(
     folder: Path,
 ) -> None:
     """What several recordings say, beside each one's own folder."""
-    content, series = pooled([w.content for w in made]), [w.series for w in made]
+    content, series = pooled([w.content for w in made], [w.share for w in made]), [w.series for w in made]
     model = outcome.model_of_findings(content["findings"], recordings[0], content["recording"], drd.__version__)
     save_model(folder / "model.yaml", model)
     content["fit"]["held_out"], bars = proved(held_out, folder / "model.yaml")
@@ -114,7 +114,9 @@ def _write_together(
     whole = {
         **series[0],
         "recordings": [r for one in series for r in one["recordings"]],
-        "findings": [by_effect[f["effect"]] for f in content["findings"]],
+        "findings": [
+            by_effect.get(f["effect"], {"effect": f["effect"], **outcome.NO_CURVE}) for f in content["findings"]
+        ],
         "held_out": bars,
     }
     outcome.write_json(folder / "series.json", whole)

@@ -54,12 +54,12 @@ def diagnose(recording: Recording) -> Diagnosis:
     # What was seen as an event must also be of the right sign and size.
     known = [c for c in refine(problem, known).claims if is_plausible(c)]
     for _ in range(NOISE_ROUNDS):
-        noise, doubt = fitted(problem, refine(problem, known).left, searched=False)
+        noise, doubt = fitted(problem, refine(problem, known), searched=False)
         problem = Problem(problem.evidence, problem.path, noise, doubt)
     found = find(problem, known)
     for _ in range(NOISE_ROUNDS):
         # The claims are off now, so that what is left tells the noise better than before.
-        noise, doubt = fitted(found.problem, found.fit.left, searched=True)
+        noise, doubt = fitted(found.problem, found.fit, searched=True)
         temper = tempered(found.problem, found.fit.left)
         if _is_near(noise, temper, found.problem):
             break

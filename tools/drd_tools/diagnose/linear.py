@@ -274,6 +274,11 @@ class Linear:
         rows, n = self.rows(signatures), len(self.evidence.step_s)
         return rows[:n], rows[n:].reshape(-1, 3, len(signatures))
 
+    @property
+    def log_likelihood(self) -> float:
+        """Of the fixes' innovations, nats, but for what their whitened rows say: the logarithm of the whitener."""
+        return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
+
     def smoothed(self, data: Signature | None = None) -> Path:
         """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
         wheels, _, u, X, last = self._passed([self.data() if data is None else data])

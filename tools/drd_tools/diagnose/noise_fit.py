@@ -1,5 +1,7 @@
 """Sizes of the noise: data sheets are the priors, the claims' residual corrects them, robustly."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -7,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drd_tools.diagnose.evidence import Noise
-from drd_tools.diagnose.problem import Problem, Temper
+from drd_tools.diagnose.linear import Linear
+from drd_tools.diagnose.problem import Claim, Problem, Temper
+from drd_tools.diagnose.refine import Fit
 
 Array = npt.NDArray[np.float64]
 
@@ -19,6 +23,9 @@ SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)
 FEWEST_BLOCKS: Final = 20
 LEAST_COLOUR: Final = 1.15
 DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
+SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
+SLIP_DOUBT: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
+FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
 def tempered(problem: Problem, left: Array) -> Temper:
@@ -59,15 +66,18 @@ def _slow(rows: Array, every_s: float) -> float:
     return worst if worst > LEAST_COLOUR else 1.0
 
 
-def fitted(problem: Problem, left: Array, searched: bool) -> tuple[Noise, Array]:
-    """Noise, and doubt (m,) of each fix, from what claims leave (r,) of the whitened data.
+def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
+    """Noise, and doubt (m,) of each fix, from what a fit leaves of the whitened data.
 
     Of few fixes none is doubted before the claims have been searched for: one by itself may be all that tells of them.
     """
     e, noise = problem.evidence, problem.noise
-    wheels, fixes = _untempered(problem, left)
+    wheels, fixes = _untempered(problem, fit.left)
     moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
-    slip = _scale(wheels[moving]) if len(wheels) else 1.0
+    if len(wheels):
+        slip = _scale(wheels[moving])
+    else:
+        slip, fixes = _most_likely_slip(problem, fit.claims, fixes)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
@@ -76,13 +86,41 @@ def fitted(problem: Problem, left: Array, searched: bool) -> tuple[Noise, Array]
     before = problem.doubt if problem.doubt is not None else np.ones(len(doubt))
     return (
         replace(
-            noise,
-            slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
-            lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * slip,
+            slipping(noise, slip),
             position_m=noise.position_m * position,
             heading_rad=noise.heading_rad * heading,
         ),
         np.maximum(doubt * before, 1.0),
+    )
+
+
+def _most_likely_slip(problem: Problem, claims: Sequence[Claim], fixes: Array) -> tuple[float, Array]:
+    """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
+
+    Without a gyro nothing else tells how much the wheels slip; with few fixes, or without wheels, it stays.
+    """
+    if not problem.evidence.has_wheels or len(fixes) < FEWEST_ROWS:
+        return 1.0, fixes
+    signatures = [problem.linear.data(), *(problem.signature(c.effect, c.values) for c in claims)]
+    best, most = (1.0, fixes), -math.inf
+    for factor in SLIPS:
+        linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.doubt)
+        rows = linear.whiten(signatures)[1]
+        left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
+        nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
+        ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.sheet.slip_m_per_sqrt_m
+        nats -= 0.5 * (math.log(ratio) / SLIP_DOUBT) ** 2
+        if nats > most:
+            best, most = (factor, left), nats
+    return best
+
+
+def slipping(noise: Noise, factor: float) -> Noise:
+    """The noise with so many times the slip."""
+    return replace(
+        noise,
+        slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor,
+        lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * factor,
     )
 
 

@@ -42,9 +42,8 @@ def verdict(conclusion: Conclusion) -> str:
     return EXPLAINED
 
 
-def parameters(finding: Finding) -> dict[str, Any]:
-    """Of a finding, in the catalogue's units."""
-    claim = finding.claim
+def amounts(claim: Claim | None) -> dict[str, Any]:
+    """A claim's parameters in the catalogue's units."""
     if claim is None:
         return {}
     shown: dict[str, Any] = {}
@@ -67,7 +66,7 @@ def terms(conclusion: Conclusion) -> list[dict[str, Any]]:
         claim = finding.claim
         if claim is None:
             continue
-        term: dict[str, Any] = {"effect": claim.id, "parameters": parameters(finding)}
+        term: dict[str, Any] = {"effect": claim.id, "parameters": amounts(claim)}
         if ranges := seen(motion, claim):
             term["seen"] = ranges
         made.append(term)
@@ -179,7 +178,7 @@ def plain_finding(finding: Finding, problem: Problem) -> dict[str, Any]:
         "status": finding.status.value,
         "also_fits": list(finding.also_fits),
         "acts_on": finding.acts_on,
-        "parameters": parameters(finding),
+        "parameters": amounts(finding.claim),
         "windows": [list(w) for w in finding.windows] or whole,
         "seen": {} if finding.claim is None else seen(problem.signatures.motion, finding.claim),
         "driver": finding.driver,
@@ -191,6 +190,9 @@ def plain_finding(finding: Finding, problem: Problem) -> dict[str, Any]:
         "explains": finding.explains,
         "sentence": finding.sentence,
     }
+
+
+NO_CURVE: Final[dict[str, Any]] = {"curve": None, "evidence": {"time_s": [], "nats": []}}
 
 
 def plain_series(finding: Finding) -> dict[str, Any]:

@@ -5,16 +5,18 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.joint import Share, together
 
 ORDER: Final = ("suspected", "supported", "confirmed")
 # Values of one parameter further apart than this, in sigmas of their difference, are not one value.
 APART_SIGMAS: Final = 4.0
 
 
-def pooled(contents: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def pooled(contents: Sequence[dict[str, Any]], shares: Sequence[Share]) -> dict[str, Any]:
     """One diagnosis.json of several. A lasting effect's parameters are combined with the inverse of their variances.
 
-    Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are.
+    Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
+    only all together show comes to it (`joint`).
     """
     findings: list[dict[str, Any]] = []
     for name, parts in _grouped(contents).items():
@@ -39,8 +41,9 @@ def pooled(contents: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "explains": sum(float(f["explains"]) for f in found) / len(contents),
             "sentence": f"{best['sentence']} Found in {len(parts)} of {len(contents)} recordings ({where}).",
         })  # fmt: skip
-    findings.sort(key=lambda f: -float(f["evidence"]["gain_nats"]))
-    verdicts = {c["verdict"] for c in contents}
+    common = together(shares, {f["effect"] for f in findings})
+    findings = sorted([*findings, *common], key=lambda f: -float(f["evidence"]["gain_nats"]))
+    verdicts = {c["verdict"] for c in contents} | ({"explained"} if common else set())
     named = any(f["effect"] != "unknown" for f in findings)
     mixed = "partly_explained" if named and len(verdicts - {"nothing_missing", "explained"}) else "explained"
     claimed = {f["effect"] for f in findings}

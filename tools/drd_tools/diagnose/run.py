@@ -22,6 +22,7 @@ from drd_tools.diagnose.confirm import unseen_rms
 from drd_tools.diagnose.diagnose import Diagnosis, diagnose
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.diagnose.heading_only import heading_figures
+from drd_tools.diagnose.joint import Share, share_of
 from drd_tools.diagnose.library import AUDITED
 from drd_tools.diagnose.report import write_report
 from drd_tools.recordings.folder import Recording
@@ -33,11 +34,12 @@ Content = dict[str, Any]
 
 
 class Written(NamedTuple):
-    """diagnosis.json and series.json of a recording, and the files that were written."""
+    """diagnosis.json and series.json of a recording, the files that were written, and its part in what several say."""
 
     content: Content
     series: Content
     files: list[Path]
+    share: Share
 
 
 def run_all(
@@ -98,8 +100,11 @@ def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) ->
 def run(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
     """Diagnose a recording and write all files into `folder`. Raises ConfigError and OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    content, series = _write(diagnose(recording), held_out, folder)
-    return Written(content, series, [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)])
+    result = diagnose(recording)
+    content, series = _write(result, held_out, folder)
+    found = result.conclusion.found
+    files = [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)]
+    return Written(content, series, files, share_of(found.problem, found.fit))
 
 
 def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tuple[Content, Content]:

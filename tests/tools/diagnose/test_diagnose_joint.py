@@ -1,0 +1,60 @@
+"""What several recordings show together, though none shows it alone."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from diagnosis_drives import SLALOM, claim, problem
+
+from drd_tools.diagnose.joint import Share, share_of, shared, together
+from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.refine import refine
+
+TREAD = claim("tread_error", k=1.0)
+D = 3.5  # visibility in each recording: 6 nats, where 8 are asked for
+
+
+@lru_cache
+def drive() -> Problem:
+    return problem(SLALOM, 0)
+
+
+def part(size: float, seed: int) -> Share:
+    """A recording of white noise, and the effect so visible."""
+    p = drive()
+    row = p.effect_rows([TREAD])
+    p.data = np.random.default_rng(seed).standard_normal(len(row)) + size * row / np.linalg.norm(row)
+    return share_of(p, refine(p, ()))
+
+
+def test_effects_with_a_shape_or_an_origin_of_their_own_are_not_shared() -> None:
+    names = {effect.id for effect in shared()}
+    assert {"tread_error", "wheel_radius_error", "gyro_scale_error"} <= names
+    assert not {"gyro_bias_temperature", "gyro_warmup", "surface_slip", "gyro_latency", "gyro_deadband"} & names
+
+
+def test_weak_in_each_is_found_in_all() -> None:
+    true_k = D / np.linalg.norm(drive().effect_rows([TREAD]))
+    assert together([part(0.5 * D, 0), part(0.5 * D, 1)], set()) == []
+    (found,) = together([part(D, seed) for seed in range(10)], set())
+    assert "tread_error" in (found["effect"], *found["also_fits"])
+    assert found["status"] == "confirmed"
+    assert found["evidence"]["gain_nats"] == pytest.approx(0.5 * 10 * D**2, rel=0.5)
+    if found["effect"] == "tread_error":
+        k = found["parameters"]["k"]
+        assert k["value"] == pytest.approx(true_k, abs=4.0 * k["std"])
+        assert k["std"] < 0.5 * true_k
+    assert "all 10 together" in found["sentence"]
+
+
+def test_what_a_recording_claims_itself_is_not_found_again() -> None:
+    parts = [part(D, seed) for seed in range(10)]
+    (found,) = together(parts, set())
+    again = together(parts, {found["effect"], *found["also_fits"]})
+    assert not {f["effect"] for f in again} & {found["effect"], *found["also_fits"]}
+
+
+def test_noise_and_contradictions_are_no_findings() -> None:
+    claims = [together([part(0.0, 10 * k + seed) for seed in range(6)], set()) for k in range(20)]
+    assert sum(map(bool, claims)) <= 1
+    assert together([part((-1.0) ** seed * 3.0 * D, seed) for seed in range(10)], set()) == []
