@@ -16,12 +16,11 @@ from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_hidden, is_plausible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
-from drd_tools.diagnose.search import Found, Search, same_window
+from drd_tools.diagnose.search import CLASS_NATS, Found, Search, same_window
 from drd_tools.diagnose.uncertainty import told
 
 Array = npt.NDArray[np.float64]
 
-CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
 RIVALS: Final = 8
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
 LEAST_NATS: Final = 12.0

@@ -15,13 +15,14 @@ from scipy import stats
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
-from drd_tools.diagnose.conclude import CLASS_NATS, CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
+from drd_tools.diagnose.conclude import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
 from drd_tools.diagnose.confirm import e_value
 from drd_tools.diagnose.finding import Status
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.outcome import amounts, seen
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, held_free
+from drd_tools.diagnose.search import CLASS_NATS
 
 Array = npt.NDArray[np.float64]
 Found = dict[str, Any]

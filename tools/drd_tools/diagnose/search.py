@@ -29,6 +29,9 @@ CONVERGED_NATS: Final = 1.0
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
 MEET_S: Final = 5.0
+TURNED_RAD: Final = 0.3
+CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
+EXACT_NATS: Final = 0.5
 PAIRS: Final = 200  # of variants, the best, from which so many
 MOST_PAIRS: Final = 3  # of effects are tried
 APART_SHARE: Final = 0.01  # of a column's square that the other of its pair must leave
@@ -50,15 +53,44 @@ def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
     fit = refine(problem, known)
     null = search.score(fit)
     found = Found(problem, fit, null, null)
+    is_cleared = False
     while len(found.fit.claims) < MOST_CLAIMS + len(known):
         better = _one_more(search, found)
+        if better is None and not is_cleared and _turns_wheels(found):
+            better, is_cleared = _linearised(found.problem, found.fit, null), True
         if better is None:
             break
         if better.problem is not found.problem:
             search = Search(better.problem, known)
         fit = search.settled(better.fit)
         found = Found(better.problem, fit, search.score(fit), null)
-    return _contested(search, found)
+    return _by_exact_form(_contested(search, found), search.known)
+
+
+def _turns_wheels(found: Found) -> bool:
+    """Whether the claims leave the wheels elsewhere in their turn than the counts say: a ripple is not seen so."""
+    for claim in found.fit.claims:
+        signature = found.problem.signature(claim.effect, claim.values)
+        for way in (signature.left_m, signature.right_m):
+            if np.abs(np.cumsum(way)).max(initial=0.0) > TURNED_RAD * found.problem.evidence.radius_m:
+                return True
+    return False
+
+
+def _by_exact_form(found: Found, known: set[str]) -> Found:
+    """Of names that the data tell no better apart than a class, each claim has the one whose exact form fits best."""
+    search = Search(found.problem)
+    for name in [c.id for c in found.fit.claims if c.id not in known]:
+        claim = next((c for c in found.fit.claims if c.id == name), None)
+        rest = refine(found.problem, [c for c in found.fit.claims if c is not claim])
+        least = found.score - CLASS_NATS
+        rivals = [[*rest.claims, r] for _, r in search.ranked(rest)[:RIVALS] if r.id != name]
+        fits = [f for f in refine_all(found.problem, rivals, least) if _is_plausible(found.problem, f)]
+        alike = [f for f in fits if search.score(f) > least]
+        best = max(alike, key=search.exact_score, default=found.fit)
+        if search.exact_score(best) > search.exact_score(found.fit) + EXACT_NATS:
+            found = Found(found.problem, best, search.score(best), found.null)
+    return found
 
 
 def _contested(search: "Search", found: Found) -> Found:
@@ -123,6 +155,14 @@ class Search:
     def score(self, fit: Fit) -> float:
         """Nats: how likely the data, less what the claims cost."""
         return -fit.cost - self.problem.penalty(fit.claims)
+
+    def exact_score(self, fit: Fit) -> float:
+        """As `score`, if no cause had another shape than the catalogue's."""
+        N = self.problem.nuisance
+        residual = self.problem.data - self.problem.effect_rows(fit.claims)
+        b = N.T @ residual
+        nats = -0.5 * float(residual @ residual - b @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), b))
+        return nats - self.problem.penalty(fit.claims)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
         """What each effect would gain beside the claims, with its best variant; best first."""

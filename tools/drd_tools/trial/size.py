@@ -8,14 +8,14 @@ import numpy as np
 from drd.effects.effect import Effect
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.conclude import CLASS_NATS
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Search
+from drd_tools.diagnose.refine import refine, refine_all
+from drd_tools.diagnose.search import CLASS_NATS, Search
 
 Random = np.random.Generator
 Values = dict[str, float | str]
 
+RIVALS: Final = 3
 ROUNDS: Final = 15
 SIZED: Final = 0.01  # relative
 SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
@@ -30,21 +30,21 @@ def visibility(problem: Problem, effect: Effect, values: Values) -> float:
 
 
 def nearest(problem: Problem, effect: Effect, values: Values) -> dict[str, Any]:
-    """The name that would do best without noise but for the right one, and by how many nats it is worse.
-
-    Rivals are taken as the search first sees them, in the variants of its library: refined, they come closer.
-    """
-    search = Search(problem)
-    data = problem.data
-    problem.data = problem.effect_rows([Claim(effect, values, ())])
+    """The name that would do best without noise but for the right one, and by how many nats it is worse."""
+    free = tuple(q.name for q in effect.parameters if not q.choices and not q.fixed)
+    truth = Claim(effect, values, free)
+    search, data = Search(problem), problem.data
+    problem.data = problem.effect_rows([truth])
     try:
-        ranked = search.ranked(refine(problem, ()))
+        null = refine(problem, ())
+        rivals = [claim for _, claim in search.ranked(null) if claim.id != effect.id][:RIVALS]
+        right, *fits = refine_all(problem, [[truth], *([r] for r in rivals)])
     finally:
         problem.data = data
-    free = tuple(q.name for q in effect.parameters if not q.choices and not q.fixed)
-    right = 0.5 * visibility(problem, effect, values) ** 2 - problem.penalty([Claim(effect, values, free)])
-    gain, rival = next(((gain, claim.id) for gain, claim in ranked if claim.id != effect.id), (0.0, ""))
-    return {"rival": rival, "margin_nats": right - gain, "separable": right - gain > CLASS_NATS}
+    scores = [(search.score(f) - search.score(null), f.claims[0].id) for f in fits]
+    gain, rival = max(scores, default=(0.0, ""))
+    margin = search.score(right) - search.score(null) - max(gain, 0.0)
+    return {"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS}
 
 
 def sized(problem: Problem, motion: Motion, effect: Effect, d: float, random: Random) -> Values | None:
