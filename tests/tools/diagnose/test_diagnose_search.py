@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, claim, problem
+from diagnosis_drives import WAREHOUSE, claim, problem, recorded
 
+from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Search
+from drd_tools.diagnose.search import Search, find
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -53,3 +54,24 @@ def test_pairs_are_rarely_found_in_noise() -> None:
         p.data = np.random.default_rng(seed).standard_normal(len(p.data))
         found.append(bool(Search(p).grown(refine(p, ()))))
     assert sum(found) <= 2
+
+
+def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
+    bumps = claim("bump_counts", travel_per_m=0.003)
+    ripple = claim("wheel_eccentricity", side="right", e=0.006, phase=1.0)
+    result = diagnose(recorded(("square-cw", 300.0), 5, bumps, ripple)).conclusion
+    named = [{f.effect, *f.also_fits} for f in result.findings]
+    assert len(named) == 2
+    assert any("bump_counts" in names for names in named)
+    assert any("wheel_eccentricity" in names for names in named)
+
+
+def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:
+    p = problem(WAREHOUSE, 3)
+    scrub = replace(claim("turn_scrub", k=0.02), free=("k",))
+    row = p.effect_rows([scrub])
+    p.data = 12.0 * row / np.linalg.norm(row)
+    found = find(p)
+    assert [c.id for c in found.fit.claims] == ["turn_scrub"]
+    exact = Search(p).exact_score(refine(p, [claim("tread_error", k=0.0)]))
+    assert Search(p).exact_score(found.fit) > exact
