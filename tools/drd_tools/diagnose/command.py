@@ -13,6 +13,7 @@ from drd.model import save_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.parts import parts
 from drd_tools.diagnose.pool import pooled
 from drd_tools.diagnose.report import write_report
 from drd_tools.diagnose.run import Written, proved, run_all
@@ -31,7 +32,8 @@ three are there. Without encoders only the gyro's heading is judged. Of absent s
 
 The output folder gets diagnosis.json, model.yaml (for drd replay --model, the daemon and the simulator) and
 report.html.
-Several recordings get a folder each, and what they say together.
+Several recordings get a folder each, and what they say together. What is longer than about an hour is looked at in
+parts, as if they were recordings of their own.
 """
 EXAMPLES = """\
 examples:
@@ -67,9 +69,13 @@ def main(argv: list[str]) -> int:
     if not chosen.recordings or chosen.output is None:
         parser.error("give RECORDING and --output DIR, or --draw DIR")
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
+    names = ", ".join(r.name for r in recordings)
+    pieces = [part for recording in recordings for part in parts(recording)]
+    # A part of an hour needs the memory of an hour: one at a time.
+    jobs = chosen.jobs if len(pieces) == len(recordings) else 1
     try:
         chosen.output.mkdir(parents=True, exist_ok=True)
-        return _diagnosed(recordings, held_out, chosen.output, chosen.jobs)
+        return _diagnosed(pieces, held_out, chosen.output, jobs, names)
     except BrokenPipeError:
         raise  # not the folder: whoever read the output has left
     except OSError as error:
@@ -87,14 +93,14 @@ def _read(paths: Sequence[Path]) -> list[Recording]:
     return recordings
 
 
-def _diagnosed(recordings: list[Recording], held_out: list[Recording], folder: Path, jobs: int) -> int:
+def _diagnosed(recordings: list[Recording], held_out: list[Recording], folder: Path, jobs: int, names: str) -> int:
     folders = [folder] if len(recordings) == 1 else [folder / r.name for r in recordings]
     made = []
     for recording, written in zip(recordings, run_all(recordings, held_out, folders, jobs), strict=True):
         made.append(written)
         _tell(written.content, written.files, recording.notes)
     if len(recordings) > 1:
-        _write_together(recordings, held_out, made, folder)
+        _write_together(recordings, held_out, made, folder, names)
     return 0
 
 
@@ -103,9 +109,11 @@ def _write_together(
     held_out: list[Recording],
     made: list[Written],
     folder: Path,
+    names: str,
 ) -> None:
-    """What several recordings say, beside each one's own folder."""
+    """What several recordings say, or parts of one, beside each one's own folder."""
     content, series = pooled([w.content for w in made], [w.share for w in made]), [w.series for w in made]
+    content["recording"] = names
     model = outcome.model_of_findings(content["findings"], recordings[0], content["recording"], drd.__version__)
     save_model(folder / "model.yaml", model)
     content["fit"]["held_out"], bars = proved(held_out, folder / "model.yaml")

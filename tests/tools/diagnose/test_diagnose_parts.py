@@ -1,0 +1,83 @@
+"""Long recordings are looked at in parts, and what they say is put together."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_drives import claim, recorded
+from diagnosis_runs import written
+
+from drd.cli import main
+from drd_tools.diagnose import parts as parts_module
+from drd_tools.diagnose.parts import parts
+from drd_tools.recordings.folder import Recording
+
+SCALE = claim("gyro_scale_error", k=0.01)
+DRIVE = ("warehouse", 260.0)
+
+
+@pytest.fixture
+def two_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The longest part, in place of an hour."""
+    monkeypatch.setattr(parts_module, "MOST_STEPS", 1320)
+
+
+def long() -> Recording:
+    return recorded(DRIVE, 3, SCALE)
+
+
+def test_an_hour_is_one_part() -> None:
+    recording = long()
+    assert parts(recording) == [recording]
+
+
+@pytest.mark.usefixtures("two_minutes")
+def test_parts_have_each_row_once_and_their_times() -> None:
+    recording = long()
+    made = parts(recording)
+    assert len(made) == 2
+    assert len({part.name for part in made}) == 2
+    for name in ("fog", "wheels", "reference"):
+        times = np.concatenate([getattr(part, name).time_s for part in made])
+        assert np.array_equal(times, getattr(recording, name).time_s)
+    assert [part.nominal.standstill_at_start_s > 0.0 for part in made] == [True, False]
+    counts = [part.encoders.left_counts for part in made]
+    assert counts[0] is not None
+    assert counts[1] is not None
+    assert counts[1][0] >= counts[0][-1]
+
+
+@pytest.mark.usefixtures("two_minutes")
+def test_a_part_without_a_fix_has_no_reference_and_one_without_rows_is_left_out() -> None:
+    recording = long()
+    log, fog = recording.reference, recording.fog
+    assert log is not None
+    assert fog is not None
+    early = log.time_s < 60.0
+    few = replace(
+        log, time_s=log.time_s[early], x_m=log.x_m[early], y_m=log.y_m[early], heading_rad=log.heading_rad[early]
+    )
+    first, second = parts(replace(recording, reference=few))
+    assert first.reference is not None
+    assert second.reference is None
+    kept = np.flatnonzero((fog.time_s < 100.0) | (fog.time_s > fog.time_s[-1] - 1.0))
+    assert fog.temperature_c is not None
+    holed = replace(
+        fog, time_s=fog.time_s[kept], rate_rad_s=fog.rate_rad_s[kept], temperature_c=fog.temperature_c[kept]
+    )
+    assert len(parts(replace(recording, fog=holed))) == 1
+
+
+@pytest.mark.usefixtures("two_minutes")
+def test_the_whole_is_put_together(tmp_path: Path) -> None:
+    written(tmp_path / "run", SCALE, reference="full", drive=DRIVE, seed=3)
+    assert main(["diagnose", str(tmp_path / "run"), "--output", str(tmp_path / "out")]) == 0
+    whole = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert whole["recording"] == "run"
+    assert "gyro_scale_error" in {n for f in whole["findings"] for n in (f["effect"], *f["also_fits"])}
+    assert "cut" not in whole
+    each = [json.loads(f.read_text()) for f in sorted((tmp_path / "out").glob("*/diagnosis.json"))]
+    assert len(each) == 2
+    assert (tmp_path / "out/report.html").exists()
