@@ -32,7 +32,7 @@ def put() -> None:
 @check("driving")
 def the_sandbox_holds(_: Robot) -> Seen:
     sh(f"systemctl start {UNIT}")
-    until("it is done", lambda: sh(f"systemctl is-active {UNIT}", may_fail=True) in {"inactive", "failed"}, 20)
+    until("it is done", lambda: sh(f"systemctl is-active {UNIT}", may_fail=True) in {"inactive", "failed"}, 40)
     said = sh(f"journalctl --boot --no-pager --output=cat --unit={UNIT}")
     lines = [line for line in said.splitlines() if line.startswith("{")]
     assert lines, said

@@ -13,7 +13,7 @@ from vm.robot import Robot, sh, until
 RESTART_S: Final = 2.0  # RestartSec= of the unit
 
 
-@check("standing", recover_s=28)
+@check("standing", recover_s=50)
 def ready_only_when_it_is(robot: Robot) -> Seen:
     robot.gyro(on=True)
     began_s = time.monotonic()
@@ -30,12 +30,12 @@ def ready_only_when_it_is(robot: Robot) -> Seen:
     return Seen(f"until then activating, then an answer at once: {health['validity']}", None, took_s)
 
 
-@check("standing", notice_s=10, recover_s=30)
+@check("standing", notice_s=18, recover_s=54)
 def hung_loop_is_killed_by_the_watchdog(robot: Robot) -> Seen:
     return killed(robot, signal.SIGSTOP, "watchdog")
 
 
-@check("standing", notice_s=2, recover_s=25)
+@check("standing", notice_s=4, recover_s=45)
 def sigkill(robot: Robot) -> Seen:
     return killed(robot, signal.SIGKILL, "signal")
 
@@ -45,29 +45,29 @@ def killed(robot: Robot, number: signal.Signals, result: str) -> Seen:
     pid = robot.pid()
     began_s = time.monotonic()
     os.kill(pid, number)
-    until("the process is gone", lambda: not Path(f"/proc/{pid}").exists(), 20)
+    until("the process is gone", lambda: not Path(f"/proc/{pid}").exists(), 40)
     gone_s = time.monotonic()
-    until("poses again", lambda: robot.since(gone_s), 30)
+    until("poses again", lambda: robot.since(gone_s), 60)
     return Seen(*noticed(robot, began_s, f"Failed with result '{result}'"), time.monotonic() - began_s)
 
 
-@check("standing", notice_s=5, recover_s=25)
+@check("standing", notice_s=9, recover_s=45)
 def out_of_memory(robot: Robot) -> Seen:
     began_s = time.monotonic()
     sh(f"systemctl set-property --runtime {robot.unit} MemoryMax=25M")
-    until("killed", lambda: not robot.is_active(), 15)
+    until("killed", lambda: not robot.is_active(), 30)
     lifted_s = time.monotonic()
     sh(f"systemctl set-property --runtime {robot.unit} MemoryMax=512M")
-    until("poses again", lambda: robot.since(lifted_s), 30)
+    until("poses again", lambda: robot.since(lifted_s), 60)
     recovered_s = time.monotonic() - lifted_s
     return Seen(*noticed(robot, began_s, "Failed with result 'oom-kill'"), recovered_s)
 
 
-@check("standing", recover_s=8)
+@check("standing", recover_s=14)
 def sigterm(robot: Robot) -> Seen:
     """The daemon ends by itself, with success, and is not started again."""
     os.kill(robot.pid(), signal.SIGTERM)
-    took_s = until("inactive", lambda: robot.show("ActiveState") == "inactive", 12)
+    took_s = until("inactive", lambda: robot.show("ActiveState") == "inactive", 24)
     assert (robot.show("Result"), robot.show("ExecMainStatus")) == ("success", "0")
     time.sleep(2.0)  # Poses that were on the way when it ended may still be delivered.
     silent_s = time.monotonic()
@@ -77,7 +77,7 @@ def sigterm(robot: Robot) -> Seen:
     return Seen("exit status 0", None, took_s)
 
 
-@check("standing", notice_s=20)
+@check("standing", notice_s=36)
 def spoilt_state_is_refused_and_kept(robot: Robot) -> Seen:
     """The daemon starts cold then, and says so; its state directory is an ext4 of 8 MB from here on."""
     state = state_directory(robot)
@@ -87,32 +87,32 @@ def spoilt_state_is_refused_and_kept(robot: Robot) -> Seen:
     assert robot.systemctl("start").returncode == 0
     line, noticed_s = noticed(robot, began_s, "standing.state")
     assert (state / "standing.state.refused-1").exists(), line
-    until("well", robot.is_well, 15)
+    until("well", robot.is_well, 30)
     return Seen(line, noticed_s)
 
 
-@check("standing", notice_s=8, recover_s=15)
+@check("standing", notice_s=14, recover_s=27)
 def full_disk(robot: Robot) -> Seen:
     ballast = state_directory(robot) / "ballast"
     with undisturbed(robot):
         began_s = time.monotonic()
         sh(f"head --bytes=20M /dev/zero >{ballast}", may_fail=True)
-        until("STATUS says so", lambda: "No space left" in robot.show("StatusText"), 15)
+        until("STATUS says so", lambda: "No space left" in robot.show("StatusText"), 30)
         noticed_s, status = time.monotonic() - began_s, robot.show("StatusText")
         ballast.unlink()
         mended_s = time.monotonic()
-        until("it writes again", lambda: "No space left" not in robot.show("StatusText"), 20)
+        until("it writes again", lambda: "No space left" not in robot.show("StatusText"), 40)
     return Seen(status, noticed_s, time.monotonic() - mended_s)
 
 
-@check("standing", notice_s=10)
+@check("standing", notice_s=18)
 def read_only_state_directory(robot: Robot) -> Seen:
     """As after an error of the medium: ext4 refuses every write from then on."""
     state = state_directory(robot)
     with undisturbed(robot):
         began_s = time.monotonic()
         sh(f"mount -o remount,abort {state}", may_fail=True)
-        until("STATUS says so", lambda: "Read-only" in robot.show("StatusText"), 15)
+        until("STATUS says so", lambda: "Read-only" in robot.show("StatusText"), 30)
         noticed_s, status = time.monotonic() - began_s, robot.show("StatusText")
         time.sleep(1.0)
     assert robot.systemctl("stop").returncode == 0
