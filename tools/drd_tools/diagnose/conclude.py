@@ -230,8 +230,8 @@ def _windows(claim: Claim, time_s: Array) -> tuple[tuple[float, float], ...]:
     return ((float(time_s[0]), float(time_s[-1])),)
 
 
-def sentence(claim: Claim, explains: float, also_fits: Sequence[str]) -> str:
-    """A finding in words."""
+def sentence(claim: Claim, explains: float | None, also_fits: Sequence[str]) -> str:
+    """A finding in words; `explains`: its share of the mismatch, where that is known."""
     shown = []
     for q in claim.effect.parameters:
         if q.choices:
@@ -240,7 +240,8 @@ def sentence(claim: Claim, explains: float, also_fits: Sequence[str]) -> str:
             unit = "" if q.unit == "1" else f" {q.unit}"
             value, sigma = claim.number(q.name) / q.si, claim.sigma(q.name) / q.si
             shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
-    text = f"{claim.effect.sentence} Here {', '.join(shown)}; it explains {100.0 * explains:.0f} % of the mismatch."
+    share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
+    text = f"{claim.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
         text += f" This recording cannot tell it from {', '.join(also_fits)}."
     if claim.id == "rotation_centre_offset":

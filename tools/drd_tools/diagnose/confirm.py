@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from drd_tools.diagnose.library import Library, is_plausible
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit, held_free, refine
+from drd_tools.diagnose.refine import Fit, beyond, held_beside, refine
 
 Array = npt.NDArray[np.float64]
 
@@ -50,11 +50,11 @@ def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> t
     """Log likelihood ratio of a claim on each half of the data, its parameters found anew on the other half.
 
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
-    and without the claim the nuisances, and other shapes of the other claims, are integrated over anew.
+    and without the claim the nuisances, and the other claims, are fitted anew.
     """
     others = [c for c in fit.claims if c is not claim]
     data = problem.data - problem.effect_rows(others)
-    beside = held_free(problem, others)
+    held = held_beside(problem, others)
     seen = problem.effect_rows([claim]) ** 2
     order = np.argsort(problem.row_time_s, kind="stable")
     total = np.cumsum(seen[order])
@@ -62,7 +62,7 @@ def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> t
         return 0.0, 0.0
     half = np.zeros(len(data), bool)
     half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-    parts = problem.part(half, data, beside), problem.part(~half, data, beside)
+    parts = problem.part(half, data, held), problem.part(~half, data, held)
     return (
         _nats(library, claim, half, parts[0], parts[1]),
         _nats(library, claim, ~half, parts[1], parts[0]),
@@ -81,15 +81,8 @@ def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Pr
     if found is None:
         return 0.0
     effect = test.effect_rows([found])
-    left = _without_nuisances(test, np.column_stack([effect, test.data]))
+    left = beyond(test.nuisance, np.column_stack([effect, test.data]))
     return float(effect @ left[:, 1]) - 0.5 * float(effect @ left[:, 0]) - math.log(choices)
-
-
-def _without_nuisances(problem: Problem, rows: Array) -> Array:
-    """Rows (r, p) times the inverse covariance of the data under nuisances with their priors."""
-    N = problem.nuisance
-    result: Array = rows - N @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), N.T @ rows)
-    return result
 
 
 def _resized(part: Problem, claim: Claim) -> Claim:
@@ -104,7 +97,7 @@ def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], cl
     variants = [c for c in library.candidates if c.effect.id == claim.id]
     index = sorted({i for c in variants for i in c.columns})
     columns = library.columns[:, index][train].astype(float)
-    left = _without_nuisances(part, np.column_stack([columns, part.data]))
+    left = beyond(part.nuisance, np.column_stack([columns, part.data]))
     G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]

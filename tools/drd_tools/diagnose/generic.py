@@ -13,7 +13,7 @@ from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.columns import SUB
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import held_free
+from drd_tools.diagnose.refine import held_beside
 
 Array = npt.NDArray[np.float64]
 
@@ -123,7 +123,7 @@ class Smooths:
         """
         problem = self._problem
         kept = [c for c in claims if c is not beside]
-        held = np.column_stack([problem.nuisance, held_free(problem, kept)])
+        held = held_beside(problem, kept)
         residual = problem.data - problem.effect_rows(kept)
         A = held.T @ held + np.eye(held.shape[1])
         cleared = residual - held @ np.linalg.solve(A, held.T @ residual)

@@ -21,7 +21,7 @@ from drd_tools.diagnose.finding import Status
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.outcome import amounts, seen
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit, held_free
+from drd_tools.diagnose.refine import Fit, beyond, held_beside
 from drd_tools.diagnose.search import CLASS_NATS
 
 Array = npt.NDArray[np.float64]
@@ -67,11 +67,8 @@ def share_of(problem: Problem, fit: Fit) -> Share:
     X = np.column_stack(
         [np.zeros((len(problem.data), 0)), *problem.units([(catalogue()[e], {}, name) for e, name in names])]
     )
-    held = np.column_stack([problem.nuisance, held_free(problem, fit.claims)])
-    A = held.T @ held + np.eye(held.shape[1])
     data = problem.data - problem.effect_rows(fit.claims)
-    left = np.column_stack([X, data])
-    left = left - held @ np.linalg.solve(A, held.T @ left)
+    left = beyond(held_beside(problem, fit.claims), np.column_stack([X, data]))
     motion = problem.signatures.motion
     ranges = {e.id: seen(motion, Claim(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
     span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
@@ -171,8 +168,7 @@ def _finding(
         "driver": effect.driver,
         "evidence": {"gain_nats": gain, "family_wise_p": p, "e_value": e},
         "explains": 1.0,
-        "sentence": sentence(claim, 1.0, also).replace("; it explains 100 % of the mismatch", "")
-        + f" No recording shows it alone; all {len(shares)} together do.",
+        "sentence": sentence(claim, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
     }
 
 

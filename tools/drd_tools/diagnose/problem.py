@@ -122,12 +122,11 @@ class Problem:
         self._form_counts: dict[str, int] = {}
         self._rows: npt.NDArray[np.bool_] | None = None
 
-    def part(self, rows: npt.NDArray[np.bool_], data: Array, beside: Array | None = None) -> "Problem":
-        """The same with some rows only, of `data` (r,). `beside`: further nuisances (r, s)."""
+    def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
+        """The same with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
         made = copy(self)
         made._rows, made.data = rows, data[rows]
-        held = self.nuisance if beside is None else np.column_stack([self.nuisance, beside])
-        made.nuisance = held[rows]
+        made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
     @property

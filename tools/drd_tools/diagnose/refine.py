@@ -151,12 +151,19 @@ def soft_forms(problem: Problem, claim: Claim) -> Array:
     return forms - basis @ (basis.T @ forms)
 
 
-def held_free(problem: Problem, claims: Sequence[Claim]) -> Array:
-    """Columns (r, s), of prior 1, that leave the claims' parameters as good as free and their causes' shapes soft."""
+def held_beside(problem: Problem, claims: Sequence[Claim]) -> Array:
+    """Columns (r, s), of prior 1: the nuisances, the claims' parameters as good as free, and their causes' shapes."""
     T = problem.tangents(claims)
     norms = np.linalg.norm(T, axis=0)
     seen = norms > 0.0
-    return np.column_stack([T[:, seen] / norms[seen] * FREE, *(soft_forms(problem, c) for c in claims)])
+    freed = T[:, seen] / norms[seen] * FREE
+    return np.column_stack([problem.nuisance, freed, *(soft_forms(problem, c) for c in claims)])
+
+
+def beyond(held: Array, rows: Array) -> Array:
+    """Rows (r, p) times the inverse covariance of data in which the columns `held` (r, s) vary with prior 1."""
+    result: Array = rows - held @ np.linalg.solve(held.T @ held + np.eye(held.shape[1]), held.T @ rows)
+    return result
 
 
 def _priors(claim: Claim) -> Array:

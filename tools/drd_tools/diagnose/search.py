@@ -12,7 +12,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.library import SEVERAL, Candidate, is_hidden, is_plausible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import Fit, held_free, refine, refine_all
+from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
 
 Array = npt.NDArray[np.float64]
 _Products = tuple[Array, Array, npt.NDArray[np.bool_]]
@@ -213,7 +213,7 @@ class Search:
 
     def _products(self, fit: Fit) -> _Products:
         problem, library = self.problem, self.library
-        held = np.column_stack([problem.nuisance, held_free(problem, fit.claims)])
+        held = held_beside(problem, fit.claims)
         residual = problem.data - problem.effect_rows(fit.claims)
         A = held.T @ held + np.eye(held.shape[1])
         cross = np.asarray(library.columns.T @ held.astype(np.float32), float)

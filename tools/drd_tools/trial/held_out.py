@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from drd.model import DRIVERS, Amount, Term
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.outcome import SLOWEST_M_S
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
@@ -25,7 +26,6 @@ from drd_tools.trial.unknown import HIDDEN
 Array = npt.NDArray[np.float64]
 Seen = Mapping[str, Sequence[float]]
 _Ranged = tuple[Claim, Seen]
-SLOWEST_M_S: Final = 1e-3
 
 
 def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any]:
