@@ -13,6 +13,7 @@ from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.simulate.conditions import Conditions, Reference
 
 SCALE = claim("gyro_scale_error", k=0.001)
 TREAD = claim("tread_error", k=0.02)
@@ -77,6 +78,19 @@ def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
     # Each half: s t - s^2/2 of two independent standard normals has the mean -1/2.
     assert np.mean(found) == pytest.approx(-1.0, abs=0.7)
     assert np.mean(np.array(found) > 0.0) < 0.4
+
+
+def test_half_of_the_data_that_shows_little_foretells_little() -> None:
+    """Start and end only: one fix holds all the evidence. It speaks for the claim, although the rest knows no size."""
+    seen = replace(claim("gyro_heading_dependent_bias", b=1.5e-4, phase=2.0), free=("b", "phase"))
+    ends = Conditions(reference=Reference(period_s=None))
+    p = problem(("square-cw", 280.0), 1, seen, conditions=ends)
+    fit = refine(p, [seen])
+    nats = unseen_nats(p, Library(p), fit, fit.claims[0])
+    assert sum(nats) > 20.0
+    p = problem(("square-cw", 280.0), 1, conditions=ends)
+    fit = refine(p, [seen])
+    assert e_value(unseen_nats(p, Library(p), fit, fit.claims[0])) < 10.0
 
 
 def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:

@@ -26,6 +26,25 @@ def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
     assert fit.claims[0].number("t1") == pytest.approx(90.0, abs=4.0)
 
 
+def test_every_stretch_of_the_grid_is_weighed_as_if_it_had_been_whitened_itself() -> None:
+    p = problem(WAREHOUSE, 3)
+    slip = claim("surface_slip", t0=30.0, t1=71.0, left=0.01, right=0.004)
+    p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([slip])
+    fit = refine(p, [claim("tread_error", k=0.001)])
+    gain, best = next((g, c) for g, c in Search(p).ranked(fit) if c.id == "surface_slip")
+    free = ("left", "right")
+    assert set(best.free) == {*free, "t0", "t1"}
+    sizes_only = refine(p, [*fit.claims, replace(best, free=free)])
+    beside = refine(p, [*fit.claims, replace(claim("surface_slip", **{**best.values, "left": 0.0, "right": 0.0}))])
+    # Its form's own doubt, and the search's single precision, are not in the gain.
+    assert gain + p.penalty([best]) == pytest.approx(refine(p, fit.claims).cost - sizes_only.cost, rel=0.05)
+    assert beside.claims[-1].number("left") == pytest.approx(best.number("left"), rel=0.05)
+    edges = np.linspace(float(p.signatures.motion.time_s[0]), p.signatures.motion.end_s, 33)
+    for t0, t1 in ((edges[i], edges[j]) for i in range(4, 12) for j in range(14, 22)):
+        other = replace(best, values={**best.values, "t0": float(t0), "t1": float(t1)}, free=free)
+        assert refine(p, [*fit.claims, other]).cost > sizes_only.cost - 0.05 * gain
+
+
 def test_events_are_never_joined() -> None:
     p = problem(WAREHOUSE, 3)
     dropout = replace(claim("encoder_dropout", side="left", t0=40.0, t1=44.0), free=())

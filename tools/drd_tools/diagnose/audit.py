@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_dilation, median_filter
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.evidence import Evidence
@@ -83,7 +83,8 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
     sure = float(faster.std()) / float(np.sqrt(at.sum()))
     if float(faster.mean()) < max(5.0 * sure, FASTER_SHARE * limit):
         return []
-    doubt[at] = (np.abs(wheels[at] - e.gyro_rad[at]) + 0.02 * e.step_s[at]) ** 2
+    # A reading at the edge is clipped for a part of its time.
+    doubt[binary_dilation(at)] = np.inf
     effect = catalogue()["gyro_saturation"]
     nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
     seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
@@ -105,7 +106,9 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
             stop = _stop(log, e, sign, its, first, last)
             if stop is None:
                 continue
-            inside = (e.time_s > stop.t0) & (e.time_s - e.step_s < stop.t1)
+            # It stopped and went on within a row: what it lost there is not known.
+            row_s = float(np.diff(log.time_s[first : last + 1]).max())
+            inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
             doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
             effect = catalogue()["encoder_dropout"]
             claim = Claim(effect, {"side": side, "t0": stop.t0, "t1": stop.t1}, ())

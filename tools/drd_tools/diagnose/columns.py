@@ -90,11 +90,12 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     A column with the reference's noise in it is correlated with the innovations that it is to explain.
     """
     turn = path.steps()[2]
-    if e.gyro_rad is None:
-        # The wheels' turn is mostly noise on a straight line, and would explain itself there.
-        return np.asarray(np.where(e.still, 0.0, gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)), float)
-    slow = gaussian_filter1d(np.where(e.gyro_doubt_rad2 > 0.0, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
-    told = np.where(e.gyro_doubt_rad2 > 0.0, turn, e.gyro_rad + slow)
+    # The wheels' turn is mostly noise on a straight line, and would explain itself there.
+    told = gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)
+    if e.gyro_rad is not None:
+        doubted = e.gyro_doubt_rad2 > 0.0
+        slow = gaussian_filter1d(np.where(doubted, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
+        told = np.where(doubted, told, e.gyro_rad + slow)
     return np.asarray(np.where(e.still, 0.0, told), float)
 
 

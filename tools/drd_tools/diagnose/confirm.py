@@ -70,7 +70,10 @@ def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> t
 
 
 def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
-    """Of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none."""
+    """Of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none.
+
+    How well those know its parameters is integrated over: what was learned from little foretells little.
+    """
     if "t0" not in claim.values:
         found = _relearned(part, library, train, claim)
         choices = 1
@@ -80,9 +83,21 @@ def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Pr
         choices = max(1, sum(c.effect.id == claim.id for c in library.candidates))
     if found is None:
         return 0.0
+    # A claim that was not refined has no covariance; it is taken as it is.
+    T = test.tangents([found]) @ _root(found.covariance) if found.covariance.size else np.zeros((len(test.data), 0))
     effect = test.effect_rows([found])
-    left = beyond(test.nuisance, np.column_stack([effect, test.data]))
-    return float(effect @ left[:, 1]) - 0.5 * float(effect @ left[:, 0]) - math.log(choices)
+    M = beyond(test.nuisance, np.column_stack([effect, test.data, T]))
+    nats = float(effect @ M[:, 1]) - 0.5 * float(effect @ M[:, 0])
+    A, b = np.eye(T.shape[1]) + T.T @ M[:, 2:], T.T @ (M[:, 1] - M[:, 0])
+    nats += 0.5 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1])  # (61)
+    return nats - math.log(choices)
+
+
+def _root(P: Array) -> Array:
+    """A root of a covariance (k, k), which may be singular."""
+    values, vectors = np.linalg.eigh(P)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def _resized(part: Problem, claim: Claim) -> Claim:

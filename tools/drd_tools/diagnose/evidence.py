@@ -58,7 +58,7 @@ class Noise:
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
         wheels = wheels + (e.left_doubt_m2 + e.right_doubt_m2) / D2
         wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
-        return wheels + self.gyro(e) if e.gyro_rad is not None else wheels + 1e-12
+        return wheels + np.where(e.blind, 1e-12, self.gyro(e))
 
     def gyro(self, e: "Evidence") -> Array:
         """Variance of the gyro's turn in a step, (n,)."""
@@ -70,7 +70,7 @@ class Noise:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
         forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_doubt_m2 + e.right_doubt_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
-        turn = self.wheels(e, turn_rad) if e.gyro_rad is None else self.gyro(e)
+        turn = np.where(e.blind, self.wheels(e, turn_rad), self.gyro(e))
         Q = np.zeros((len(c), 4, 4))
         Q[:, 0, 0] = forward * c * c + sideways * s * s + turn * hx * hx / 4.0
         Q[:, 1, 1] = forward * s * s + sideways * c * c + turn * hy * hy / 4.0
@@ -90,7 +90,8 @@ class Evidence:
     `gyro_rad` (n,): angle that the gyro turned, or None. `left_m`, `right_m` (n,): travel that the counters told.
     `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
     decide what a step has. `still` (n,): no wheel has counted for a second before and after.
-    `..._doubt_...` (n,): variance of a step beyond the noise, where a sensor said nothing of use.
+    `..._doubt_...` (n,): variance of a step beyond the noise, where a sensor said nothing of use; a gyro's of inf: the
+    wheels tell the turn.
     `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
@@ -117,6 +118,11 @@ class Evidence:
     left_doubt_m2: Array
     right_doubt_m2: Array
     has_wheels: bool = True
+
+    @property
+    def blind(self) -> npt.NDArray[np.bool_]:
+        """Steps whose turn the wheels alone tell, (n,)."""
+        return np.isinf(self.gyro_doubt_rad2) | (self.gyro_rad is None)
 
     @property
     def telling(self) -> slice | npt.NDArray[np.intp]:

@@ -13,6 +13,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Parameter
 from drd_tools.diagnose.linear import COLUMNS, Signature
 from drd_tools.diagnose.problem import BIAS, SCALE, Claim, Problem, Values, linear_names
+from drd_tools.diagnose.stretches import Columns, Stretches, is_of_stretch
 
 Array = npt.NDArray[np.float64]
 Parameters = dict[str, float | str]
@@ -93,25 +94,34 @@ def is_hidden(problem: Problem, claim: Claim) -> bool:
 
 
 class Library:
-    """The candidates of a problem, and their whitened columns (r, p)."""
+    """The candidates of a problem, and their whitened columns (r, p); of effects of a stretch, all stretches."""
 
     def __init__(self, problem: Problem):
         e = problem.evidence
         effects = [x for x in catalogue().values() if x.id not in AUDITED and x.channel in e.channels]
         self.candidates: list[Candidate] = []
-        whitened: list[npt.NDArray[np.float32]] = []
+        self.stretches = [Stretches(problem, effect) for effect in effects if is_of_stretch(effect)]
+        whitened: list[Columns] = []
         signatures: list[Signature] = []
         first = 0
-        for effect in effects:
+        plain = [effect for effect in effects if not is_of_stretch(effect)]
+        for effect in plain:
             for shape in self._shapes(problem, effect):
                 signatures += self._add(problem, effect, shape, first + len(signatures))
             # Those of an hour's drive, all at once, would be 400 MB.
-            if len(signatures) >= COLUMNS or effect is effects[-1]:
+            if len(signatures) >= COLUMNS or effect is plain[-1]:
                 whitened.append(problem.whiten(signatures, np.float32).astype(np.float32, copy=False))
                 first += len(signatures)
                 signatures = []
+        for stretches in self.stretches:
+            for shape in self._shapes(problem, stretches.effect):
+                columns = [stretches.column(shape, name) for name in stretches.names]
+                if all(c.any() for c in columns):
+                    self._offer(problem, stretches.effect, shape, stretches.names, first)
+                    whitened.append(np.column_stack(columns))
+                    first += len(columns)
         self.columns = np.concatenate(whitened, axis=1)
-        self.products: npt.NDArray[np.float32] = self.columns.T @ self.columns
+        self.products: Columns = self.columns.T @ self.columns
 
     @staticmethod
     def _shapes(problem: Problem, effect: Effect) -> list[Parameters]:
@@ -131,24 +141,31 @@ class Library:
         signatures = [problem.unit(effect, s, name) for s, name in shapes]
         if not all(_is_seen(s) for s in signatures):
             return []
-        columns = tuple(range(first, first + len(signatures)))
-        if angle or len(names) == 1:
-            subsets = [tuple(range(len(columns)))]
-        else:
-            own = [i for i, name in enumerate(names) if name != SCALE.name]
-            subsets = [
-                which
-                for size in range(1, len(names) + 1)
-                for which in itertools.combinations(range(len(names)), size)
-                if set(which) & set(own) and (not effect.essential or names.index(effect.essential) in which)
-            ]
-        for which in subsets:
+        self._offer(problem, effect, shape, names, first, angle)
+        return signatures
+
+    def _offer(
+        self, problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
+    ) -> None:
+        """The candidates of a variant whose columns begin with `first`: of each choice of its parameters."""
+        for which in [(0, 1)] if angle else choices(effect, names):
             chosen = names if angle else tuple(names[i] for i in which)
             values = {**shape, SCALE.name: 0.0} if SCALE.name in chosen else shape
             count = len(which) + len(_free_shape(effect, values)) - bool(angle)
             penalty = count * problem.per_parameter + problem.per_effect
-            self.candidates.append(Candidate(effect, values, chosen, tuple(columns[i] for i in which), angle, penalty))
-        return signatures
+            columns = tuple(first + i for i in which)
+            self.candidates.append(Candidate(effect, values, chosen, columns, angle, penalty))
+
+
+def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:
+    """Which of an effect's linear parameters may be there without the others."""
+    own = {i for i, name in enumerate(names) if name != SCALE.name}
+    return [
+        which
+        for size in range(1, len(names) + 1)
+        for which in itertools.combinations(range(len(names)), size)
+        if set(which) & own and (not effect.essential or names.index(effect.essential) in which)
+    ]
 
 
 # A library takes as long as a search among it, and the verdict asks the same problem again. It holds no problem.

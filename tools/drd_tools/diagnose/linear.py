@@ -88,7 +88,7 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
     a gyro.
     """
     edges = e.edges_s
-    turn = turn_rad if e.gyro_rad is None else e.gyro_rad
+    turn = turn_rad if e.gyro_rad is None else np.where(e.blind, turn_rad, e.gyro_rad)
     heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
     inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
     off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
@@ -142,13 +142,14 @@ class Linear:
         e = self.evidence
         n, m = len(e.step_s), len(e.fix)
         self._F = np.tile(np.eye(STATES), (n, 1, 1))
-        self._F[:, 0, 2], self._F[:, 1, 2], self._F[:, 2, 3] = self._hx, self._hy, -e.step_s
-        self._F[:, 0, 3], self._F[:, 1, 3] = -0.5 * e.step_s * self._hx, -0.5 * e.step_s * self._hy
+        by_gyro_s = np.where(e.blind, 0.0, e.step_s)
+        self._F[:, 0, 2], self._F[:, 1, 2], self._F[:, 2, 3] = self._hx, self._hy, -by_gyro_s
+        self._F[:, 0, 3], self._F[:, 1, 3] = -0.5 * by_gyro_s * self._hx, -0.5 * by_gyro_s * self._hy
         self._H = np.zeros((m, 3, STATES))
         self._H[:, range(3), range(3)] = 1.0
         k, share = e.fix_step, e.fix_share
         self._H[:, 0, 2], self._H[:, 1, 2] = -share * self._hx[k], -share * self._hy[k]
-        self._H[:, 2, 3] = share * e.step_s[k]
+        self._H[:, 2, 3] = share * by_gyro_s[k]
         if like is not None and self._is_near(like):
             self._gains: _Gains = like._gains
         else:
@@ -172,13 +173,13 @@ class Linear:
         R = np.diag([noise.position_m**2, noise.position_m**2, noise.heading_rad**2])
         P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
         gains = _Gains(
-            np.zeros((n, STATES)), np.ones(n), np.zeros((m, STATES, 3)), np.zeros((m, 3, 3)),
+            np.zeros((n, STATES)), np.full(n, np.inf), np.zeros((m, STATES, 3)), np.zeros((m, 3, 3)),
             np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
         )  # fmt: skip
         bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
-        has_gyro = e.gyro_rad is not None
+        compared = (~e.blind).tolist()
         for i in range(n):
-            if has_gyro:
+            if compared[i]:
                 h = float(e.step_s[i])
                 sigma = (h * h * float(P[3, 3]) + float(R_wheels[i])) ** 0.5
                 K = P[:, 3] * (-h / sigma)
@@ -211,8 +212,7 @@ class Linear:
         per_sigma = e.step_s / self._gains.sigma
         FK = np.einsum("nij,nj->ni", self._F, self._gains.K_wheels)
         A[of_step] = self._F
-        if e.gyro_rad is not None:
-            A[of_step, :, 3] += FK * per_sigma[:, None]
+        A[of_step, :, 3] += FK * per_sigma[:, None]
         LH = self._gains.L @ self._H
         LHA = LH @ A[of_fix]
         A[of_fix] -= self._gains.K @ LHA
@@ -226,18 +226,18 @@ class Linear:
             for i in range(4)
         )
         wheels = (right - left) / e.tread_m
-        turn = wheels if e.gyro_rad is None else gyro
+        turn = np.where(e.blind[:, None], wheels, gyro)
         forward = 0.5 * (left + right)
         cos, sin, hx, hy = (v[:, None] for v in (self._c, self._s, self._hx, self._hy))
         u = np.zeros((n, STATES, left.shape[1]))
         u[:, 0] = forward * cos + lateral * sin + 0.5 * hx * turn
         u[:, 1] = forward * sin - lateral * cos + 0.5 * hy * turn
         u[:, 2] = turn
-        return u, (wheels - turn if e.gyro_rad is not None else np.zeros_like(turn))
+        return u, wheels - turn
 
     def _passed(self, signatures: Sequence[Signature]) -> tuple[Array, Array, Array, Array, Array]:
         """Rows (n, p) and (m, 3, p) of `whiten`, inputs (n, 4, p), states before each step (n, 4, p) and at the end."""
-        v, has_gyro = self._events, self.evidence.gyro_rad is not None
+        v = self._events
         u, wheels = self._inputs(signatures)
         wheels /= self._gains.sigma[:, None]
         z = np.zeros((len(self.evidence.fix), 3, len(signatures)))
@@ -247,14 +247,12 @@ class Linear:
         Lz = self._gains.L @ z
         inputs = np.zeros((v.count, *u.shape[1:]))
         inputs[v.of_step] = u
-        if has_gyro:
-            inputs[v.of_step] += v.FK[:, :, None] * wheels[:, None]
+        inputs[v.of_step] += v.FK[:, :, None] * wheels[:, None]
         fixes = Lz - v.LH @ inputs[v.of_fix]
         inputs[v.of_fix] += self._gains.K @ fixes
         X, last = v.recursion.states(inputs)
         fixes -= v.LHA @ X[v.of_fix]
-        if has_gyro:
-            wheels += v.per_sigma[:, None] * X[v.of_step, 3]
+        wheels += v.per_sigma[:, None] * X[v.of_step, 3]
         return wheels, fixes, u, X[v.of_step], last
 
     def rows(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
@@ -293,8 +291,8 @@ class Linear:
 
 @dataclass(frozen=True)
 class _Gains:
-    """Of the wheels: K over sigma (n, 4), sigma (n,). Of the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P (n, 4, 4)
-    after the wheels and after the step.
+    """Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro tells nothing. Of the fixes: K (m, 4, 3),
+    whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
     """
 
     K_wheels: Array

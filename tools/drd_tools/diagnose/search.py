@@ -1,7 +1,7 @@
 """Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.library import SEVERAL, Candidate, is_hidden, is_plausible, library_of
+from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_hidden, is_plausible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
+from drd_tools.diagnose.stretches import Stretches, is_of_stretch
 
 Array = npt.NDArray[np.float64]
-_Products = tuple[Array, Array, npt.NDArray[np.bool_]]
+_Products = tuple[Array, Array]  # of columns among themselves and with the data, beside a fit
 
 MOST_CLAIMS: Final = 6
 RIVALS: Final = 6
@@ -150,7 +151,7 @@ class Search:
     def __init__(self, problem: Problem, known: Sequence[Claim] = ()):
         self.problem, self.library = problem, library_of(problem)
         self.known = {c.id for c in known}
-        self._last: tuple[Fit, _Products] | None = None
+        self._last: tuple[Fit, list[_Products]] | None = None
 
     def score(self, fit: Fit) -> float:
         """Nats: how likely the data, less what the claims cost."""
@@ -166,20 +167,36 @@ class Search:
 
     def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
         """What each effect would gain beside the claims, with its best variant; best first."""
-        G, b, free = self._beside(fit)
+        (G, b), *stretches = self._beside(fit)
         best: dict[str, tuple[float, Claim]] = {}
-        for candidate in self._free(fit, free):
+        for candidate in self._free(fit, G):
             index = list(candidate.columns)
             x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
             gain = 0.5 * float(b[index] @ x) - candidate.penalty
             if gain > best.get(candidate.effect.id, (0.0,))[0] and (claim := candidate.claim(x)) is not None:
                 best[candidate.effect.id] = (gain, claim)
+        for each, products in zip(self.library.stretches, stretches, strict=True):
+            for gain, claim in self._in_stretches(each, *products):
+                if gain > best.get(claim.id, (0.0,))[0]:
+                    best[claim.id] = (gain, claim)
         return sorted(best.values(), key=lambda r: -r[0])
+
+    def _in_stretches(self, stretches: Stretches, G: Array, b: Array) -> Iterator[tuple[float, Claim]]:
+        for which in choices(stretches.effect, stretches.names):
+            names = tuple(stretches.names[i] for i in which)
+            best = stretches.best(names, G, b)
+            if best is None:
+                continue
+            values = {**best.shape, **dict.fromkeys(stretches.names, 0.0)}
+            values |= zip(names, map(float, best.sizes), strict=True)
+            claim = Claim(stretches.effect, values, (*names, "t0", "t1"))
+            if is_plausible(claim):
+                yield best.nats - self.problem.penalty([claim]), claim
 
     def paired(self, fit: Fit) -> list[tuple[Claim, Claim]]:
         """Pairs of effects that hide each other: together they gain more than each alone; best first."""
-        G, b, free = self._beside(fit)
-        single = [c for c in self._free(fit, free) if len(c.columns) == 1]
+        G, b = self._beside(fit)[0]
+        single = [c for c in self._free(fit, G) if len(c.columns) == 1]
         if not single:
             return []
         index = np.array([c.columns[0] for c in single])
@@ -205,25 +222,29 @@ class Search:
                 found.setdefault((single[i].effect.id, single[j].effect.id), (pair[0], pair[1]))
         return list(found.values())
 
-    def _beside(self, fit: Fit) -> _Products:
-        """Products of the library's columns among themselves and with the data, beside a fit; and which it leaves."""
+    def _beside(self, fit: Fit) -> list[_Products]:
+        """Products beside a fit: of the library's columns, and of those of each effect of a stretch."""
         if self._last is None or self._last[0] is not fit:
             self._last = fit, self._products(fit)
         return self._last[1]
 
-    def _products(self, fit: Fit) -> _Products:
-        problem, library = self.problem, self.library
+    def _products(self, fit: Fit) -> list[_Products]:
+        problem = self.problem
         held = held_beside(problem, fit.claims)
         residual = problem.data - problem.effect_rows(fit.claims)
         A = held.T @ held + np.eye(held.shape[1])
-        cross = np.asarray(library.columns.T @ held.astype(np.float32), float)
-        b = np.asarray(library.columns.T @ residual.astype(np.float32), float)
-        b = b - cross @ np.linalg.solve(A, held.T @ residual)
-        G = library.products - cross @ np.linalg.solve(A, cross.T)
-        return G, b, np.diag(G) > 1e-5 * np.diag(library.products)
+        left = (residual - held @ np.linalg.solve(A, held.T @ residual)).astype(np.float32)
+        own = self.library.columns, self.library.products
+        made: list[_Products] = []
+        for columns, products in (own, *((s.columns, s.products) for s in self.library.stretches)):
+            cross = np.asarray(columns.T @ held.astype(np.float32), float)
+            b = np.asarray(columns.T @ left, float)
+            made.append((products - cross @ np.linalg.solve(A, cross.T), b))
+        return made
 
-    def _free(self, fit: Fit, free: npt.NDArray[np.bool_]) -> list[Candidate]:
+    def _free(self, fit: Fit, G: Array) -> list[Candidate]:
         """Candidates that a fit leaves something of, and does not have already."""
+        free = np.diag(G) > 1e-5 * np.diag(self.library.products)
         taken = {c.id for c in fit.claims} - set(SEVERAL)
         return [c for c in self.library.candidates if c.effect.id not in taken and free[list(c.columns)].all()]
 
@@ -284,9 +305,9 @@ def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
 def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
     """Each effect of a stretch of time, with sizes yet to be found."""
     return [
-        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(linear, 0.0)}, (*linear, "t0", "t1"))
+        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
         for effect in catalogue().values()
-        if (linear := effect.linear()) and {q.name for q in effect.parameters} == {"t0", "t1", *linear}
+        if is_of_stretch(effect)
     ]
 
 

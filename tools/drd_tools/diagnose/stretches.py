@@ -1,0 +1,82 @@
+"""Effects of one stretch of time: every stretch of a fine grid is looked at, from the signatures of its pieces."""
+
+import itertools
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import Effect
+from drd_tools.diagnose.problem import Problem, Values
+
+Array = npt.NDArray[np.float64]
+Columns = npt.NDArray[np.float32]
+
+PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
+LEFT_SHARE: Final = 1e-2  # of a stretch's square that what is held beside it must leave
+
+
+def is_of_stretch(effect: Effect) -> bool:
+    """Whether an effect acts from `t0` until `t1`, and has sizes besides."""
+    linear = effect.linear()
+    return bool(linear) and {q.name for q in effect.parameters} == {"t0", "t1", *linear}
+
+
+class Best(NamedTuple):
+    """A stretch: what it explains, nats; its times; and the sizes."""
+
+    nats: float
+    shape: dict[str, float | str]
+    sizes: Array
+
+
+class Stretches:
+    """One effect in all stretches. `columns` (r, k PIECES): whitened signatures of each size in each piece."""
+
+    def __init__(self, problem: Problem, effect: Effect):
+        m = problem.signatures.motion
+        self.effect, self.names = effect, effect.linear()
+        self._edges_s = np.linspace(float(m.time_s[0]), m.end_s, PIECES + 1)
+        shapes = [{"t0": float(a), "t1": float(b)} for a, b in itertools.pairwise(self._edges_s)]
+        signatures = [problem.unit(effect, shape, name) for name in self.names for shape in shapes]
+        self.columns: Columns = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
+        self.products: Columns = self.columns.T @ self.columns
+
+    def column(self, shape: Values, name: str) -> Columns:
+        """A size's whitened signature (r,) in a stretch of the grid."""
+        k = self.names.index(name) * PIECES
+        first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in ("t0", "t1"))
+        total: Columns = self.columns[:, first:last].sum(axis=1)
+        return total
+
+    def best(self, names: tuple[str, ...], G: Array, b: Array) -> Best | None:
+        """The stretch in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
+        the data, beside what is held. Sizes have the signs that the effect asks for.
+        """
+        index = np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
+        k, (i, j) = len(names), np.triu_indices(PIECES + 1, 1)
+        sums = np.pad(np.cumsum(b[index].reshape(k, PIECES), axis=1), ((0, 0), (1, 0)))
+        b_of = (sums[:, j] - sums[:, i]).T
+        G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
+        diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
+        told = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1)
+        told &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
+        x = np.zeros_like(b_of)
+        x[told] = np.linalg.solve(G_of[told], b_of[told][:, :, None])[:, :, 0]
+        unsigned = [i for i, name in enumerate(names) if not self._is_signed(name)]
+        told &= (x[:, unsigned] > 0.0).all(axis=1)
+        nats = np.where(told, 0.5 * (b_of * x).sum(axis=1), 0.0)
+        w = int(nats.argmax())
+        shape: dict[str, float | str] = {"t0": float(self._edges_s[i[w]]), "t1": float(self._edges_s[j[w]])}
+        return Best(float(nats[w]), shape, x[w]) if nats[w] > 0.0 else None
+
+    def _is_signed(self, name: str) -> bool:
+        return next(q.signed for q in self.effect.parameters if q.name == name)
+
+
+def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]) -> Array:
+    """Sums of products (k p, k p) over the pieces i to j, both ways: (w, k, k)."""
+    pieces = G.reshape(k, PIECES, k, PIECES).transpose(0, 2, 1, 3)
+    total = np.pad(pieces.cumsum(axis=2).cumsum(axis=3), ((0, 0), (0, 0), (1, 0), (1, 0)))
+    result: Array = total[..., j, j] - total[..., i, j] - total[..., j, i] + total[..., i, i]
+    return result.transpose(2, 0, 1)
