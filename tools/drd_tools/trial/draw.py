@@ -105,12 +105,10 @@ def _made(drawing: Drawing, random: Random) -> Case | None:
             return None
         found.append((effect, values))
     answer["effects"] = effect_rows(found)
-    for row, (effect, values) in zip(answer["effects"], found, strict=True):
-        row["visibility"] = visibility(problem, effect, values)
-    if len(found) == 1:
-        answer["effects"][0] |= nearest(problem, *found[0])
-        if names[0] in HIDDEN and answer["effects"][0]["margin_nats"] < UNLIKE_NATS:
-            return None  # on this drive a name says it all
+    for row, (effect, values), rival in zip(answer["effects"], found, nearest(problem, found), strict=True):
+        row.update(visibility=visibility(problem, effect, values), **rival)
+    if names[0] in HIDDEN and answer["effects"][0]["margin_nats"] < UNLIKE_NATS:
+        return None  # on this drive a name says it all
     return Case(record(run, found, conditions)[0], found, answer, again)
 
 

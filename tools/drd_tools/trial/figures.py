@@ -64,7 +64,8 @@ class Figures:
         header = ["kind", "n", "verdict", "top-1", "", "top-1 class", "", "false names", ""]
         caption = (
             "Something is missing: the first name (top-1: the name itself; class: it is among those that it also fits; "
-            "separable: no other name would do as well without noise; false names: of all names, wrong even as a class)"
+            "separable: no other name, nor one less, would do as well without noise; false names: of all names, wrong "
+            "even as a class)"
         )
         return Table(caption, header, [_found_row(*pair) for pair in self._with_separable()])
 
@@ -81,7 +82,7 @@ class Figures:
         apart = [
             (f"{k}, separable", chosen)
             for k, pairs in kinds
-            if (chosen := [p for p in pairs if len(p[0]["effects"]) == 1 and p[0]["effects"][0].get("separable")])
+            if (chosen := [p for p in pairs if p[0]["effects"] and all(e.get("separable") for e in p[0]["effects"])])
         ]
         return [*kinds, *apart]
 

@@ -11,6 +11,7 @@ from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
+from drd_tools.trial.overlay import Effects
 
 Random = np.random.Generator
 Values = dict[str, float | str]
@@ -29,22 +30,26 @@ def visibility(problem: Problem, effect: Effect, values: Values) -> float:
     return math.sqrt(max(float(rows @ rows - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b)), 0.0))
 
 
-def nearest(problem: Problem, effect: Effect, values: Values) -> dict[str, Any]:
-    """The name that would do best without noise but for the right one, and by how many nats it is worse."""
-    free = tuple(q.name for q in effect.parameters if not q.choices and not q.fixed)
-    truth = Claim(effect, values, free)
-    search, data = Search(problem), problem.data
-    problem.data = problem.effect_rows([truth])
+def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
+    """For each of some effects: what would do best in its place without noise, another name or nothing (""), and by
+    how many nats that is worse.
+    """
+    truth = [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+    search, data, names = Search(problem), problem.data, {c.id for c in truth}
+    problem.data = problem.effect_rows(truth)
     try:
-        null = refine(problem, ())
-        rivals = [claim for _, claim in search.ranked(null) if claim.id != effect.id][:RIVALS]
-        right, *fits = refine_all(problem, [[truth], *([r] for r in rivals)])
+        right, made = search.score(refine(problem, truth)), []
+        for one in truth:
+            rest = refine(problem, [c for c in truth if c is not one])
+            rivals = [claim for _, claim in search.ranked(rest) if claim.id not in names][:RIVALS]
+            fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
+            scores = [(search.score(f), f.claims[-1].id) for f in fits]
+            best, rival = max(scores, default=(search.score(rest), ""))
+            margin = right - max(best, search.score(rest))
+            made.append({"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS})
     finally:
         problem.data = data
-    scores = [(search.score(f) - search.score(null), f.claims[0].id) for f in fits]
-    gain, rival = max(scores, default=(0.0, ""))
-    margin = search.score(right) - search.score(null) - max(gain, 0.0)
-    return {"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS}
+    return made
 
 
 def sized(problem: Problem, motion: Motion, effect: Effect, d: float, random: Random) -> Values | None:
@@ -88,7 +93,8 @@ def _shape(effect: Effect, motion: Motion, random: Random) -> Values:
         "pitch": float(random.uniform(3.0, 6.0)),
         "tau": float(np.exp(random.uniform(np.log(40.0), np.log(400.0)))),
         "coil_lag_s": float(np.exp(random.uniform(np.log(10.0), np.log(100.0)))),
-        "speed": float(np.quantile(moving, random.uniform(0.2, 0.7))) if len(moving) else 0.1,
+        # No speed that is held: a threshold at just that is neither passed nor not.
+        "speed": float(random.uniform(0.3, 0.9)) * (float(moving.max()) if len(moving) else 0.1),
     }
     own = {q.name for q in effect.parameters if not q.linear and not q.fixed}
     return values | {name: value for name, value in drawn.items() if name in own}

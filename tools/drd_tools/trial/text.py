@@ -61,8 +61,8 @@ def _effect(effect: dict[str, Any]) -> str:
     text = f"{effect['effect']} ({_plain(effect['parameters'])}"
     if effect.get("visibility") is not None:
         text += f"; d = {effect['visibility']:.1f}"
-    if effect.get("rival"):
-        text += f"; nearest {effect['rival']}, {effect['margin_nats']:.1f} nats worse without noise"
+    if "margin_nats" in effect:
+        text += f"; nearest {effect['rival'] or 'without it'}, {effect['margin_nats']:.1f} nats worse without noise"
     return text + ")"
 
 
