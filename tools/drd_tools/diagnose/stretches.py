@@ -13,6 +13,7 @@ Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.float32]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
+LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no stretch
 LEFT_SHARE: Final = 1e-2  # of a stretch's square that what is held beside it must leave
 
 
@@ -59,7 +60,7 @@ class Stretches:
         b_of = (sums[:, j] - sums[:, i]).T
         G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
         diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
-        told = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1)
+        told = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1) & (j - i <= LONGEST)
         told &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
         x = np.zeros_like(b_of)
         x[told] = np.linalg.solve(G_of[told], b_of[told][:, :, None])[:, :, 0]
