@@ -117,7 +117,8 @@ class Signatures:
         """Rates on the fine grid, added up over each step."""
 
         def summed(rate: Array | float) -> Array | float:
-            return (rate * self.h).reshape(-1, SUB).sum(axis=1) if isinstance(rate, np.ndarray) else 0.0
+            # A product is several times as fast as a sum over so short an axis.
+            return (rate * self.h).reshape(-1, SUB) @ np.ones(SUB) if isinstance(rate, np.ndarray) else 0.0
 
         return Signature(*(summed(rate) for rate in errors))
 
