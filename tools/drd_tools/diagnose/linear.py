@@ -16,11 +16,13 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from drd_tools.diagnose.evidence import Evidence, Noise
-from drd_tools.diagnose.recursion import Recursion
+from drd_tools.diagnose.recursion import Recursion, StateSpace
 
 Array = npt.NDArray[np.float64]
 
 STATES: Final = 4
+INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
+OUTPUTS: Final = 4  # the wheels', and a fix's three
 PARTS: Final = 8  # of a step, in which the heading is followed
 COLUMNS: Final = 24  # passed at once: so many stay near the processor
 NOWHERE_M2: Final = 1e4  # before the first fix
@@ -209,63 +211,63 @@ class Linear:
         count = n + int((~first).sum())
         of_step = np.delete(np.arange(count), of_fix[~first])
         A = np.tile(np.eye(STATES), (count, 1, 1))
-        per_sigma = e.step_s / self._gains.sigma
+        B, C = np.zeros((count, STATES, INPUTS)), np.zeros((count, OUTPUTS, STATES))
+        D = np.zeros((count, OUTPUTS, INPUTS))
+        A[of_step], B[of_step, :, :4] = self._F, self._inputs()
+        sigma = self._gains.sigma
+        C[of_step, 0, 3] = e.step_s / sigma
+        D[of_step, 0, :3] = np.array([-1.0, -1.0 / e.tread_m, 1.0 / e.tread_m]) / sigma[:, None]
         FK = np.einsum("nij,nj->ni", self._F, self._gains.K_wheels)
-        A[of_step] = self._F
-        A[of_step, :, 3] += FK * per_sigma[:, None]
+        A[of_step] += FK[:, :, None] * C[of_step, :1]
+        B[of_step] += FK[:, :, None] * D[of_step, :1]
         LH = self._gains.L @ self._H
-        LHA = LH @ A[of_fix]
-        A[of_fix] -= self._gains.K @ LHA
-        return _Events(Recursion(A), count, of_step, of_fix, per_sigma, FK, LH, LHA)
+        C[of_fix, 1:], D[of_fix, 1:] = -LH @ A[of_fix], -LH @ B[of_fix]
+        D[of_fix, 1:, 4:] = self._gains.L
+        A[of_fix] += self._gains.K @ C[of_fix, 1:]
+        B[of_fix] += self._gains.K @ D[of_fix, 1:]
+        return _Events(A, B, C, D, of_step, of_fix)
 
-    def _inputs(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
-        """What is added to the state in each step (n, 4, p), and the wheels' turn less the gyro's (n, p)."""
-        e, n = self.evidence, len(self.evidence.step_s)
-        gyro, left, right, lateral = (
-            np.stack([np.broadcast_to(np.asarray(s.channels[i], float), n) for s in signatures], axis=1)
-            for i in range(4)
-        )
-        wheels = (right - left) / e.tread_m
-        turn = np.where(e.blind[:, None], wheels, gyro)
-        forward = 0.5 * (left + right)
-        cos, sin, hx, hy = (v[:, None] for v in (self._c, self._s, self._hx, self._hy))
-        u = np.zeros((n, STATES, left.shape[1]))
-        u[:, 0] = forward * cos + lateral * sin + 0.5 * hx * turn
-        u[:, 1] = forward * sin - lateral * cos + 0.5 * hy * turn
-        u[:, 2] = turn
-        return u, wheels - turn
-
-    def _passed(self, signatures: Sequence[Signature]) -> tuple[Array, Array, Array, Array, Array]:
-        """Rows (n, p) and (m, 3, p) of `whiten`, inputs (n, 4, p), states before each step (n, 4, p) and at the end."""
+    @cached_property
+    def _filter(self) -> StateSpace:
         v = self._events
-        u, wheels = self._inputs(signatures)
-        wheels /= self._gains.sigma[:, None]
-        z = np.zeros((len(self.evidence.fix), 3, len(signatures)))
+        return StateSpace(v.A, v.B, v.C, v.D)
+
+    def _inputs(self) -> Array:
+        """What is added to the state in a step per increment of gyro, left, right and lateral, (n, 4, 4)."""
+        e, c, s = self.evidence, self._c, self._s
+        turn = np.where(e.blind[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
+        forward, lateral = np.array([0.0, 0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+        u = np.zeros((len(c), STATES, 4))
+        u[:, 0] = np.outer(c, forward) + np.outer(s, lateral) + 0.5 * self._hx[:, None] * turn
+        u[:, 1] = np.outer(s, forward) - np.outer(c, lateral) + 0.5 * self._hy[:, None] * turn
+        u[:, 2] = turn
+        return u
+
+    def _channels(self, signatures: Sequence[Signature]) -> Array:
+        """Inputs of each event, (q, p, events): the four channels, and the fixes' three where a signature has them."""
+        v = self._events
+        has_fix = any(isinstance(s.fix, np.ndarray) for s in signatures)
+        inputs = np.zeros((INPUTS if has_fix else 4, len(signatures), len(v.A)))
         for j, signature in enumerate(signatures):
+            for i in range(4):
+                if isinstance(channel := signature.channels[i], np.ndarray):
+                    inputs[i, j, v.of_step] = channel
             if isinstance(signature.fix, np.ndarray):
-                z[:, :, j] = signature.fix
-        Lz = self._gains.L @ z
-        inputs = np.zeros((v.count, *u.shape[1:]))
-        inputs[v.of_step] = u
-        inputs[v.of_step] += v.FK[:, :, None] * wheels[:, None]
-        fixes = Lz - v.LH @ inputs[v.of_fix]
-        inputs[v.of_fix] += self._gains.K @ fixes
-        X, last = v.recursion.states(inputs)
-        fixes -= v.LHA @ X[v.of_fix]
-        wheels += v.per_sigma[:, None] * X[v.of_step, 3]
-        return wheels, fixes, u, X[v.of_step], last
+                inputs[4:, j, v.of_fix] = signature.fix.T
+        return inputs
 
     def rows(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
         """Innovations over their standard deviations, (n + 3 m, p): of the wheels against the gyro, 0 without one, then
         of the fixes.
         """
-        n = len(self.evidence.step_s)
-        rows: Array = np.empty((n + 3 * len(self.evidence.fix), len(signatures)), dtype)
+        v, n = self._events, len(self.evidence.step_s)
+        rows: Array = np.empty((len(signatures), n + 3 * len(self.evidence.fix)), dtype)
         for i in range(0, len(signatures), COLUMNS):
-            wheels, fixes, *_ = self._passed(signatures[i : i + COLUMNS])
-            rows[:n, i : i + COLUMNS] = wheels
-            rows[n:, i : i + COLUMNS] = fixes.reshape(-1, wheels.shape[1])
-        return rows
+            some = slice(i, i + COLUMNS)
+            y = self._filter.outputs(self._channels(signatures[some]))
+            rows[some, :n] = y[:, v.of_step, 0]
+            rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
+        return rows.T
 
     def whiten(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
         """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
@@ -279,9 +281,12 @@ class Linear:
 
     def smoothed(self, data: Signature | None = None) -> Path:
         """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
-        wheels, _, u, X, last = self._passed([self.data() if data is None else data])
-        before = X[:, :, 0] + self._gains.K_wheels * wheels
-        after = np.einsum("nij,nj->ni", self._F, before) + u[:, :, 0]
+        v, s = self._events, self._channels([self.data() if data is None else data])[:, 0]
+        X, last = Recursion(v.A).states(np.einsum("nij,jn->ni", v.B[:, :, : len(s)], s)[:, :, None])
+        x, s = X[v.of_step, :, 0], s[:4, v.of_step]
+        wheels = self._events.C[v.of_step, 0, 3] * x[:, 3] + np.einsum("nj,jn->n", v.D[v.of_step, 0, :4], s)
+        before = x + self._gains.K_wheels * wheels[:, None]
+        after = np.einsum("nij,nj->ni", self._F, before) + np.einsum("nij,jn->ni", self._inputs(), s)
         P = self._gains.P_after + 1e-18 * np.eye(STATES)
         G = np.linalg.solve(P, self._F @ self._gains.P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
         v = before - np.einsum("nij,nj->ni", G, after)
@@ -305,16 +310,16 @@ class _Gains:
 
 @dataclass(frozen=True)
 class _Events:
-    """The recursion of `count` events, which of them are steps (n,) and fixes (m,), and what their inputs pass."""
+    """The recursion of events: x' = A x + B s, and what is seen, C x + D s: the wheels', and a fix's three. And which
+    of them are steps (n,) and fixes (m,).
+    """
 
-    recursion: Recursion
-    count: int
+    A: Array
+    B: Array
+    C: Array
+    D: Array
     of_step: npt.NDArray[np.intp]
     of_fix: npt.NDArray[np.intp]
-    per_sigma: Array
-    FK: Array
-    LH: Array
-    LHA: Array
 
 
 def _inverse_root(S: Array) -> Array:

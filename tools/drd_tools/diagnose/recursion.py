@@ -1,9 +1,13 @@
 """Linear recursions `x' = A x + v` of many columns: in blocks side by side, then from block to block."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+BLOCK: Final = 8  # steps: longer ones cost more products, shorter ones more calls
 
 
 class Recursion:
@@ -44,3 +48,50 @@ class Recursion:
             at = self._across[b] @ at + x[b]
         states += self._within @ begin[:, None]
         return states.reshape(count * length, k, p)[: self._n], at
+
+
+class StateSpace:
+    """Outputs of `x' = A x + B s, y = C x + D s` for many series s at once, x = 0 before the first step.
+
+    A (n, k, k), B (n, k, q), C (n, o, k), D (n, o, q). What a block of BLOCK steps makes of its inputs and of the state
+    at its begin is one matrix; the states at the blocks' begins are a recursion of their own.
+    """
+
+    def __init__(self, A: Array, B: Array, C: Array, D: Array):
+        n, k, q = B.shape
+        self._n, self._k, self._count = n, k, -(-n // BLOCK)
+        A, B, C, D = (
+            np.concatenate([m, np.zeros((self._count * BLOCK - n, *m.shape[1:]))]).reshape(
+                self._count, BLOCK, *m.shape[1:]
+            )
+            for m in (A, B, C, D)
+        )
+        # Columns: the state at the block's begin, then the inputs, one after the other, each of all steps.
+        state = np.zeros((self._count, k, k + q * BLOCK))
+        state[:, :, :k] = np.eye(k)
+        outputs = np.empty((self._count, BLOCK, C.shape[2], state.shape[2]))
+        for j in range(BLOCK):
+            own = slice(k + j, None, BLOCK)
+            outputs[:, j] = C[:, j] @ state
+            outputs[:, j, :, own] += D[:, j]
+            state = A[:, j] @ state
+            state[:, :, own] += B[:, j]
+        # Transposed: rows of series are next to each other then.
+        self._outputs = np.ascontiguousarray(outputs.reshape(self._count, -1, state.shape[2]).transpose(0, 2, 1))
+        self._end = np.ascontiguousarray(state[:, :, k:].transpose(0, 2, 1))
+        self._begin = Recursion(state[:, :, :k])
+
+    def outputs(self, s: Array) -> Array:
+        """(p, n, o), of inputs (q, p, n): of the first so many of all, the others are 0."""
+        q, p, _ = s.shape
+        inputs = np.zeros((self._count, p, self._k + q * BLOCK))
+        for i in range(q):
+            padded = np.zeros((p, self._count * BLOCK))
+            padded[:, : self._n] = s[i]
+            first = self._k + i * BLOCK
+            inputs[:, :, first : first + BLOCK] = padded.reshape(p, self._count, BLOCK).swapaxes(0, 1)
+        ends = inputs[:, :, self._k :] @ self._end[:, : q * BLOCK]
+        inputs[:, :, : self._k] = self._begin.states(ends.swapaxes(1, 2))[0].swapaxes(1, 2)
+        y = inputs @ self._outputs[:, : inputs.shape[2]]
+        y = y.reshape(self._count, p, BLOCK, -1).swapaxes(0, 1).reshape(p, self._count * BLOCK, -1)
+        return y[:, : self._n]
