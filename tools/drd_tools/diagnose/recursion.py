@@ -92,6 +92,6 @@ class StateSpace:
             inputs[:, :, first : first + BLOCK] = padded.reshape(p, self._count, BLOCK).swapaxes(0, 1)
         ends = inputs[:, :, self._k :] @ self._end[:, : q * BLOCK]
         inputs[:, :, : self._k] = self._begin.states(ends.swapaxes(1, 2))[0].swapaxes(1, 2)
-        y = inputs @ self._outputs[:, : inputs.shape[2]]
-        y = y.reshape(self._count, p, BLOCK, -1).swapaxes(0, 1).reshape(p, self._count * BLOCK, -1)
-        return y[:, : self._n]
+        y = (inputs @ self._outputs[:, : inputs.shape[2]]).reshape(self._count, p, BLOCK, -1)
+        result: Array = y.swapaxes(0, 1).reshape(p, self._count * BLOCK, -1)[:, : self._n]
+        return result
