@@ -4,13 +4,14 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
+from scipy.signal import oaconvolve
 
 Array = npt.NDArray[np.float64]
 
 # Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
 WIDEST: Final = 5
 AGREE_SIGMAS: Final = 2.5
+REACH: Final = 4.0  # sigmas
 
 
 def denoised(values: Array, sigma: Array | float, width: float) -> Array:
@@ -27,11 +28,19 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
         s = width * 2.0**doubling
         if doubling and 4.0 * s > len(values):
             break
-        mean = gaussian_filter1d(values, s)
+        mean = _gaussian(values, s)
         # Of a mean with Gaussian weights of deviation s samples.
-        error = AGREE_SIGMAS * np.sqrt(gaussian_filter1d(variance, s) / (2.0 * np.sqrt(np.pi) * s))
+        error = AGREE_SIGMAS * np.sqrt(_gaussian(variance, s) / (2.0 * np.sqrt(np.pi) * s))
         low, high = np.maximum(low, mean - error), np.minimum(high, mean + error)
         agrees &= low <= high
         result = np.where(agrees, mean, result)
     # Where windows change, the means do not meet.
-    return np.asarray(gaussian_filter1d(result, 0.5 * width), float)
+    return _gaussian(result, 0.5 * width)
+
+
+def _gaussian(values: Array, sigma: float) -> Array:
+    """Smoothed by a Gaussian of `sigma` samples, mirrored at the ends; a wide one takes far less time by Fourier."""
+    reach = int(REACH * sigma + 0.5)
+    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    padded = np.pad(values, reach, mode="symmetric")
+    return np.asarray(oaconvolve(padded, weight / weight.sum(), mode="valid"), float)
