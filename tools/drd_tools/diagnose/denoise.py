@@ -30,7 +30,7 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
             break
         mean = _gaussian(values, s)
         # Of a mean with Gaussian weights of deviation s samples.
-        error = AGREE_SIGMAS * np.sqrt(_gaussian(variance, s) / (2.0 * np.sqrt(np.pi) * s))
+        error = AGREE_SIGMAS * np.sqrt(np.maximum(_gaussian(variance, s), 0.0) / (2.0 * np.sqrt(np.pi) * s))
         low, high = np.maximum(low, mean - error), np.minimum(high, mean + error)
         agrees &= low <= high
         result = np.where(agrees, mean, result)

@@ -237,9 +237,10 @@ class Problem:
     def forms(self, claim: Claim) -> Array:
         """Other shapes of a claim's cause, (r, s), each as large as the claim itself."""
         rows = self.units(self.wanted_forms(claim))
-        size = float(np.linalg.norm(self.effect_rows([claim])))
-        sized = [r * (size / norm) for r in rows if (norm := float(np.linalg.norm(r))) > 0.0]
-        return np.column_stack(sized) if sized else np.zeros((len(self.data), 0))
+        explained = self.effect_rows([claim])
+        size = math.sqrt(float(explained @ explained))
+        sized = [r * (size / norm) for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
+        return _columns(sized, len(self.data))
 
     def wanted_forms(self, claim: Claim) -> list[Wanted]:
         """Other shapes of a claim's cause, near its own: a rough shape is enough for them."""
@@ -294,9 +295,15 @@ class Problem:
                 if name in names:
                     columns.append(next(made))
                 else:
-                    ahead, back = (sum((f * next(made) for f in _factors(claim)), np.zeros(1)) for _ in range(2))
+                    factors = _factors(claim)
+                    ahead, back = (sum((f * next(made) for f in factors), np.zeros(1)) for _ in range(2))
                     columns.append((ahead - back) * (0.5 / step(claim, name)))
-        return np.column_stack(columns) if columns else np.zeros((len(self.data), 0))
+        return _columns(columns, len(self.data))
+
+
+def _columns(rows: Sequence[Array], length: int) -> Array:
+    """Columns (r, k), each in one piece: to spread them over rows takes longer than what is computed with them."""
+    return np.array(rows).reshape(-1, length).T
 
 
 def _factors(claim: Claim) -> list[float]:

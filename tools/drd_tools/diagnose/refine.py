@@ -143,12 +143,15 @@ def soft_forms(problem: Problem, claim: Claim) -> Array:
 
     What is left of them cannot be traded for the parameters: they keep their meaning.
     """
-    forms = problem.forms(claim) * FORM_SHARE
+    forms = problem.forms(claim)
+    forms *= FORM_SHARE
     tangents = problem.tangents([claim])
     if not forms.size or not tangents.size:
         return forms
-    basis = np.linalg.qr(tangents / np.maximum(np.linalg.norm(tangents, axis=0), 1e-300))[0]
-    return forms - basis @ (basis.T @ forms)
+    tangents /= np.maximum(np.sqrt(np.einsum("rk,rk->k", tangents, tangents)), 1e-300)
+    basis = np.linalg.qr(tangents)[0]
+    forms -= basis @ (basis.T @ forms)
+    return forms
 
 
 def held_beside(problem: Problem, claims: Sequence[Claim]) -> Array:
