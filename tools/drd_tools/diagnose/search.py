@@ -27,6 +27,8 @@ CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 STRONG_NATS: Final = 2000.0
 RELINEARISATIONS: Final = 3
 CONVERGED_NATS: Final = 1.0
+ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
+LITTLE_SHARE: Final = 0.1  # of the data's nats
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
 MEET_S: Final = 5.0
@@ -48,8 +50,16 @@ class Found:
     null: float  # score without any claim
 
 
-def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
-    """Search for claims beside those that are known, until none is worth its cost."""
+def is_rough(fit: Fit) -> bool:
+    """Whether the data are so far from the model that the noise must be larger: gains and their costs mean little."""
+    return bool(fit.left.size) and float(np.mean(fit.left**2)) > ROUGH_SQUARE
+
+
+def find(problem: Problem, known: Sequence[Claim] = (), roughly: bool = False) -> Found:
+    """Search for claims beside those that are known, until none is worth its cost.
+
+    `roughly`: for the noise only, which is told as soon as the next claim changes little of what is far off.
+    """
     search = Search(problem, known)
     fit = refine(problem, known)
     null = search.score(fit)
@@ -63,8 +73,10 @@ def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
             break
         if better.problem is not found.problem:
             search = Search(better.problem, known)
-        fit = search.settled(better.fit)
+        fit, before = search.settled(better.fit), found.score
         found = Found(better.problem, fit, search.score(fit), null)
+        if roughly and is_rough(fit) and found.score < (1.0 - LITTLE_SHARE) * before:
+            return found
     return _by_exact_form(_contested(search, found), search.known)
 
 
