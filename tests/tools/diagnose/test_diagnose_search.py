@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, claim, problem, recorded
+from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 
 from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Search, find
+from drd_tools.diagnose.search import Found, Search, _contested, find
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -43,6 +44,26 @@ def test_every_stretch_of_the_grid_is_weighed_as_if_it_had_been_whitened_itself(
     for t0, t1 in ((edges[i], edges[j]) for i in range(4, 12) for j in range(14, 22)):
         other = replace(best, values={**best.values, "t0": float(t0), "t1": float(t1)}, free=free)
         assert refine(p, [*fit.claims, other]).cost > sizes_only.cost - 0.05 * gain
+
+
+def test_two_delays_that_stand_for_one_become_one() -> None:
+    p = problem(SLALOM, 3, claim("gyro_latency", delay=0.08))
+    lag, late = claim("gyro_lag", tau=0.07), claim("gyro_latency", delay=0.01)
+    both = [replace(lag, free=("tau",)), replace(late, free=("delay",))]
+    around = p.around(both)
+    fit = refine(around, both)
+    found = _contested(Search(around), Found(around, fit, Search(around).score(fit), 0.0))
+    (only,) = found.fit.claims
+    assert only.id == "gyro_latency"
+    assert only.number("delay") == pytest.approx(0.08, abs=0.005)
+
+
+def test_what_acts_all_the_way_is_no_stretch() -> None:
+    p = problem(WAREHOUSE, 3)
+    end_s = p.signatures.motion.end_s
+    stretches = [claim("surface_slip", t0=t0, t1=end_s, left=0.01, right=0.004) for t0 in (0.0, 0.6 * end_s)]
+    assert [is_possible(p, stretch) for stretch in stretches] == [False, True]
+    assert is_possible(p, claim("encoder_dropout", side="left", t0=0.0, t1=end_s))
 
 
 def test_events_are_never_joined() -> None:

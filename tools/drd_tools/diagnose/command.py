@@ -4,19 +4,20 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import drd
 from drd.effects.catalogue import catalogue
-from drd.model import save_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.parts import parts
 from drd_tools.diagnose.pool import pooled
 from drd_tools.diagnose.report import write_report
-from drd_tools.diagnose.run import Written, proved, run_all
+from drd_tools.diagnose.report_text import in_words
+from drd_tools.diagnose.run import Written, proved, run_all, save_proven
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 
@@ -114,8 +115,9 @@ def _write_together(
     """What several recordings say, or parts of one, beside each one's own folder."""
     content, series = pooled([w.content for w in made], [w.share for w in made]), [w.series for w in made]
     content["recording"] = names
-    model = outcome.model_of_findings(content["findings"], recordings[0], content["recording"], drd.__version__)
-    save_model(folder / "model.yaml", model)
+    findings = content["findings"]
+    make = partial(outcome.model_of_findings, findings, recordings[0], content["recording"], drd.__version__)
+    save_proven(folder / "model.yaml", make, findings, held_out)
     content["fit"]["held_out"], bars = proved(held_out, folder / "model.yaml")
     outcome.write_json(folder / "diagnosis.json", content)
     by_effect = {f["effect"]: f for one in reversed(series) for f in one["findings"]}
@@ -145,7 +147,7 @@ def _tell(content: dict[str, Any], files: Sequence[Path], notes: Sequence[str] =
         evidence = finding["evidence"]
         sure = f"{evidence['gain_nats']:.0f} nats, p {evidence['family_wise_p']:.2g}"
         print(f"  {finding['status']}: {finding['effect']} ({sure})")
-        print(f"    {finding['sentence']}")
+        print(f"    {in_words(finding)}")
     if content["next_drive"]:
         print(f"  {content['next_drive'].get('sentence', '')}".rstrip())
     if "cut" in content:

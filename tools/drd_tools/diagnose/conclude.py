@@ -13,7 +13,7 @@ from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gai
 from drd_tools.diagnose.finding import Finding, Status
 from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
-from drd_tools.diagnose.library import is_hidden, is_plausible
+from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Found, Search, same_window
@@ -88,8 +88,12 @@ def _merged(findings: Sequence[Finding]) -> list[Finding]:
         key = i if finding.claim is not None or finding.curve is None else (finding.curve.channel, finding.curve.driver)
         first = found.setdefault(key, finding)
         if first is not finding:
-            also = unique((*first.also_fits, *finding.also_fits))
-            found[key] = replace(first, also_fits=also, explains=min(1.0, first.explains + finding.explains))
+            found[key] = replace(
+                first,
+                also_fits=unique((*first.also_fits, *finding.also_fits)),
+                stand_in=first.stand_in or finding.stand_in,
+                explains=min(1.0, first.explains + finding.explains),
+            )
     return list(found.values())
 
 
@@ -150,18 +154,19 @@ def _finding(
     also = unique(
         r.id
         for r, f in zip(rivals, fits, strict=True)
-        if all(is_plausible(c) and not is_hidden(problem, c) for c in f.claims)
+        if all(is_possible(problem, c) for c in f.claims)
         and search.score(f) + _forgiven(claim, r) * problem.per_parameter > found.score - CLASS_NATS
     )
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
     if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
-        return _unknown(rival, p, worth / total, also_fits=(claim.id, *also), e=e, status=status)
+        stand_in = reported if claim.effect.lasting and e >= CONFIRMING_E else None
+        return _unknown(rival, p, worth / total, stand_in, also_fits=(claim.id, *also), e=e, status=status)
     curve = _curve(smooths, found, claim, rival)
     explains = min(1.0, worth / total)
     return Finding(
         reported, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
-        sentence(reported, explains, also), curve, gain_over_time(problem, fit, claim),
+        sentence(reported, explains, also), curve, None, gain_over_time(problem, fit, claim),
         {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
 
@@ -206,6 +211,7 @@ def _unknown(
     curve: Curve,
     p: float,
     explains: float,
+    stand_in: Claim | None = None,
     also_fits: tuple[str, ...] = (),
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
@@ -220,7 +226,7 @@ def _unknown(
         f"Something that is in no catalogue acts on the {curve.channel} and depends on "
         f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
-    return Finding(None, status, also_fits, (), curve.gain, p, e, explains, text, curve)
+    return Finding(None, status, also_fits, (), curve.gain, p, e, explains, text, curve, stand_in)
 
 
 def _windows(claim: Claim, time_s: Array) -> tuple[tuple[float, float], ...]:

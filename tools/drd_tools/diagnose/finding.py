@@ -23,7 +23,9 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One cause. `claim` is None where it has no name; `curve` is then all that is known of it."""
+    """One cause. `claim` is None where it has no name; `curve` is then all that is known of it, and `stand_in` the name
+    that comes nearest: the model may have it, since it knows no curves.
+    """
 
     claim: Claim | None
     status: Status
@@ -35,6 +37,7 @@ class Finding:
     explains: float
     sentence: str
     curve: Curve | None = None
+    stand_in: Claim | None = None
     evidence: tuple[Array, Array] | None = None
     fit: dict[str, Any] = field(default_factory=dict)
 

@@ -23,6 +23,7 @@ AUDITED: Final = ("encoder_dropout", "gyro_saturation")
 # Effects that can be there more than once.
 SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
+MOST_OF_THE_WAY: Final = 0.8
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
@@ -91,6 +92,20 @@ def is_hidden(problem: Problem, claim: Claim) -> bool:
     rate_rad_s = np.abs(problem.signatures.calm_rate_rad_s + float(claim.values.get(BIAS.name, 0.0)))
     hidden = rate_rad_s[rate_rad_s < claim.number("band")]
     return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
+
+
+def is_everywhere(problem: Problem, claim: Claim) -> bool:
+    """A stretch with next to all of the way: what is as good as always there needs no stretch."""
+    e = problem.evidence
+    if not is_of_stretch(claim.effect):
+        return False
+    inside = (e.time_s > claim.number("t0")) & (e.time_s <= claim.number("t1"))
+    return float(e.travel_m[inside].sum()) > MOST_OF_THE_WAY * float(e.travel_m.sum())
+
+
+def is_possible(problem: Problem, claim: Claim) -> bool:
+    """Plausible, and of a kind that this recording can show."""
+    return is_plausible(claim) and not is_hidden(problem, claim) and not is_everywhere(problem, claim)
 
 
 class Library:

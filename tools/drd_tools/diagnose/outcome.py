@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,15 +67,19 @@ def terms(conclusion: Conclusion) -> list[dict[str, Any]]:
         claim = finding.claim
         if claim is None:
             continue
-        term: dict[str, Any] = {"effect": claim.id, "parameters": amounts(claim)}
-        if ranges := seen(motion, claim):
-            term["seen"] = ranges
-        made.append(term)
+        made.append(_term(motion, claim))
         if SCALE.name in claim.values and claim.id != "gyro_scale_temperature":
             amount = {"value": claim.number(SCALE.name), "std": claim.sigma(SCALE.name), "unit": "1"}
             made.append({"effect": "gyro_scale_error", "parameters": {"k": amount},
                          "provenance": {"why": f"the straight line beside {claim.id}"}})  # fmt: skip
     return made
+
+
+def _term(m: Motion, claim: Claim) -> dict[str, Any]:
+    term: dict[str, Any] = {"effect": claim.id, "parameters": amounts(claim)}
+    if ranges := seen(m, claim):
+        term["seen"] = ranges
+    return term
 
 
 def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
@@ -97,19 +102,32 @@ def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
     return {claim.effect.driver: [float(values.min()) / si, float(values.max()) / si]}
 
 
-def model_of(conclusion: Conclusion, recording: Recording, version: str) -> Model:
-    """The nominal robot with what was found."""
-    return _model(terms(conclusion), recording, recording.name, version)
+def model_of(
+    conclusion: Conclusion, recording: Recording, version: str, stand_ins: Sequence[dict[str, Any]] = ()
+) -> Model:
+    """The nominal robot with what was found, and with names that stand in for what has none."""
+    return _model([*terms(conclusion), *_explained(stand_ins)], recording, recording.name, version)
 
 
-def model_of_findings(findings: list[dict[str, Any]], recording: Recording, names: str, version: str) -> Model:
+def model_of_findings(
+    findings: list[dict[str, Any]],
+    recording: Recording,
+    names: str,
+    version: str,
+    stand_ins: Sequence[dict[str, Any]] = (),
+) -> Model:
     """The nominal robot with findings as diagnosis.json has them."""
     effects = [
         {"effect": f["effect"], "parameters": f["parameters"]} | ({"seen": f["seen"]} if f["seen"] else {})
         for f in findings
         if f["effect"] != "unknown"
     ]
-    return _model(effects, recording, names, version)
+    return _model([*effects, *_explained(stand_ins)], recording, names, version)
+
+
+def _explained(stand_ins: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    why = "stands in for a curve without a name, to which it comes nearest"
+    return [{**term, "provenance": {"why": why}} for term in stand_ins]
 
 
 def _model(effects: list[dict[str, Any]], recording: Recording, names: str, version: str) -> Model:
@@ -188,6 +206,7 @@ def plain_finding(finding: Finding, problem: Problem) -> dict[str, Any]:
             "e_value": finding.e_value,
         },
         "explains": finding.explains,
+        "stand_in": None if finding.stand_in is None else _term(problem.signatures.motion, finding.stand_in),
         "sentence": finding.sentence,
     }
 

@@ -41,6 +41,7 @@ def pooled(contents: Sequence[dict[str, Any]], shares: Sequence[Share]) -> dict[
             "explains": sum(float(f["explains"]) for f in found) / len(contents),
             "sentence": f"{best['sentence']} Found in {len(parts)} of {len(contents)} recordings ({where}).",
         })  # fmt: skip
+    _put_stand_ins_together(findings)
     common = together(shares, {f["effect"] for f in findings})
     findings = sorted([*findings, *common], key=lambda f: -float(f["evidence"]["gain_nats"]))
     verdicts = {c["verdict"] for c in contents} | ({"explained"} if common else set())
@@ -62,6 +63,23 @@ def pooled(contents: Sequence[dict[str, Any]], shares: Sequence[Share]) -> dict[
         "fit": {"train": _side_by_side(contents), "held_out": contents[0]["fit"]["held_out"]},
         "next_drive": next((c["next_drive"] for c in contents if c["next_drive"]), None),
     }
+
+
+def _put_stand_ins_together(findings: Sequence[dict[str, Any]]) -> None:
+    """Each name stands in once, as all recordings have it that need it, and not beside itself."""
+    named = {f["effect"] for f in findings}
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for finding in findings:
+        near = finding.setdefault("stand_in", None)
+        if near is not None and near["effect"] not in named:
+            groups.setdefault(near["effect"], []).append({"seen": {}, **near})
+            if len(groups[near["effect"]]) == 1:
+                continue
+        finding["stand_in"] = None
+    for finding in findings:
+        if finding["stand_in"] is not None:
+            terms = groups[finding["stand_in"]["effect"]]
+            finding["stand_in"] |= {"parameters": _combined(terms)} | ({"seen": s} if (s := _united(terms)) else {})
 
 
 def _side_by_side(contents: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:

@@ -72,7 +72,7 @@ def _findings(page: Page, d: Section, s: Section, folder: Path, files: list[Path
     pairs = list(zip(d["findings"], s["findings"], strict=True))
     for k, (finding, series) in enumerate(tqdm(pairs, desc="drawing", leave=False, disable=None), 1):
         page.heading(f"{k}. {finding['effect']}" if len(pairs) > 1 else finding["effect"])
-        page.text(finding["sentence"].replace("+-", "±"))
+        page.text(report_text.in_words(finding).replace("+-", "±"))
         curve, evidence = series["curve"], series["evidence"]
         if curve is None and not evidence["time_s"].size:
             continue

@@ -132,6 +132,14 @@ def detectable_rows(d: Section) -> list[tuple[str, ...]]:
     return rows
 
 
+def in_words(finding: Section) -> str:
+    """What is said of a finding as diagnosis.json has it."""
+    text, near = str(finding["sentence"]), finding.get("stand_in")
+    if near:
+        text += f" In the model {near['effect']} stands in for it: every held-out recording gains by that."
+    return text
+
+
 def noise_sentence(s: Section) -> str:
     """How the noise compares with its data sheet."""
     parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s["noise"].items() if size is not None]

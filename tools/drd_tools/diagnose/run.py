@@ -2,10 +2,11 @@
 
 import multiprocessing
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -14,7 +15,7 @@ from tqdm import tqdm
 
 import drd
 from drd.effects.catalogue import catalogue
-from drd.model import save_model
+from drd.model import Model, load_model, save_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.advise import next_drive
@@ -29,6 +30,7 @@ from drd_tools.recordings.folder import Recording
 
 THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 CUT_S: Final = 60.0
+NEARER: Final = ("position_rms_m", "heading_rms_deg")
 NO_POSES: Final = np.zeros((0, 10))
 Content = dict[str, Any]
 
@@ -111,8 +113,9 @@ def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tu
     conclusion, recording = result.conclusion, result.recording
     found = conclusion.found
     model_file = folder / "model.yaml"
-    save_model(model_file, outcome.model_of(conclusion, recording, drd.__version__))
-    has_model = any(f.claim is not None for f in conclusion.findings)
+    findings = [outcome.plain_finding(f, found.problem) for f in conclusion.findings]
+    save_proven(model_file, partial(outcome.model_of, conclusion, recording, drd.__version__), findings, held_out)
+    has_model = bool(load_model(model_file).terms)
     before, nominal = judged(recording, None)
     after, corrected = judged(recording, model_file) if has_model else (dict(before), nominal)
     train = {"before": before, "after": after}
@@ -132,7 +135,6 @@ def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tu
         }
     )
     e = found.problem.evidence
-    findings = [outcome.plain_finding(f, found.problem) for f in conclusion.findings]
     content = {
         "schema": 1,
         "recording": recording.name,
@@ -178,6 +180,25 @@ def judged(recording: Recording, model: Path | None) -> tuple[dict[str, float], 
         return heading_figures(recording, model), NO_POSES
     run_, rows = outcome.judged(recording, model)
     return outcome.figures(run_), rows
+
+
+def save_proven(
+    file: Path, make: Callable[[list[Content]], Model], findings: Sequence[Content], held_out: Sequence[Recording]
+) -> None:
+    """Save a model. Names that stand in for curves are in it where with them every held-out recording is nearer to its
+    reference; else the findings lose them.
+    """
+    save_model(file, make([]))
+    stand_ins = [f["stand_in"] for f in findings if f.get("stand_in")]
+    if stand_ins and held_out:
+        without = [judged(other, file)[0] for other in held_out]
+        save_model(file, make(stand_ins))
+        pairs = [(one, judged(other, file)[0]) for one, other in zip(without, held_out, strict=True)]
+        if all(one and all(with_them[q] <= one[q] for q in NEARER if q in one) for one, with_them in pairs):
+            return
+        save_model(file, make([]))
+    for finding in findings:
+        finding["stand_in"] = None
 
 
 def proved(held_out: Sequence[Recording], model: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:

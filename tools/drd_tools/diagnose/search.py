@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_hidden, is_plausible, library_of
+from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
 from drd_tools.diagnose.stretches import Stretches, is_of_stretch
@@ -116,7 +116,10 @@ def _contested(search: "Search", found: Found) -> Found:
         if not _needs_linearising([claim], worth):
             continue
         rivals = [r for gain, r in search.ranked(rest) if r.id != claim.id and gain > (1.0 - CLOSE_SHARE) * worth]
-        for fit in refine_all(found.problem, [[*rest.claims, r] for r in rivals[:CLOSE_RIVALS]]):
+        sets = [[*rest.claims, r] for r in rivals[:CLOSE_RIVALS]]
+        # Two delays may stand for one: each alone is far off until the time is shifted by it.
+        sets += [[*rest.claims]] if any(c.effect.acts_on is ActsOn.TIMING for c in rest.claims) else []
+        for fit in refine_all(found.problem, sets):
             if not _is_plausible(found.problem, fit):
                 continue
             other = _linearised(found.problem, fit, found.null)
@@ -324,4 +327,4 @@ def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
 
 
 def _is_plausible(problem: Problem, fit: Fit) -> bool:
-    return all(is_plausible(c) and not is_hidden(problem, c) for c in fit.claims)
+    return all(is_possible(problem, c) for c in fit.claims)
