@@ -16,7 +16,8 @@ from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine, refine_all
-from drd_tools.diagnose.search import CLASS_NATS, Found, Search, same_window
+from drd_tools.diagnose.search import CLASS_NATS, Found, Search
+from drd_tools.diagnose.stretches import same_window
 from drd_tools.diagnose.uncertainty import told
 
 Array = npt.NDArray[np.float64]

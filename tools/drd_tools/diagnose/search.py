@@ -1,6 +1,5 @@
 """Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -8,12 +7,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.problem import Claim, Problem
 from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
-from drd_tools.diagnose.stretches import Stretches, is_of_stretch
+from drd_tools.diagnose.stretches import Stretches, joined, same_window
 
 Array = npt.NDArray[np.float64]
 _Products = tuple[Array, Array]  # of columns among themselves and with the data, beside a fit
@@ -31,7 +29,6 @@ ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
 LITTLE_SHARE: Final = 0.1  # of the data's nats
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
-MEET_S: Final = 5.0
 TURNED_RAD: Final = 0.3
 CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
 EXACT_NATS: Final = 0.5
@@ -296,34 +293,6 @@ class Search:
         """What may be worth as much beside `rest` as what it lacks of `fit`, once it is refined."""
         least = ROUGH_SHARE * (self.score(fit) - self.score(rest))
         return [c for gain, c in self.ranked(rest)[:SWAPS] if gain > least]
-
-
-def same_window(claim: Claim) -> list[Claim]:
-    """Other effects of a stretch of time, in the stretch of a claim."""
-    if "t1" not in claim.values:
-        return []
-    return [c for c in _in_window(claim.number("t0"), claim.number("t1")) if c.id != claim.id]
-
-
-def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
-    """Pairs of claims whose stretches of time meet, each with one claim of both stretches: one by one, a long stretch
-    is found in pieces.
-    """
-    found = []
-    for a, b in itertools.combinations([c for c in claims if "t1" in c.values], 2):
-        first, last = min(a.number("t0"), b.number("t0")), max(a.number("t1"), b.number("t1"))
-        if max(a.number("t0"), b.number("t0")) - min(a.number("t1"), b.number("t1")) < MEET_S:
-            found += [((a, b), one) for one in _in_window(first, last)]
-    return found
-
-
-def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
-    """Each effect of a stretch of time, with sizes yet to be found."""
-    return [
-        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
-        for effect in catalogue().values()
-        if is_of_stretch(effect)
-    ]
 
 
 def _is_plausible(problem: Problem, fit: Fit) -> bool:

@@ -1,19 +1,22 @@
 """Effects of one stretch of time: every stretch of a fine grid is looked at, from the signatures of its pieces."""
 
 import itertools
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
-from drd_tools.diagnose.problem import Problem, Values
+from drd_tools.diagnose.problem import Claim, Problem, Values
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.float32]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
 LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no stretch
+MEET_S: Final = 5.0
 LEFT_SHARE: Final = 1e-2  # of a stretch's square that what is held beside it must leave
 
 
@@ -81,3 +84,31 @@ def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp])
     total = np.pad(pieces.cumsum(axis=2).cumsum(axis=3), ((0, 0), (0, 0), (1, 0), (1, 0)))
     result: Array = total[..., j, j] - total[..., i, j] - total[..., j, i] + total[..., i, i]
     return result.transpose(2, 0, 1)
+
+
+def same_window(claim: Claim) -> list[Claim]:
+    """Other effects of a stretch of time, in the stretch of a claim."""
+    if "t1" not in claim.values:
+        return []
+    return [c for c in _in_window(claim.number("t0"), claim.number("t1")) if c.id != claim.id]
+
+
+def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
+    """Pairs of claims whose stretches of time meet, each with one claim of both stretches: one by one, a long stretch
+    is found in pieces.
+    """
+    found = []
+    for a, b in itertools.combinations([c for c in claims if "t1" in c.values], 2):
+        first, last = min(a.number("t0"), b.number("t0")), max(a.number("t1"), b.number("t1"))
+        if max(a.number("t0"), b.number("t0")) - min(a.number("t1"), b.number("t1")) < MEET_S:
+            found += [((a, b), one) for one in _in_window(first, last)]
+    return found
+
+
+def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
+    """Each effect of a stretch of time, with sizes yet to be found."""
+    return [
+        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
+        for effect in catalogue().values()
+        if is_of_stretch(effect)
+    ]
