@@ -17,6 +17,7 @@ from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.outcome import SLOWEST_M_S
 from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import beyond
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import table
@@ -62,9 +63,7 @@ def _corrected(problem: Problem, claims: Sequence[_Ranged]) -> float:
 
 def _squares(problem: Problem, claims: Sequence[_Ranged]) -> float:
     residual = problem.data - sum((_rows(problem, *ranged) for ranged in claims), np.zeros(len(problem.data)))
-    N = problem.nuisance
-    b = N.T @ residual
-    return float(residual @ residual - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b))
+    return float(residual @ beyond(problem.nuisance, residual))
 
 
 def _rows(problem: Problem, claim: Claim, seen: Seen) -> Array:

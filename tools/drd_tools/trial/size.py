@@ -9,7 +9,7 @@ from drd.effects.effect import Effect
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.problem import Claim, Problem
-from drd_tools.diagnose.refine import refine, refine_all
+from drd_tools.diagnose.refine import beyond, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
 from drd_tools.trial.overlay import Effects
 
@@ -25,9 +25,7 @@ SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
 def visibility(problem: Problem, effect: Effect, values: Values) -> float:
     """Norm of an effect's whitened signature, the reference's nuisances (with their priors) projected out."""
     rows = problem.effect_rows([Claim(effect, values, ())])
-    N = problem.nuisance
-    b = N.T @ rows
-    return math.sqrt(max(float(rows @ rows - b @ np.linalg.solve(N.T @ N + np.eye(len(b)), b)), 0.0))
+    return math.sqrt(max(float(rows @ beyond(problem.nuisance, rows)), 0.0))
 
 
 def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
