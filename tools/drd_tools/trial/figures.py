@@ -80,9 +80,7 @@ class Figures:
     def _with_separable(self) -> list[tuple[str, list[Pair]]]:
         kinds = [(k, self.of(k)) for k in self.named_kinds]
         apart = [
-            (f"{k}, separable", chosen)
-            for k, pairs in kinds
-            if (chosen := [p for p in pairs if p[0]["effects"] and all(e.get("separable") for e in p[0]["effects"])])
+            (f"{k}, separable", chosen) for k, pairs in kinds if (chosen := [p for p in pairs if _is_separable(p)])
         ]
         return [*kinds, *apart]
 
@@ -182,8 +180,7 @@ class Figures:
         names = sorted({name for r, _ in self.pairs for name in r.get("baselines", {})})
         rows: list[Row] = []
 
-        def add(text: str, kinds: Sequence[str], of: Callable[[Score], bool]) -> None:
-            pairs = self.of(*kinds)
+        def add(text: str, pairs: Sequence[Pair], of: Callable[[Score], bool]) -> None:
             if not pairs:
                 return
             cells = [_said(of(s) for _, s in pairs)]
@@ -193,20 +190,22 @@ class Figures:
                 cells.append(shown if len(own) in (0, len(pairs)) else f"{shown} of {len(own)}")
             rows.append([text, str(len(pairs)), *cells])
 
-        add("nothing is missing, something is claimed", self.null_kinds, lambda s: s.claims)
+        add("nothing is missing, something is claimed", self.of(*self.null_kinds), lambda s: s.claims)
         for kind in self.named_kinds:
+            pairs = self.of(kind)
             if kind.startswith("single d=") or kind == "single event":
-                add(f"{kind}: the right name first", [kind], lambda s: s.top_1)
+                add(f"{kind}: the right name first", pairs, lambda s: s.top_1)
                 add(
-                    f"{kind}: the right name, or one that the drive cannot tell from it",
-                    [kind],
-                    lambda s: s.top_1_class,
+                    f"{kind}: the right name, or one that the drive cannot tell from it", pairs, lambda s: s.top_1_class
                 )
+                apart = [p for p in pairs if _is_separable(p)]
+                add(f"{kind}: the right name first, on drives that tell it from all others", apart, lambda s: s.top_1)
         for kind in self.named_kinds:
             if kind.startswith(("pair", "triple")):
-                add(f"{kind}: exactly the right set", [kind], lambda s: s.exact)
-                add(f"{kind}: exactly the right set, up to what cannot be told apart", [kind], lambda s: s.exact_class)
-        add("in no catalogue: flagged as unknown", self.unknown_kinds, lambda s: s.flagged)
+                pairs, set_text = self.of(kind), f"{kind}: exactly the right set"
+                add(set_text, pairs, lambda s: s.exact)
+                add(f"{set_text}, up to what cannot be told apart", pairs, lambda s: s.exact_class)
+        add("in no catalogue: flagged as unknown", self.of(*self.unknown_kinds), lambda s: s.flagged)
         rows += self._quoted_ours(len(names))
         return Table("", ["figure (95 % Wilson interval)", "n", OURS, *names], rows)
 
@@ -260,6 +259,12 @@ def _kind_order(kind: str) -> tuple[str, float, str]:
     """Single d=8 before d=12."""
     name, _, d = kind.partition(" d=")
     return name, float(d or 0.0), kind
+
+
+def _is_separable(pair: Pair) -> bool:
+    """Whether no other name, nor one less, would do as well without noise."""
+    effects = pair[0]["effects"]
+    return bool(effects) and all(e.get("separable") for e in effects)
 
 
 def _null_row(kind: str, pairs: Sequence[Pair]) -> Row:
