@@ -99,13 +99,17 @@ def test_the_unit_asks_for_a_reload_and_tells_the_boot() -> None:
 def test_a_terminal_that_is_closed_ends_it_as_ever(robot: Robot) -> None:
     master, slave = os.openpty()
     command = [sys.executable, "-m", "drd", "run", str(robot.file)]
+    # Tests that run under nohup would hand down that the signal is ignored.
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     process = subprocess.Popen(command, stdin=slave, stderr=subprocess.DEVNULL)
+    signal.signal(signal.SIGHUP, before)
     try:
         robot.listen()
         process.send_signal(signal.SIGHUP)
         assert process.wait(10.0) == -signal.SIGHUP
     finally:
         process.kill()
+        process.wait(10.0)
         os.close(master)
         os.close(slave)
 
