@@ -15,7 +15,6 @@ from tqdm import tqdm
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.diagnose import Diagnosis, diagnose
-from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial import held_out
@@ -23,6 +22,7 @@ from drd_tools.trial.baselines import baselines
 from drd_tools.trial.draw import make
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.plan import Drawing
+from drd_tools.trial.size import claims_of
 from drd_tools.trial.unknown import HIDDEN
 
 Record = dict[str, Any]
@@ -93,11 +93,7 @@ def _truth_nats(result: Diagnosis, truth: Effects) -> float:
 
     Above 0 the search has missed the better answer; below, the evidence as it is weighed speaks for the wrong one.
     """
-    found = result.conclusion.found
-    claims = [
-        Claim(effect, values, tuple(q.name for q in effect.parameters if not q.choices and not q.fixed))
-        for effect, values in truth
-    ]
+    found, claims = result.conclusion.found, claims_of(truth)
     # Both ways in which the search looks at a claim: around the nominal path, and around that without the claims.
     problems = result.null_problem, found.problem.around(claims)
     scores = [-fit.cost - p.penalty(fit.claims) for p in problems for fit in [refine(p, claims)]]

@@ -28,11 +28,16 @@ def visibility(problem: Problem, effect: Effect, values: Values) -> float:
     return math.sqrt(max(float(rows @ beyond(problem.nuisance, rows)), 0.0))
 
 
+def claims_of(effects: Effects) -> list[Claim]:
+    """Effects as claims from their true values on, all that can be fitted free."""
+    return [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+
+
 def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
     """For each of some effects: what would do best in its place without noise, another name or nothing (""), and by
     how many nats that is worse.
     """
-    truth = [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+    truth = claims_of(effects)
     search, data, names = Search(problem), problem.data, {c.id for c in truth}
     problem.data = problem.effect_rows(truth)
     try:
