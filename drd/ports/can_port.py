@@ -1,5 +1,6 @@
 """The encoders' CAN bus: data frames with their receive time, through bus errors, unplugging and replugging."""
 
+import errno
 import fcntl
 import logging
 import os
@@ -34,6 +35,7 @@ SLCAN_SILENCE_NS: Final = 5 * NS_PER_S
 THREAD_POLL_S: Final = 0.1
 SENDS_WAITING: Final = 16
 SEND_TIMEOUT_S: Final = 0.1
+INTERFACE_GONE: Final = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO)
 # The kernel caps this at net.core.rmem_max; a CAN frame takes some 700 bytes of it.
 RECEIVE_BUFFER_BYTES: Final = 1 << 20
 SLCAN_LINE_BYTES: Final = 4096
@@ -111,6 +113,9 @@ class CanPort(Port):
         except Exception as error:  # vendor drivers raise their own
             self.counters["send_errors"] += 1
             log.debug("bus=%s send=%s", self._device, reason_of(error))
+            # The kernel tells a socket only once that its interface went down: the reader then never hears of it.
+            if isinstance(error.__cause__, OSError) and error.__cause__.errno in INTERFACE_GONE:
+                self._loop.call_soon_threadsafe(self._lose, reason_of(error))
         finally:
             self._sends.release()
 

@@ -106,6 +106,32 @@ def test_the_bus_is_opened_again_after_the_link_was_down(
     asyncio.run(scenario())
 
 
+def test_a_link_that_is_down_is_noticed_where_sending_took_the_error_before_the_reader(
+    run_port: Any, eventually: Any, can_record: Any, garage: Any, can_message: Any
+) -> None:
+    # Linux clears a socket's error with the first call that returns it, here the send's.
+    told = deque([network_is_down()])
+
+    def tell_once() -> None:
+        if told:
+            raise told.popleft()
+
+    async def scenario() -> None:
+        port = can_record.port(open_bus=garage.open)
+        async with run_port(port):
+            await eventually(lambda: can_record.states == [None])
+            garage.buses[0].before_send = tell_once
+            for _ in range(3):
+                port.send(0x80, b"")
+            await eventually(lambda: len(garage.buses) == 2 and can_record.states[-1] is None)
+            garage.buses[1].feed(can_message(2))
+            await eventually(lambda: can_record.numbers == [2])
+        assert can_record.states == [None, "lost can0: Network is down", None]
+        assert (port.counters["opens"], port.counters["losses"], port.counters["send_errors"]) == (2, 1, 1)
+
+    asyncio.run(scenario())
+
+
 class DownSocket(socket.socket):
     """Bound to an interface that is down: the first look at its error tells."""
 
