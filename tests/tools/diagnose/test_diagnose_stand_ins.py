@@ -13,8 +13,8 @@ from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.joint import Share
 from drd_tools.diagnose.outcome import model_of, plain_finding
 from drd_tools.diagnose.pool import pooled
+from drd_tools.diagnose.prove import save_proven
 from drd_tools.diagnose.report_text import in_words
-from drd_tools.diagnose.run import save_proven
 from drd_tools.trial.draw import make
 from drd_tools.trial.plan import Plan, drawings
 
@@ -73,7 +73,7 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
 
         said = copy.deepcopy(findings)
         save_proven(file, make_one, said, [case.again()])
-        assert asked[1] == [stand_in]
+        assert asked[-1] == [stand_in]
         assert ("stands in for it" in in_words(said[0])) == (said[0]["stand_in"] is not None) == (sign > 0.0)
         return load_model(file)
 

@@ -15,9 +15,10 @@ from drd_tools.diagnose import outcome
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.parts import parts
 from drd_tools.diagnose.pool import pooled
+from drd_tools.diagnose.prove import save_proven
 from drd_tools.diagnose.report import write_report
 from drd_tools.diagnose.report_text import in_words
-from drd_tools.diagnose.run import Written, proved, run_all, save_proven
+from drd_tools.diagnose.run import Written, run_all
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 
@@ -117,8 +118,7 @@ def _write_together(
     content["recording"] = names
     findings = content["findings"]
     make = partial(outcome.model_of_findings, findings, recordings[0], content["recording"], drd.__version__)
-    save_proven(folder / "model.yaml", make, findings, held_out)
-    content["fit"]["held_out"], bars = proved(held_out, folder / "model.yaml")
+    _, content["fit"]["held_out"], bars = save_proven(folder / "model.yaml", make, findings, held_out)
     outcome.write_json(folder / "diagnosis.json", content)
     by_effect = {f["effect"]: f for one in reversed(series) for f in one["findings"]}
     whole = {

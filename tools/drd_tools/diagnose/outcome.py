@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.motion import Motion
-from drd.model import DRIVERS, Model, make_model
+from drd.model import Model, make_model
 from drd.schema import ConfigError
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.finding import Finding
 from drd_tools.diagnose.problem import SCALE, Claim, Problem
+from drd_tools.diagnose.ranges import seen
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run
 from drd_tools.evaluate.trajectory import Poses, reference_of
@@ -25,8 +26,6 @@ from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
 
 DRAWN_ROWS: Final = 2000
-TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
-SLOWEST_M_S: Final = 1e-3
 NOTHING, EXPLAINED, PARTLY, UNKNOWN = "nothing_missing", "explained", "partly_explained", "unknown"
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
 
@@ -80,26 +79,6 @@ def _term(m: Motion, claim: Claim) -> dict[str, Any]:
     if ranges := seen(m, claim):
         term["seen"] = ranges
     return term
-
-
-def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
-    """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
-    turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
-    lag_s = float(claim.values.get("coil_lag_s", 0.0))
-    values = {
-        "time": m.time_s,
-        "yaw_rate": m.rate_rad_s,
-        "speed": m.speed_m_s,
-        "acceleration": m.acceleration_m_s2,
-        "lateral_acceleration": m.speed_m_s * m.rate_rad_s,
-        "curvature": np.abs(m.rate_rad_s[turning]) / np.maximum(np.abs(m.speed_m_s[turning]), SLOWEST_M_S),
-        "temperature": m.temperature_c,
-        "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
-    }.get(claim.effect.driver, np.zeros(0))
-    if not claim.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
-        return {}
-    si = DRIVERS[claim.effect.driver].si
-    return {claim.effect.driver: [float(values.min()) / si, float(values.max()) / si]}
 
 
 def model_of(

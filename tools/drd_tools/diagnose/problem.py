@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors, Parameter
+from drd.effects.motion import Motion
 from drd_tools.diagnose.columns import Signatures, nuisances
 from drd_tools.diagnose.evidence import Evidence, Noise
 from drd_tools.diagnose.linear import Linear, Path, Signature
@@ -127,6 +128,13 @@ class Problem:
         made = copy(self)
         made._rows, made.data = rows, data[rows]
         made.nuisance = (self.nuisance if held is None else held)[rows]
+        return made
+
+    def along(self, motion: Motion) -> "Problem":
+        """The same with the effects' signatures along another motion."""
+        made = copy(self)
+        made.signatures, made._cache = copy(self.signatures), {}
+        made.signatures.motion = motion
         return made
 
     @property

@@ -25,8 +25,14 @@ LEGEND: Final = (
     "Gain: how much better the data are foretold, as the logarithm of the likelihood. p: how often a recording in "
     "which nothing is missing would bring any such claim. e-value: how many times likelier the data that the search "
     "had not seen are with the effect than without. Explains: its share of the mismatch. Suspected: chance might bring "
-    "it too; supported: chance would not; confirmed: data that it was not fitted to bear it out."
+    "it too, or held-out recordings speak against it; supported: chance would not; confirmed: data that it was not "
+    "fitted to bear it out."
 )
+SPEAKS: Final = {
+    "for": "The held-out recordings bear it out",
+    "against": "The held-out recordings speak against it, and it is not in the model",
+    "neither": "The held-out recordings say little of it",
+}
 RULED_OUT_HEADER: Final = ("effect", "acts on", "why")
 DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible sizes", "note")
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
@@ -135,6 +141,8 @@ def detectable_rows(d: Section) -> list[tuple[str, ...]]:
 def in_words(finding: Section) -> str:
     """What is said of a finding as diagnosis.json has it."""
     text, near = str(finding["sentence"]), finding.get("stand_in")
+    if held_out := finding.get("held_out"):
+        text += f" {SPEAKS[held_out['speaks']]} ({held_out['nats']:+.1f} nats)."
     if near:
         text += f" In the model {near['effect']} stands in for it: every held-out recording gains by that."
     return text

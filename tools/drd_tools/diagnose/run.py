@@ -2,7 +2,7 @@
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -15,23 +15,20 @@ from tqdm import tqdm
 
 import drd
 from drd.effects.catalogue import catalogue
-from drd.model import Model, load_model, save_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.advise import next_drive
 from drd_tools.diagnose.confirm import unseen_rms
 from drd_tools.diagnose.diagnose import Diagnosis, diagnose
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.heading_only import heading_figures
 from drd_tools.diagnose.joint import Share, share_of
 from drd_tools.diagnose.library import AUDITED
+from drd_tools.diagnose.prove import judged, save_proven
 from drd_tools.diagnose.report import write_report
 from drd_tools.recordings.folder import Recording
 
 THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 CUT_S: Final = 60.0
-NEARER: Final = ("position_rms_m", "heading_rms_deg")
-NO_POSES: Final = np.zeros((0, 10))
 Content = dict[str, Any]
 
 
@@ -114,14 +111,14 @@ def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tu
     found = conclusion.found
     model_file = folder / "model.yaml"
     findings = [outcome.plain_finding(f, found.problem) for f in conclusion.findings]
-    save_proven(model_file, partial(outcome.model_of, conclusion, recording, drd.__version__), findings, held_out)
-    has_model = bool(load_model(model_file).terms)
+    make = partial(outcome.model_of, conclusion, recording, drd.__version__)
+    model, proof, bars = save_proven(model_file, make, findings, held_out)
+    has_model = bool(model.terms)
     before, nominal = judged(recording, None)
     after, corrected = judged(recording, model_file) if has_model else (dict(before), nominal)
     train = {"before": before, "after": after}
     train["before"]["whitened_rms"] = _rms(result.null)
     train["after"]["whitened_rms"] = _rms(found.fit.left)
-    proof, bars = proved(held_out, model_file)
     unseen = unseen_rms(found.problem, found.fit)
     for name, value in zip(("before", "after"), unseen, strict=True):
         proof[name]["other half of the blocks"] = {"whitened_rms": value}
@@ -172,48 +169,6 @@ def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tu
 
 def _rms(rows: Any) -> float:
     return float(np.sqrt(np.mean(rows**2))) if len(rows) else 0.0
-
-
-def judged(recording: Recording, model: Path | None) -> tuple[dict[str, float], Any]:
-    """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
-    if recording.wheels is None:
-        return heading_figures(recording, model), NO_POSES
-    run_, rows = outcome.judged(recording, model)
-    return outcome.figures(run_), rows
-
-
-def save_proven(
-    file: Path, make: Callable[[list[Content]], Model], findings: Sequence[Content], held_out: Sequence[Recording]
-) -> None:
-    """Save a model. Names that stand in for curves are in it where with them every held-out recording is nearer to its
-    reference; else the findings lose them.
-    """
-    save_model(file, make([]))
-    stand_ins = [f["stand_in"] for f in findings if f.get("stand_in")]
-    if stand_ins and held_out:
-        without = [judged(other, file)[0] for other in held_out]
-        save_model(file, make(stand_ins))
-        pairs = [(one, judged(other, file)[0]) for one, other in zip(without, held_out, strict=True)]
-        if all(one and all(with_them[q] <= one[q] for q in NEARER if q in one) for one, with_them in pairs):
-            return
-        save_model(file, make([]))
-    for finding in findings:
-        finding["stand_in"] = None
-
-
-def proved(held_out: Sequence[Recording], model: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the model makes of recordings that it was not fitted to."""
-    proof: dict[str, Any] = {"before": {}, "after": {}}
-    bars = []
-    for other in held_out:
-        first, second = (judged(other, m)[0] for m in (None, model))
-        proof["before"][other.name], proof["after"][other.name] = first, second
-        for q in first:
-            quantity, unit = q.rsplit("_", 1)
-            unit = "%" if unit == "percent" else unit
-            bars.append({"name": other.name, "quantity": quantity.replace("_", " "), "unit": unit,
-                         "before": first[q], "after": second[q]})  # fmt: skip
-    return proof, bars
 
 
 def cut_off(recording: Recording, e: Evidence) -> str | None:

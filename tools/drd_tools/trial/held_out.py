@@ -1,8 +1,7 @@
 """What a diagnosis is worth on another drive of the same robot, beside an oracle that knows what is true."""
 
 import math
-from collections.abc import Mapping, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 import drd
-from drd.effects.motion import Motion
-from drd.model import DRIVERS, Amount, Term
+from drd.model import Amount, Term
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.outcome import SLOWEST_M_S
 from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.ranges import Seen, seen, within
 from drd_tools.diagnose.refine import beyond
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
@@ -25,7 +23,6 @@ from drd_tools.trial.overlay import Effects
 from drd_tools.trial.unknown import HIDDEN
 
 Array = npt.NDArray[np.float64]
-Seen = Mapping[str, Sequence[float]]
 _Ranged = tuple[Claim, Seen]
 
 
@@ -37,7 +34,7 @@ def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any
     """
     problem = Problem(gather(other))
     home = result.conclusion.found.problem.signatures.motion
-    claims = [(f.claim, outcome.seen(home, f.claim)) for f in result.conclusion.findings if f.claim is not None]
+    claims = [(f.claim, seen(home, f.claim)) for f in result.conclusion.findings if f.claim is not None]
     true: list[_Ranged] = [(Claim(effect, values, ()), {}) for effect, values in truth]
     before = _squares(problem, ())
     found: dict[str, Any] = {
@@ -68,36 +65,7 @@ def _squares(problem: Problem, claims: Sequence[_Ranged]) -> float:
 
 def _rows(problem: Problem, claim: Claim, seen: Seen) -> Array:
     """What a claim explains, its driver held to the range in which it was seen, as model.yaml has it."""
-    if not seen:
-        return problem.effect_rows([claim])
-    held = copy(problem)
-    held.signatures = copy(problem.signatures)
-    held.signatures.motion = _within(problem.signatures.motion, seen)
-    return held.whiten([held.signature(claim.effect, claim.values)])[:, 0]
-
-
-def _within(m: Motion, seen: Seen) -> Motion:
-    """The motion with drivers held to their ranges; the wheels' speeds follow."""
-    for driver, ends in seen.items():
-        low, high = (end * DRIVERS[driver].si for end in ends)
-        if driver in ("time", "acceleration", "temperature"):
-            name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[driver]
-            m = replace(m, **{name: np.clip(getattr(m, name), low, high)})
-            continue
-        v, w = m.speed_m_s, m.rate_rad_s
-        if driver == "speed":
-            v = np.clip(v, low, high)
-        elif driver == "yaw_rate":
-            w = np.clip(w, low, high)
-        elif driver == "lateral_acceleration":
-            w = np.divide(np.clip(v * w, low, high), v, out=w.copy(), where=np.abs(v) > SLOWEST_M_S)
-        elif driver == "curvature":
-            bend = np.abs(w) / np.maximum(np.abs(v), SLOWEST_M_S)
-            v = np.copysign(np.abs(w) / np.clip(bend, max(low, SLOWEST_M_S), high), v)
-        ahead, half_turn = v - m.speed_m_s, 0.5 * m.tread_m * (w - m.rate_rad_s)
-        left, right = m.left_m_s + ahead - half_turn, m.right_m_s + ahead + half_turn
-        m = replace(m, speed_m_s=v, rate_rad_s=w, left_m_s=left, right_m_s=right)
-    return m
+    return problem.along(within(problem.signatures.motion, seen)).effect_rows([claim])
 
 
 def _term(effect: Any, values: Any) -> Term:

@@ -1,0 +1,88 @@
+"""Terms that do not hold in held-out recordings are not in the model; those that do, and those unseen there, are."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drd.effects.catalogue import catalogue
+from drd.model import Amount, Model, Term, load_model
+from drd_tools.diagnose.elsewhere import CONTRADICTED_NATS, nats_elsewhere
+from drd_tools.diagnose.prove import save_proven
+from drd_tools.diagnose.report_text import in_words
+from drd_tools.recordings.folder import Recording
+from drd_tools.trial.draw import Case, make
+from drd_tools.trial.plan import Plan, drawings
+
+
+def drawn(name: str) -> Case:
+    (drawing,) = drawings(Plan(nulls=1, singles=1), 46, (4.0, 5.0), only=(name,))
+    return make(drawing)
+
+
+def term(effect: str, **parameters: tuple[float, float]) -> Term:
+    return Term(catalogue()[effect], {name: Amount(*value) for name, value in parameters.items()})
+
+
+@pytest.fixture(scope="module")
+def treaded() -> tuple[Term, Recording]:
+    """What is true of a robot, as a fit might say it, and another drive of it."""
+    case = drawn("tread_error-d12-000")
+    ((effect, values),) = case.effects
+    k = float(values["k"])
+    return term(effect.id, k=(k * 1.02, abs(k) * 0.05)), case.again()
+
+
+WRONG = {
+    "of another sign": lambda true: replace(true, parameters={"k": Amount(-true.parameters["k"].value, 1e-4)}),
+    "where there is nothing": lambda _: term("gyro_scale_error", k=(0.01, 1e-4)),
+    "a delay where there is none": lambda _: term("encoder_latency", delay=(0.2, 0.002)),
+}
+
+
+@pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
+def test_a_term_that_is_wrong_is_refused_and_the_true_one_beside_it_is_not(
+    treaded: tuple[Term, Recording], change: Callable[[Term], Term]
+) -> None:
+    true, other = treaded
+    wrong = change(true)
+    terms = [wrong] if wrong.effect is true.effect else [wrong, true]
+    nats = nats_elsewhere(terms, [other])
+    assert nats[wrong.effect.id] < 2.0 * CONTRADICTED_NATS
+    assert wrong.effect is true.effect or nats[true.effect.id] > 10.0
+
+
+def test_of_what_a_recording_does_not_show_it_says_nothing(treaded: tuple[Term, Recording]) -> None:
+    _, other = treaded
+    unseen = term("gyro_scale_error", k=(1e-6, 1e-6))
+    lasting_no_longer = term("gyro_bias_step", b=(0.5, 1e-4), t0=(60.0, 1.0))
+    assert abs(nats_elsewhere([unseen, lasting_no_longer], [other]).pop("gyro_scale_error")) < 0.1
+    assert nats_elsewhere([lasting_no_longer], [other]) == {}
+
+
+def test_the_model_leaves_out_what_is_refused_and_the_finding_says_so(
+    treaded: tuple[Term, Recording], tmp_path: Path
+) -> None:
+    true, other = treaded
+    wrong = term("gyro_scale_error", k=(0.01, 1e-4))
+    findings: list[dict[str, Any]] = [
+        {"effect": t.effect.id, "status": "supported", "sentence": "It is so.", "evidence": {}} for t in (true, wrong)
+    ]
+    proof = save_proven(tmp_path / "model.yaml", lambda _: Model((true, wrong)), findings, [other])
+    assert [t.effect.id for t in load_model(tmp_path / "model.yaml").terms] == ["tread_error"]
+    assert [t.effect.id for t in proof.model.terms] == ["tread_error"]
+    assert [f["status"] for f in findings] == ["confirmed", "suspected"]
+    assert "bear it out" in in_words(findings[0])
+    assert "speak against it, and it is not in the model" in in_words(findings[1])
+    before, after = (proof.figures[when][other.name]["position_rms_m"] for when in ("before", "after"))
+    assert after < before
+
+
+def test_without_held_out_recordings_nothing_is_said_of_them(treaded: tuple[Term, Recording], tmp_path: Path) -> None:
+    true, _ = treaded
+    finding = {"effect": true.effect.id, "status": "supported", "sentence": "It is so.", "evidence": {}}
+    assert save_proven(tmp_path / "model.yaml", lambda _: Model((true,)), [finding], []).model.terms == (true,)
+    assert "held_out" not in finding
+    assert in_words(finding) == "It is so."

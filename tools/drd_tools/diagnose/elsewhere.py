@@ -1,0 +1,92 @@
+"""Whether the terms of a model hold in recordings that they were not fitted to."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.model import Term
+from drd_tools.diagnose.audit import audit
+from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.library import AUDITED
+from drd_tools.diagnose.noise_fit import fitted, tempered
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.ranges import Seen, within
+from drd_tools.diagnose.refine import beyond, refine, soft_forms
+from drd_tools.recordings.folder import Recording
+
+Array = npt.NDArray[np.float64]
+_Ranged = tuple[Claim, Seen]
+
+NOISE_ROUNDS: Final = 2
+CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
+
+
+def nats_elsewhere(terms: Iterable[Term], held_out: Sequence[Recording]) -> dict[str, float]:
+    """Log likelihood ratio of each lasting effect in all recordings together, beside the others that hold there.
+
+    Those that do not hold, which have less than CONTRADICTED_NATS, are taken off one by one, the worst first.
+    """
+    kept = [_ranged(term) for term in terms if term.effect.lasting and term.effect.id not in AUDITED]
+    found: dict[str, float] = {}
+    while kept and held_out:
+        # What does not hold passes for noise until it is off.
+        others = [_Elsewhere(recording, [claim for claim, _ in kept]) for recording in held_out]
+        each = [sum(o.nats(kept, i) for o in others) for i in range(len(kept))]
+        found |= {claim.id: nats for (claim, _), nats in zip(kept, each, strict=True)}
+        worst = int(np.argmin(each))
+        if each[worst] >= CONTRADICTED_NATS:
+            break
+        del kept[worst]
+    return found
+
+
+def _ranged(term: Term) -> _Ranged:
+    stds = term.stds()
+    return Claim(term.effect, term.values(), tuple(stds), np.diag(np.square(list(stds.values())))), term.seen
+
+
+class _Elsewhere:
+    """One such recording, its noise fitted beside the claims as they are."""
+
+    def __init__(self, recording: Recording, claims: Sequence[Claim]):
+        looked = audit(recording, gather(recording))
+        assert looked.evidence is not None
+        fixed = [Claim(c.effect, c.values, ()) for c in claims]
+        problem = Problem(looked.evidence)
+        for _ in range(NOISE_ROUNDS):
+            near = problem.around(fixed)
+            fit = refine(near, [*fixed, *(event.claim for event in looked.events)])
+            noise, doubt = fitted(near, fit, searched=True)
+            problem = Problem(problem.evidence, None, noise, doubt, temper=tempered(near, fit.left))
+        self._problem = problem
+        self._events = list(refine(problem, [event.claim for event in looked.events]).claims)
+        self._known: dict[tuple[str, ...], float] = {}
+
+    def nats(self, claims: Sequence[_Ranged], which: int) -> float:
+        """Of one claim beside the others."""
+        return self._evidence(claims) - self._evidence([*claims[:which], *claims[which + 1 :]])
+
+    def _evidence(self, claims: Sequence[_Ranged]) -> float:
+        """Log likelihood around the path as it is, or around the one without the claims: whichever is more."""
+        key = tuple(claim.id for claim, _ in claims)
+        if key not in self._known:
+            problems = [self._problem, self._problem.around([*(c for c, _ in claims), *self._events])]
+            self._known[key] = max(self._marginal(problem, claims) for problem in problems)
+        return self._known[key]
+
+    def _marginal(self, problem: Problem, claims: Sequence[_Ranged]) -> float:
+        """Nats, over nuisances, the claims' parameters as far as they are known, and their causes' shapes (61)."""
+        residual = problem.data - problem.effect_rows(self._events)
+        columns = []
+        for claim, ranges in claims:
+            held = problem.along(within(problem.signatures.motion, ranges))
+            rows = held.effect_rows([claim])
+            if np.isfinite(rows).all():  # of a temperature that was not recorded nothing is known
+                residual = residual - rows
+                columns += [held.tangents([claim]) * np.sqrt(np.diag(claim.covariance)), soft_forms(held, claim)]
+        soft = np.column_stack([problem.nuisance, *columns])
+        A = soft.T @ soft + np.eye(soft.shape[1])
+        return -0.5 * float(residual @ beyond(soft, residual)) - 0.5 * float(np.linalg.slogdet(A)[1])

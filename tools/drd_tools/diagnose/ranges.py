@@ -1,0 +1,60 @@
+"""Where in its driver an effect was seen; of what lies beyond, a model says no more than at the end of that range."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from drd.effects.motion import Motion
+from drd.model import DRIVERS
+from drd_tools.diagnose.problem import Claim
+
+Seen = Mapping[str, Sequence[float]]  # low and high of each driver, in its file's unit
+
+TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
+SLOWEST_M_S: Final = 1e-3
+
+
+def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
+    """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
+    turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
+    lag_s = float(claim.values.get("coil_lag_s", 0.0))
+    values = {
+        "time": m.time_s,
+        "yaw_rate": m.rate_rad_s,
+        "speed": m.speed_m_s,
+        "acceleration": m.acceleration_m_s2,
+        "lateral_acceleration": m.speed_m_s * m.rate_rad_s,
+        "curvature": np.abs(m.rate_rad_s[turning]) / np.maximum(np.abs(m.speed_m_s[turning]), SLOWEST_M_S),
+        "temperature": m.temperature_c,
+        "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
+    }.get(claim.effect.driver, np.zeros(0))
+    if not claim.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
+        return {}
+    si = DRIVERS[claim.effect.driver].si
+    return {claim.effect.driver: [float(values.min()) / si, float(values.max()) / si]}
+
+
+def within(m: Motion, ranges: Seen) -> Motion:
+    """The motion with drivers held to their ranges; the wheels' speeds follow."""
+    for driver, ends in ranges.items():
+        low, high = (end * DRIVERS[driver].si for end in ends)
+        if driver in ("time", "acceleration", "temperature"):
+            name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[driver]
+            m = replace(m, **{name: np.clip(getattr(m, name), low, high)})
+            continue
+        v, w = m.speed_m_s, m.rate_rad_s
+        if driver == "speed":
+            v = np.clip(v, low, high)
+        elif driver == "yaw_rate":
+            w = np.clip(w, low, high)
+        elif driver == "lateral_acceleration":
+            w = np.divide(np.clip(v * w, low, high), v, out=w.copy(), where=np.abs(v) > SLOWEST_M_S)
+        elif driver == "curvature":
+            bend = np.abs(w) / np.maximum(np.abs(v), SLOWEST_M_S)
+            v = np.copysign(np.abs(w) / np.clip(bend, max(low, SLOWEST_M_S), high), v)
+        ahead, half_turn = v - m.speed_m_s, 0.5 * m.tread_m * (w - m.rate_rad_s)
+        left, right = m.left_m_s + ahead - half_turn, m.right_m_s + ahead + half_turn
+        m = replace(m, speed_m_s=v, rate_rad_s=w, left_m_s=left, right_m_s=right)
+    return m
