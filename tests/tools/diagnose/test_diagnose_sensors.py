@@ -19,7 +19,8 @@ from drd_tools.diagnose.columns import Signatures
 from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.finding import Status
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.refine import refine
 from drd_tools.diagnose.run import not_observable
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -96,6 +97,18 @@ def test_a_gyro_alone_is_judged_by_its_heading_on_unseen_data_too(
     assert "nothing can be said" in capsys.readouterr().out
     assert yaml.safe_load((tmp_path / "out/model.yaml").read_text()).keys() == {"effects", "provenance"}
     assert json.loads((tmp_path / "out/series.json").read_text())["noise"].keys() == {"heading"}
+
+
+@pytest.mark.parametrize("late", [claim("gyro_lag", tau=0.12), claim("gyro_latency", delay=0.12)], ids=lambda c: c.id)
+def test_without_a_reference_nothing_is_lost_where_the_time_is_shifted_by_a_claim(late: Claim) -> None:
+    """Turns that were dragged back into their old place would cost some 200 nats at the stops."""
+    conditions = Conditions(reference=Reference.parse("none"))
+    p = Problem(gather(recorded(("eights", 240.0), 7, late, conditions=conditions)))
+    as_it_is, shifted = (-refine(q, [late]).cost for q in (p, p.around([late])))
+    assert shifted > as_it_is - 5.0
+    (name,) = late.values
+    found = refine(p.around([late]), [replace(late, free=(name,))]).claims[0]
+    assert abs(found.number(name) - 0.12) < 4.0 * found.sigma(name)
 
 
 @pytest.mark.parametrize("seed", range(4))

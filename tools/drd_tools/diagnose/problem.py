@@ -153,10 +153,12 @@ class Problem:
 
     def around(self, claims: Sequence[Claim]) -> "Problem":
         """The same around the path, and along the motion, that the sensors tell once the claims are taken off."""
-        cleared, path = self._cleared(claims), self.path
+        cleared = self._cleared(claims)
         if len(cleared.fix):
-            self._loose = loosened(cleared, path, self._loose)
+            self._loose = loosened(cleared, self.path, self._loose)
             path = self._loose.smoothed()
+        else:
+            path = follow(cleared)
         return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.temper, near=self)
 
     def _cleared(self, claims: Sequence[Claim]) -> Evidence:
@@ -179,7 +181,8 @@ class Problem:
             left = clear.left_m + raw.earlier(raw.left_m - clear.left_m - added.left_m, wheels_s)
             right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
-            signatures = Signatures(clear, self.path)
+            # Where no fix holds the path, the old one would drag the turns of what is shifted back into their old place.
+            signatures = Signatures(clear, self.path if len(raw.fix) else follow(clear))
             added = Signature()
             for claim in claims:
                 added = added + signatures.of(self._errors(signatures, claim.effect, claim.values))
