@@ -23,6 +23,7 @@ REACH = 4.0  # sigmas that a Gaussian filter looks
 SLOW_S = 3.0
 TURN_SMOOTHING_S = 0.8
 CALM_SMOOTHING_S = 0.4
+CALM_SIGMAS = 3.0
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -109,9 +110,15 @@ class Signatures:
 
     @cached_property
     def calm_rate_rad_s(self) -> Array:
-        """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves."""
+        """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves.
+
+        Where that noise does not account for the difference it is as it was, so that no turn leaks into a straight line.
+        """
+        e, rate = self.e, self.motion.rate_rad_s
         step_s = float(self.motion.time_s[1] - self.motion.time_s[0])
-        return np.asarray(gaussian_filter1d(self.motion.rate_rad_s, CALM_SMOOTHING_S / step_s), float)
+        calm = gaussian_filter1d(rate, CALM_SMOOTHING_S / step_s)
+        sigma_rad_s = np.repeat(np.sqrt(e.sheet.gyro(e)) / e.step_s, SUB)
+        return np.where(np.abs(rate - calm) > CALM_SIGMAS * sigma_rad_s, rate, calm)
 
     def of(self, errors: Errors) -> Signature:
         """Rates on the fine grid, added up over each step."""

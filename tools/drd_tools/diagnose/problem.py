@@ -181,7 +181,7 @@ class Problem:
             left = clear.left_m + raw.earlier(raw.left_m - clear.left_m - added.left_m, wheels_s)
             right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
-            # Where no fix holds the path, the old one would drag the turns of what is shifted back into their old place.
+            # Where no fix holds the path, the old one would drag shifted turns back into their old place.
             signatures = Signatures(clear, self.path if len(raw.fix) else follow(clear))
             added = Signature()
             for claim in claims:
