@@ -112,7 +112,7 @@ class Signatures:
     def calm_rate_rad_s(self) -> Array:
         """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves.
 
-        Where that noise does not account for the difference it is as it was, so that no turn leaks into a straight line.
+        Where that noise does not account for the difference it is as it was: no turn leaks into a straight line.
         """
         e, rate = self.e, self.motion.rate_rad_s
         step_s = float(self.motion.time_s[1] - self.motion.time_s[0])

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.effects.effect import ActsOn
 from drd_tools.diagnose.audit import Event
 from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
 from drd_tools.diagnose.finding import Finding, Status
@@ -15,8 +16,8 @@ from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.problem import Claim
-from drd_tools.diagnose.refine import refine, refine_all
-from drd_tools.diagnose.search import CLASS_NATS, Found, Search
+from drd_tools.diagnose.refine import Fit, refine, refine_all
+from drd_tools.diagnose.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.stretches import same_window
 from drd_tools.diagnose.uncertainty import told
 
@@ -156,7 +157,7 @@ def _finding(
         r.id
         for r, f in zip(rivals, fits, strict=True)
         if all(is_possible(problem, c) for c in f.claims)
-        and search.score(f) + _forgiven(claim, r) * problem.per_parameter > found.score - CLASS_NATS
+        and _best_score(found, search, claim, r, f) > found.score - CLASS_NATS
     )
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
@@ -170,6 +171,14 @@ def _finding(
         sentence(reported, explains, also), curve, None, gain_over_time(problem, fit, claim),
         {"told": _told(smooths, claim, curve)} if curve is not None else {},
     )  # fmt: skip
+
+
+def _best_score(found: Found, search: Search, claim: Claim, rival: Claim, fit: Fit) -> float:
+    """Of a fit with a rival in a claim's place; where both shift the time, in its own linearisation."""
+    score = search.score(fit)
+    if claim.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
+        score = max(score, linearised(found.problem, fit, found.null).score)
+    return score + _forgiven(claim, rival) * found.problem.per_parameter
 
 
 def _forgiven(claim: Claim, rival: Claim) -> int:

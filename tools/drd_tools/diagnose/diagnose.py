@@ -13,7 +13,7 @@ from drd_tools.diagnose.library import is_plausible, release
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import find, is_rough
+from drd_tools.diagnose.search import find_roughly, finished, is_rough
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
@@ -56,16 +56,16 @@ def diagnose(recording: Recording) -> Diagnosis:
     for _ in range(NOISE_ROUNDS):
         noise, doubt = fitted(problem, refine(problem, known), searched=False)
         problem = Problem(problem.evidence, problem.path, noise, doubt)
-    found = find(problem, known, roughly=True)
-    for is_last in (False,) * (NOISE_ROUNDS - 1) + (True,):
+    found = find_roughly(problem, known)
+    for _ in range(NOISE_ROUNDS):
         # The claims are off now, so that what is left tells the noise better than before.
         noise, doubt = fitted(found.problem, found.fit, searched=True)
         temper = tempered(found.problem, found.fit.left)
-        is_near = _is_near(noise, temper, found.problem)
-        if is_near and not is_rough(found.fit):
+        if _is_near(noise, temper, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, doubt, temper=temper)
-        found = find(problem, known, roughly=not (is_near or is_last))
+        found = find_roughly(problem, known)
+    found = finished(found, known)
     null = refine(problem, known)
     if found.problem is not problem:
         release(problem)

@@ -26,7 +26,8 @@ STRONG_NATS: Final = 2000.0
 RELINEARISATIONS: Final = 3
 CONVERGED_NATS: Final = 1.0
 ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
-LITTLE_SHARE: Final = 0.1  # of the data's nats
+LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
+NEXT_TO_NOTHING: Final = 0.003
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3
 TURNED_RAD: Final = 0.3
@@ -45,6 +46,7 @@ class Found:
     fit: Fit
     score: float
     null: float  # score without any claim
+    is_cleared: bool = False  # whether the motion was cleared of the claims to see how the wheels turn
 
 
 def is_rough(fit: Fit) -> bool:
@@ -52,29 +54,45 @@ def is_rough(fit: Fit) -> bool:
     return bool(fit.left.size) and float(np.mean(fit.left**2)) > ROUGH_SQUARE
 
 
-def find(problem: Problem, known: Sequence[Claim] = (), roughly: bool = False) -> Found:
-    """Search for claims beside those that are known, until none is worth its cost.
+def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
+    """Search for claims beside those that are known, until none is worth its cost."""
+    return finished(find_roughly(problem, known), known)
 
-    `roughly`: for the noise only, which is told as soon as the next claim changes little of what is far off.
-    """
-    search = Search(problem, known)
+
+def find_roughly(problem: Problem, known: Sequence[Claim] = ()) -> Found:
+    """The claims that tell the noise: the search ends as soon as another claim changes little of what is left."""
     fit = refine(problem, known)
-    null = search.score(fit)
+    null = -fit.cost - problem.penalty(fit.claims)
     found = Found(problem, fit, null, null)
-    is_cleared = False
-    while len(found.fit.claims) < MOST_CLAIMS + len(known):
-        better = _one_more(search, found)
-        if better is None and not is_cleared and _turns_wheels(found):
-            better, is_cleared = _linearised(found.problem, found.fit, null), True
-        if better is None:
-            break
-        if better.problem is not found.problem:
-            search = Search(better.problem, known)
-        fit, before = search.settled(better.fit), found.score
-        found = Found(better.problem, fit, search.score(fit), null)
-        if roughly and is_rough(fit) and found.score < (1.0 - LITTLE_SHARE) * before:
-            return found
-    return _by_exact_form(_contested(search, found), search.known)
+    while (better := _better(found, known)) is not None:
+        little = LITTLE_SHARE if is_rough(better.fit) else NEXT_TO_NOTHING
+        if better.score < (1.0 - little) * found.score:
+            return better
+        found = better
+    return found
+
+
+def finished(found: Found, known: Sequence[Claim] = ()) -> Found:
+    """A rough search gone on with, until no claim is worth its cost and no other name, or form, is better."""
+    while (better := _better(found, known)) is not None:
+        found = better
+    return _by_exact_form(_contested(Search(found.problem, known), found), {c.id for c in known})
+
+
+def _better(found: Found, known: Sequence[Claim]) -> Found | None:
+    """With a claim more, and all settled; None where none is worth its cost."""
+    if len(found.fit.claims) >= MOST_CLAIMS + len(known):
+        return None
+    search, is_cleared = Search(found.problem, known), found.is_cleared
+    better = _one_more(search, found)
+    if better is None and not is_cleared and _turns_wheels(found):
+        better, is_cleared = linearised(found.problem, found.fit, found.null), True
+    if better is None:
+        return None
+    if better.problem is not found.problem:
+        search = Search(better.problem, known)
+    fit = search.settled(better.fit)
+    return Found(better.problem, fit, search.score(fit), found.null, is_cleared)
 
 
 def _turns_wheels(found: Found) -> bool:
@@ -119,7 +137,7 @@ def _contested(search: "Search", found: Found) -> Found:
         for fit in refine_all(found.problem, sets):
             if not _is_plausible(found.problem, fit):
                 continue
-            other = _linearised(found.problem, fit, found.null)
+            other = linearised(found.problem, fit, found.null)
             if other.score > found.score + CLEARLY_BETTER:
                 found = other
     return found
@@ -135,7 +153,7 @@ def _one_more(search: "Search", found: Found) -> Found | None:
         return Found(found.problem, best, search.score(best), found.null)
     margin = CLOSE_SHARE * (search.score(best) - found.null)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
-    chosen = max((_linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
+    chosen = max((linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
     return chosen if chosen.score > found.score else None
 
 
@@ -143,7 +161,7 @@ def _needs_linearising(claims: Sequence[Claim], worth: float) -> bool:
     return worth > STRONG_NATS or any(c.effect.acts_on is ActsOn.TIMING for c in claims)
 
 
-def _linearised(problem: Problem, fit: Fit, null: float) -> Found:
+def linearised(problem: Problem, fit: Fit, null: float) -> Found:
     """Linearise around the claims, fit them again, and so on while that helps."""
     best: Found | None = None
     for _ in range(RELINEARISATIONS):
