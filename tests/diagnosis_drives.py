@@ -4,8 +4,9 @@ from functools import lru_cache
 
 from drd.effects.catalogue import catalogue
 from drd.nominal import Nominal
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.missions import make_drive

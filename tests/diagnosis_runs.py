@@ -11,7 +11,7 @@ from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.model import load_model
 from drd.nominal import FogSheet
-from drd_tools.diagnose.problem import Claim
+from drd_tools.diagnose.claim import Claim
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.robot import DEFAULT

@@ -10,21 +10,21 @@ import pytest
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.advise import (
-    MANOEUVRES,
     NOTHING,
     SETTLED_NATS,
     _driven,
-    drive,
     next_drive,
     open_questions,
     options_for,
 )
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.finding import Finding, Status
 from drd_tools.diagnose.generic import Curve
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine_all
 from drd_tools.diagnose.search import Found
 from drd_tools.recordings.folder import Recording

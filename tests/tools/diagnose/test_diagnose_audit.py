@@ -5,9 +5,9 @@ import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, claim, recorded, simulated
 
 from drd_tools.diagnose.audit import Event, audit
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Claim
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Ground
 

@@ -8,10 +8,11 @@ import pytest
 from diagnosis_drives import SLALOM, claim, problem
 from scipy import stats
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine
 from drd_tools.simulate.conditions import Conditions, Reference
 

@@ -9,7 +9,7 @@ from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Found, Search, _contested, find
+from drd_tools.diagnose.search import Found, Search, _contested, find, find_roughly, finished, is_rough
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -115,3 +115,31 @@ def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:
     assert [c.id for c in found.fit.claims] == ["turn_scrub"]
     exact = Search(p).exact_score(refine(p, [claim("tread_error", k=0.0)]))
     assert Search(p).exact_score(found.fit) > exact
+
+
+def test_a_rough_search_ends_where_little_changes_and_can_be_gone_on_with() -> None:
+    p = problem(WAREHOUSE, 3)
+    true = (
+        (claim("tread_error", k=0.01), 30.0),
+        (claim("gyro_vibration_bias", k=1e-4), 24.0),
+        (claim("rotation_centre_offset", a=0.01), 20.0),
+    )
+    p.data = 2.0 * np.random.default_rng(4).standard_normal(len(p.data))
+    for one, size in true:
+        row = p.effect_rows([one])
+        p.data = p.data + size * row / np.linalg.norm(row)
+    rough = find_roughly(p)
+    assert is_rough(rough.fit)
+    assert 0 < len(rough.fit.claims) < 3
+    assert {c.id for c in finished(rough).fit.claims} >= {one.id for one, _ in true}
+
+
+def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> None:
+    p = problem(("square-ccw", 200.0), 3)
+    e, m, calm = p.evidence, p.signatures.motion, p.signatures.calm_rate_rad_s
+    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    straight = np.abs(m.rate_rad_s) < 5.0 * sigma_rad_s
+    assert straight.mean() > 0.2
+    assert np.abs(calm[straight]).max() < 8.0 * sigma_rad_s
+    driven = straight & (m.speed_m_s > 0.1)
+    assert np.std(calm[driven]) < 0.8 * np.std(m.rate_rad_s[driven])

@@ -15,11 +15,12 @@ from diagnosis_runs import diagnosed, names, written
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Errors
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.columns import Signatures
 from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.finding import Status
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
 from drd_tools.diagnose.run import not_observable
 from drd_tools.recordings.folder import Recording, read_recording
@@ -182,3 +183,11 @@ def test_one_mark_that_a_gyro_misses_is_no_outlier() -> None:
         said = {name for f in findings for name in (f.effect, *f.also_fits)}
         assert ("gyro_scale_error" in said) == wrong
         assert bool(findings) == wrong
+
+
+def test_clocks_that_nothing_tells_apart_are_a_class() -> None:
+    """Without a reference a gyro that counts its samples too fast looks like encoders' clocks that run slow."""
+    conditions = Conditions(reference=Reference.parse("none"))
+    recording = recorded(("spins", 270.0), 4, claim("gyro_sample_clock", ratio=0.99985), conditions=conditions)
+    (found,) = diagnose(recording).conclusion.findings
+    assert {"gyro_sample_clock", "encoder_clock_skew"} <= {found.effect, *found.also_fits}

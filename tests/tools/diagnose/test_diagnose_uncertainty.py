@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from diagnosis_drives import WAREHOUSE, claim, problem
 
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.claim import Claim
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine
 from drd_tools.diagnose.uncertainty import told
 

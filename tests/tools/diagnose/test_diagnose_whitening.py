@@ -9,10 +9,11 @@ import pytest
 from diagnosis_drives import ASIDE_4_CM, LATE_5_MS, SLALOM, WAREHOUSE, claim, problem, simulated
 from scipy import stats
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.linear import Linear, Signature
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
 from drd_tools.simulate.conditions import PERFECT, Conditions
 from drd_tools.simulate.robot import DEFAULT

@@ -13,7 +13,7 @@ from drd.units import DEG_PER_RAD
 from drd_tools.compare.blocks import Blocks
 from drd_tools.diagnose.columns import SUB, motion_along
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Path
+from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from drd.effects.effect import Errors
 from drd.model import Term
 from drd_tools.diagnose.columns import Signatures
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Path, Signature, within_steps
+from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.path import Path, within_steps
 
 Array = npt.NDArray[np.float64]
 

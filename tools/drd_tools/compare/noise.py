@@ -13,8 +13,9 @@ from tqdm import tqdm
 from drd_tools.compare.blocks import Blocks
 from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Path, Signature
+from drd_tools.diagnose.linear import Signature
 from drd_tools.diagnose.nominal_path import follow
+from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
 

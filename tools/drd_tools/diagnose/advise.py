@@ -4,33 +4,31 @@ For each open question, "is it A or B", A as found is put into drives without no
 there. Half the square of what B leaves, whitened, is by how much the next recording is expected to favour A, in nats.
 """
 
-import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.nominal import FogSheet, Nominal
-from drd.units import RAD_PER_DEG
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.finding import Finding, Status
 from drd_tools.diagnose.generic import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
 from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.linear import Path, Signature
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
+from drd_tools.diagnose.path import Path
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import soft_forms
 from drd_tools.simulate.conditions import PERFECT, Reference
-from drd_tools.simulate.missions import MISSIONS, Drive
 from drd_tools.simulate.robot import DEFAULT
-from drd_tools.simulate.route import RATE_HZ, Route, Steps
 from drd_tools.simulate.simulator import simulate
-from drd_tools.simulate.truth import Truth, make_truth
 
 Array = npt.NDArray[np.float64]
 
@@ -44,23 +42,12 @@ FIX_S: Final = 0.5
 GYRO_HZ: Final = 10.0
 SLOW_GYRO_HZ: Final = 2.0  # where all that is asked for is slow
 FREE: Final = 1e6  # size of a prior that leaves a parameter free
-# From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
-WARM_UP_C, WARM_UP_S = 10.0, 900.0
-COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
-ROOM_C: Final = 20.0
 SLOW: Final = ("temperature", "temperature_rate", "time")  # drivers that no manoeuvre changes
 # A stretch of ground is driven over again.
 STRETCH_FROM_S, STRETCH_S = 45.0, 60.0
 ONCE: Final = ("gyro_bias_step", "encoder_dropout")  # they do not come again for the asking
 
 Question = tuple[Finding, str]
-
-
-class Manoeuvre(NamedTuple):
-    """Laps to be driven until time is up; `cold`: on the way the gyro gets cold and warm again."""
-
-    lap: Callable[[Route, int], object]
-    cold: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,42 +65,6 @@ class _Option:
         unsettled = sum(min(n, SETTLED_NATS) for n in self.nats)
         minutes = self.minutes if settled else 0
         return (settled, -minutes, unsettled, sum(self.nats))
-
-
-def _spins(route: Route, _: int) -> None:
-    for rate_deg_s, side in itertools.product((50.0, 25.0, 10.0), (1.0, -1.0)):
-        route.turn(side * 2.0 * math.pi, rate_deg_s * RAD_PER_DEG).stand(1.0)
-
-
-def _circles(route: Route, _: int) -> None:
-    for radius_m, side in itertools.product((0.3, 3.0), (1.0, -1.0)):
-        route.curve(2.0 * math.pi * radius_m, np.full(200, side / radius_m), 1.0).turn(side * 2.0 * math.pi)
-
-
-def _squares(route: Route, number: int) -> None:
-    MISSIONS["umbmark-ccw" if number % 2 else "umbmark-cw"].lap(route, number)
-
-
-def _straights(route: Route, _: int) -> None:
-    for speed_m_s, side in itertools.product((1.5, 0.4, 0.8), (1.0, -1.0)):
-        route.straight(10.0, speed_m_s).turn(side * math.pi)
-
-
-def _stand(route: Route, _: int) -> None:
-    route.stand(60.0)
-
-
-COLD: Final = "with the gyro cooled by about 12 degC from the end of minute 1 to the end of minute 3"
-MANOEUVRES: Final = {
-    "turns on the spot, both ways, at 50, 25 and 10 deg/s": Manoeuvre(_spins),
-    "circles of 0.3 and 3 m radius and turns on the spot, both ways": Manoeuvre(_circles),
-    "squares of 4 m with turns on the spot, both ways": Manoeuvre(_squares),
-    "straight lines of 10 m, there and back, at 1.5, 0.4 and 0.8 m/s": Manoeuvre(_straights),
-    "figures of eight of 50 m at 1.2 m/s": Manoeuvre(MISSIONS["eights"].lap),
-    "a slalom at up to 1.5 m/s": Manoeuvre(MISSIONS["slalom"].lap),
-    f"standing still {COLD}": Manoeuvre(_stand, cold=True),
-    f"squares of 4 m with turns on the spot, both ways, {COLD}": Manoeuvre(_squares, cold=True),
-}
 
 
 def next_drive(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -200,33 +151,6 @@ def _is_slow(of: Finding | str) -> bool:
     return of.acts_on == "gyro" and of.driver in SLOW
 
 
-def _kind(e: Evidence) -> Reference:
-    """What kind of reference a recording has."""
-    if not len(e.fix):
-        return Reference(is_there=False)
-    at_s = e.time_s[e.fix_step] - e.fix_share * e.step_s[e.fix_step]
-    period_s = round(float(np.median(np.diff(at_s))), 2) if len(at_s) > 2 else math.inf
-    return Reference(period_s=period_s if period_s <= 60.0 * MINUTES[0] else None)
-
-
-# ---- drives --------------------------------------------------------------------------------------------------------
-
-
-def drive(name: str, minutes: int, stand_s: float) -> Truth:
-    """The true motion in one of MANOEUVRES: a standstill of `stand_s`, then laps until `minutes` are over."""
-    manoeuvre, steps_in_all = MANOEUVRES[name], 60 * minutes * RATE_HZ
-
-    def ridden(laps: int) -> Steps:
-        route = Route().stand(stand_s)
-        for number in range(laps):
-            manoeuvre.lap(route, number)
-        return route.steps()
-
-    laps = 2 * math.ceil(steps_in_all / (len(ridden(2).forward_m) - stand_s * RATE_HZ))
-    truth = make_truth(Drive(Steps(*(a[:steps_in_all] for a in ridden(laps))), laps))
-    return replace(truth, temperature_c=_temperature_c(truth.middle_s, manoeuvre.cold))
-
-
 @lru_cache(maxsize=64)
 def _driven(
     name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool, has_wheels: bool
@@ -242,12 +166,13 @@ def _driven(
     return e, Path(np.column_stack(pose))
 
 
-def _temperature_c(time_s: Array, cold: bool) -> Array:
-    def after(begin_s: float) -> Array:
-        return np.asarray(1.0 - np.exp(-np.maximum(time_s - begin_s, 0.0) / COLD_LAG_S))
-
-    warm = ROOM_C + WARM_UP_C * (1.0 - np.exp(-time_s / WARM_UP_S))
-    return warm - COLDER_C * (after(COLD_FROM_S) - after(COLD_TO_S)) if cold else warm
+def _kind(e: Evidence) -> Reference:
+    """What kind of reference a recording has."""
+    if not len(e.fix):
+        return Reference(is_there=False)
+    at_s = e.time_s[e.fix_step] - e.fix_share * e.step_s[e.fix_step]
+    period_s = round(float(np.median(np.diff(at_s))), 2) if len(at_s) > 2 else math.inf
+    return Reference(period_s=period_s if period_s <= 60.0 * MINUTES[0] else None)
 
 
 # ---- nats ----------------------------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from scipy import stats
 from scipy.ndimage import binary_dilation, median_filter
 
 from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.problem import Claim
 from drd_tools.recordings.folder import EncoderLog, Recording
 
 Array = npt.NDArray[np.float64]

@@ -12,7 +12,8 @@ from drd.effects.effect import Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.denoise import denoised
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Path, Signature
+from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
 SUB = 4

@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.audit import Event
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
 from drd_tools.diagnose.finding import Finding, Status
 from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_possible
-from drd_tools.diagnose.problem import Claim
 from drd_tools.diagnose.refine import Fit, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.stretches import same_window

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import Library, is_plausible
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, beyond, held_beside, refine
 
 Array = npt.NDArray[np.float64]

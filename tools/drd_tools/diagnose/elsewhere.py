@@ -9,10 +9,11 @@ import numpy.typing as npt
 
 from drd.model import Term
 from drd_tools.diagnose.audit import audit
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.library import AUDITED
 from drd_tools.diagnose.noise_fit import fitted, tempered
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import Seen, within
 from drd_tools.diagnose.refine import beyond, refine, soft_forms
 from drd_tools.recordings.folder import Recording

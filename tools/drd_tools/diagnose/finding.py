@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.generic import CHANNELS, Curve
-from drd_tools.diagnose.problem import Claim
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from drd.effects.effect import Errors, apart, both
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.columns import SUB
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import held_beside
 
 Array = npt.NDArray[np.float64]

@@ -15,12 +15,13 @@ from scipy import stats
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
 from drd_tools.diagnose.confirm import e_value
 from drd_tools.diagnose.finding import Status
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.outcome import amounts
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import seen
 from drd_tools.diagnose.refine import Fit, beyond, held_beside
 from drd_tools.diagnose.search import CLASS_NATS

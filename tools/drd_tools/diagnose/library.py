@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Parameter
+from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names
 from drd_tools.diagnose.linear import COLUMNS, Signature
-from drd_tools.diagnose.problem import BIAS, SCALE, Claim, Problem, Values, linear_names
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.stretches import Columns, Stretches, is_of_stretch
 
 Array = npt.NDArray[np.float64]

@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from drd_tools.diagnose.evidence import Evidence, Noise
+from drd_tools.diagnose.path import Path, within_steps
 from drd_tools.diagnose.recursion import Recursion, StateSpace
 
 Array = npt.NDArray[np.float64]
@@ -23,30 +23,10 @@ Array = npt.NDArray[np.float64]
 STATES: Final = 4
 INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
 OUTPUTS: Final = 4  # the wheels', and a fix's three
-PARTS: Final = 8  # of a step, in which the heading is followed
 COLUMNS: Final = 8  # passed at once: so many stay near the processor
 NOWHERE_M2: Final = 1e4  # before the first fix
 NO_HEADING_RAD2: Final = 10.0
 NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading error does leaves gains as they are
-
-
-@dataclass(frozen=True)
-class Path:
-    """Poses x_m, y_m, heading_rad at the edges of the steps, shape (n + 1, 3)."""
-
-    pose: Array
-
-    @property
-    def middle_rad(self) -> Array:
-        """Heading in the middle of each step, (n,)."""
-        result: Array = 0.5 * (self.pose[1:, 2] + self.pose[:-1, 2])
-        return result
-
-    def steps(self) -> tuple[Array, Array, Array]:
-        """Each step's way forward and to the left (m) and turn (rad), (n,) each."""
-        d = np.diff(self.pose, axis=0)
-        c, s = np.cos(self.middle_rad), np.sin(self.middle_rad)
-        return d[:, 0] * c + d[:, 1] * s, d[:, 1] * c - d[:, 0] * s, d[:, 2]
 
 
 @dataclass(frozen=True)
@@ -72,30 +52,6 @@ class Signature:
     def channels(self) -> tuple[Array | float, ...]:
         """All five."""
         return self.gyro_rad, self.left_m, self.right_m, self.lateral_m, self.fix
-
-
-def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
-    """Add up turns and ways, (n,) each, from the pose `start` (3,). (7)"""
-    heading = start[2] + np.concatenate([[0.0], np.cumsum(turn_rad)])
-    middle = 0.5 * (heading[1:] + heading[:-1])
-    x = start[0] + np.concatenate([[0.0], np.cumsum(forward_m * np.cos(middle))])
-    y = start[1] + np.concatenate([[0.0], np.cumsum(forward_m * np.sin(middle))])
-    return Path(np.column_stack([x, y, heading]))
-
-
-def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
-    """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
-
-    Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
-    a gyro.
-    """
-    edges = e.edges_s
-    turn = turn_rad if e.gyro_rad is None else np.where(e.blind, turn_rad, e.gyro_rad)
-    heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
-    inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
-    off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
-    way = 0.5 * (e.left_m + e.right_m)
-    return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)
 
 
 class Linear:

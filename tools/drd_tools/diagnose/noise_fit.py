@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Noise
 from drd_tools.diagnose.linear import Linear
-from drd_tools.diagnose.problem import Claim, Problem, Temper
+from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import Fit
 
 Array = npt.NDArray[np.float64]

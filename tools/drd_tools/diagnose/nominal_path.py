@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Linear, Path, dead_reckon
+from drd_tools.diagnose.linear import Linear
+from drd_tools.diagnose.path import Path, dead_reckon
 
 # What is missing from the model is no noise, but it must not keep the path from following the fixes.
 LOOSER: Final = 10.0

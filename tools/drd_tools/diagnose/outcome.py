@@ -12,10 +12,11 @@ import numpy.typing as npt
 from drd.effects.motion import Motion
 from drd.model import Model, make_model
 from drd.schema import ConfigError
+from drd_tools.diagnose.claim import SCALE, Claim
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.finding import Finding
-from drd_tools.diagnose.problem import SCALE, Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import seen
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run

@@ -1,32 +1,29 @@
 """One recording as a regression: whitened data, nuisances, and signatures of effects at any parameters."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter
+from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
+from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names, shape_of, step
 from drd_tools.diagnose.columns import Signatures, nuisances
 from drd_tools.diagnose.evidence import Evidence, Noise
-from drd_tools.diagnose.linear import Linear, Path, Signature
+from drd_tools.diagnose.linear import Linear, Signature
 from drd_tools.diagnose.nominal_path import follow, loosened
+from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
-Values = Mapping[str, float | str]
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
 # An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form.
 Wanted = tuple[Effect, Values, str]
 
-# Parameters beside an effect's own: the gyro's bias where an effect acts on the sum of rate and bias (rad/s), and a
-# constant scale error where the form is known up to one only.
-BIAS: Final = Parameter("bias", "rad/s", "the gyro's own bias", 1e-6, 1e-2, linear=False)
-SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5, 0.05)
 CACHED_BYTES: Final = 150e6
 CLEARINGS: Final = 2
 FORM: Final = "form "
@@ -44,55 +41,6 @@ class Temper(NamedTuple):
 
 
 UNTEMPERED: Final = Temper()
-
-
-@dataclass(frozen=True)
-class Claim:
-    """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs."""
-
-    effect: Effect
-    values: Values
-    free: tuple[str, ...]
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @property
-    def id(self) -> str:
-        """The effect's name."""
-        return self.effect.id
-
-    def number(self, name: str) -> float:
-        """A parameter that is a number."""
-        return float(self.values[name])
-
-    def sigma(self, name: str) -> float:
-        """Standard deviation of a parameter; 0 where it was not fitted."""
-        if name not in self.free or not self.covariance.size:
-            return 0.0
-        i = self.free.index(name)
-        return math.sqrt(max(float(self.covariance[i, i]), 0.0))
-
-    def parameter(self, name: str) -> Parameter:
-        """Its description."""
-        return parameter(self.effect, name)
-
-
-def parameter(effect: Effect, name: str) -> Parameter:
-    """The description of a parameter by its name."""
-    for q in (*effect.parameters, BIAS, SCALE):
-        if q.name == name:
-            return q
-    raise KeyError(name)
-
-
-def linear_names(effect: Effect, values: Values) -> tuple[str, ...]:
-    """The linear parameters, among them the scale beside it."""
-    return effect.linear() + ((SCALE.name,) if SCALE.name in values else ())
-
-
-def shape_of(effect: Effect, values: Values) -> dict[str, float | str]:
-    """The parameters that are not linear: they make the shape."""
-    linear = linear_names(effect, values)
-    return {name: value for name, value in values.items() if name not in linear}
 
 
 class Problem:
@@ -319,14 +267,3 @@ def _columns(rows: Sequence[Array], length: int) -> Array:
 
 def _factors(claim: Claim) -> list[float]:
     return [claim.number(name) for name in linear_names(claim.effect, claim.values)] or [1.0]
-
-
-def step(claim: Claim, name: str) -> float:
-    """A step for the numerical derivative with respect to a parameter that is not linear."""
-    q = claim.parameter(name)
-    if name in ("t0", "t1"):
-        return 0.5
-    if q.unit in ("rad", "degC"):
-        return 1e-3
-    at = abs(claim.number(name))
-    return min(max(0.02 * at, q.low * q.si), 0.5 * at or math.inf)

@@ -8,7 +8,7 @@ import numpy as np
 
 from drd.effects.motion import Motion
 from drd.model import DRIVERS
-from drd_tools.diagnose.problem import Claim
+from drd_tools.diagnose.claim import Claim
 
 Seen = Mapping[str, Sequence[float]]  # low and high of each driver, in its file's unit
 

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.problem import Claim, Problem, Wanted
+from drd_tools.diagnose.claim import Claim
+from drd_tools.diagnose.problem import Problem, Wanted
 
 Array = npt.NDArray[np.float64]
 

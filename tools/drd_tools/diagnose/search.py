@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.effect import ActsOn
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_plausible, is_possible, library_of
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
 from drd_tools.diagnose.stretches import Stretches, joined, same_window
 

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
-from drd_tools.diagnose.problem import Claim, Problem, Values
+from drd_tools.diagnose.claim import Claim, Values
+from drd_tools.diagnose.problem import Problem
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.float32]

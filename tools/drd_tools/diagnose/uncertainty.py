@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import is_angle, is_plausible
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all, responses
 
 Array = npt.NDArray[np.float64]

@@ -13,10 +13,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.claim import SCALE
 from drd_tools.diagnose.evidence import Evidence, gather
 from drd_tools.diagnose.library import library_of
 from drd_tools.diagnose.linear import Signature
-from drd_tools.diagnose.problem import SCALE, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]

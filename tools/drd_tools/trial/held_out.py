@@ -11,9 +11,10 @@ import numpy.typing as npt
 import drd
 from drd.model import Amount, Term
 from drd_tools.diagnose import outcome
+from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import Seen, seen, within
 from drd_tools.diagnose.refine import beyond
 from drd_tools.recordings.folder import Recording

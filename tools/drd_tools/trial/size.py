@@ -8,7 +8,8 @@ import numpy as np
 from drd.effects.effect import Effect
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.problem import Claim, Problem
+from drd_tools.diagnose.claim import Claim
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import beyond, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
 from drd_tools.trial.overlay import Effects

@@ -1,0 +1,88 @@
+"""Drives that tell effects apart, as they are advised and simulated."""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.units import RAD_PER_DEG
+from drd_tools.simulate.missions import MISSIONS, Drive
+from drd_tools.simulate.route import RATE_HZ, Route, Steps
+from drd_tools.simulate.truth import Truth, make_truth
+
+Array = npt.NDArray[np.float64]
+
+# From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
+WARM_UP_C, WARM_UP_S = 10.0, 900.0
+COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
+ROOM_C: Final = 20.0
+
+
+class Manoeuvre(NamedTuple):
+    """Laps to be driven until time is up; `cold`: on the way the gyro gets cold and warm again."""
+
+    lap: Callable[[Route, int], object]
+    cold: bool = False
+
+
+def _spins(route: Route, _: int) -> None:
+    for rate_deg_s, side in itertools.product((50.0, 25.0, 10.0), (1.0, -1.0)):
+        route.turn(side * 2.0 * math.pi, rate_deg_s * RAD_PER_DEG).stand(1.0)
+
+
+def _circles(route: Route, _: int) -> None:
+    for radius_m, side in itertools.product((0.3, 3.0), (1.0, -1.0)):
+        route.curve(2.0 * math.pi * radius_m, np.full(200, side / radius_m), 1.0).turn(side * 2.0 * math.pi)
+
+
+def _squares(route: Route, number: int) -> None:
+    MISSIONS["umbmark-ccw" if number % 2 else "umbmark-cw"].lap(route, number)
+
+
+def _straights(route: Route, _: int) -> None:
+    for speed_m_s, side in itertools.product((1.5, 0.4, 0.8), (1.0, -1.0)):
+        route.straight(10.0, speed_m_s).turn(side * math.pi)
+
+
+def _stand(route: Route, _: int) -> None:
+    route.stand(60.0)
+
+
+COLD: Final = "with the gyro cooled by about 12 degC from the end of minute 1 to the end of minute 3"
+MANOEUVRES: Final = {
+    "turns on the spot, both ways, at 50, 25 and 10 deg/s": Manoeuvre(_spins),
+    "circles of 0.3 and 3 m radius and turns on the spot, both ways": Manoeuvre(_circles),
+    "squares of 4 m with turns on the spot, both ways": Manoeuvre(_squares),
+    "straight lines of 10 m, there and back, at 1.5, 0.4 and 0.8 m/s": Manoeuvre(_straights),
+    "figures of eight of 50 m at 1.2 m/s": Manoeuvre(MISSIONS["eights"].lap),
+    "a slalom at up to 1.5 m/s": Manoeuvre(MISSIONS["slalom"].lap),
+    f"standing still {COLD}": Manoeuvre(_stand, cold=True),
+    f"squares of 4 m with turns on the spot, both ways, {COLD}": Manoeuvre(_squares, cold=True),
+}
+
+
+def drive(name: str, minutes: int, stand_s: float) -> Truth:
+    """The true motion in one of MANOEUVRES: a standstill of `stand_s`, then laps until `minutes` are over."""
+    manoeuvre, steps_in_all = MANOEUVRES[name], 60 * minutes * RATE_HZ
+
+    def ridden(laps: int) -> Steps:
+        route = Route().stand(stand_s)
+        for number in range(laps):
+            manoeuvre.lap(route, number)
+        return route.steps()
+
+    laps = 2 * math.ceil(steps_in_all / (len(ridden(2).forward_m) - stand_s * RATE_HZ))
+    truth = make_truth(Drive(Steps(*(a[:steps_in_all] for a in ridden(laps))), laps))
+    return replace(truth, temperature_c=_temperature_c(truth.middle_s, manoeuvre.cold))
+
+
+def _temperature_c(time_s: Array, cold: bool) -> Array:
+    def after(begin_s: float) -> Array:
+        return np.asarray(1.0 - np.exp(-np.maximum(time_s - begin_s, 0.0) / COLD_LAG_S))
+
+    warm = ROOM_C + WARM_UP_C * (1.0 - np.exp(-time_s / WARM_UP_S))
+    return warm - COLDER_C * (after(COLD_FROM_S) - after(COLD_TO_S)) if cold else warm
