@@ -117,9 +117,8 @@ def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], cl
     G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]
-        x = np.asarray(np.linalg.lstsq(G[np.ix_(at, at)], b[at], rcond=1e-8)[0], float)
-        gain = float(b[at] @ x)
-        if gain > most and (found := variant.claim(x)) is not None and found.free == claim.free:
+        gain, found = variant.fitted(G[np.ix_(at, at)], b[at])
+        if gain > most and found is not None and found.free == claim.free:
             best, most = found, gain
     if best is None:
         return None

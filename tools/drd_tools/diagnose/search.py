@@ -202,9 +202,9 @@ class Search:
         best: dict[str, tuple[float, Claim]] = {}
         for candidate in self._free(fit, G):
             index = list(candidate.columns)
-            x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
-            gain = 0.5 * float(b[index] @ x) - candidate.penalty
-            if gain > best.get(candidate.effect.id, (0.0,))[0] and (claim := candidate.claim(x)) is not None:
+            nats, claim = candidate.fitted(G[np.ix_(index, index)], b[index])
+            gain = nats - candidate.penalty
+            if claim is not None and gain > best.get(candidate.effect.id, (0.0,))[0]:
                 best[candidate.effect.id] = (gain, claim)
         for each, products in zip(self.library.stretches, stretches, strict=True):
             for gain, claim in self._in_stretches(each, *products):
