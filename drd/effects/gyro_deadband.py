@@ -25,7 +25,7 @@ class GyroDeadband(Effect):
         return Errors()
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"band": band_deg_s * RAD_PER_DEG} for band_deg_s in (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.4, 0.8)]
+        return [{"band": band_deg_s * RAD_PER_DEG} for band_deg_s in np.geomspace(0.01, 1.0, 14)]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # No sharp edge; a threshold that is lost from larger rates too.

@@ -25,7 +25,7 @@ AUDITED: Final = ("encoder_dropout", "gyro_saturation")
 SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 MOST_OF_THE_WAY: Final = 0.8
-BIASES: Final = (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0)  # in sigmas of the data sheet
+BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,11 @@ class Candidate:
     def fitted(self, G: Array, b: Array) -> tuple[float, Claim | None]:
         """What it gains, nats, and its parameters, of its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
-        # A threshold has no size: its column counts as it is.
-        nats = float(b[0] - 0.5 * G[0, 0]) if self.effect.acts_on is ActsOn.READOUT else 0.5 * float(b @ x)
-        return nats, self.claim(x)
+        return 0.5 * float(b @ x), self.claim(x)
+
+    def as_it_is(self, G: Array, b: Array) -> float:
+        """What it gains where its column has no size to be fitted, as a threshold has none; otherwise -inf."""
+        return float(b[0] - 0.5 * G[0, 0]) if self.effect.acts_on is ActsOn.READOUT else -math.inf
 
     def claim(self, coefficients: Array) -> Claim | None:
         """With parameters from the regression's coefficients; None where they make no sense."""

@@ -197,20 +197,23 @@ class Search:
         return nats - self.problem.penalty(fit.claims)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
-        """What each effect would gain beside the claims, with its best variant; best first."""
+        """What each effect would gain beside the claims, with its best variants; best first."""
         (G, b), *stretches = self._beside(fit)
         best: dict[str, tuple[float, Claim]] = {}
+        # Of thresholds, between which there are others, the one that fits as it is begins a search of its own.
+        as_they_are: dict[str, tuple[float, Claim]] = {}
         for candidate in self._free(fit, G):
             index = list(candidate.columns)
-            nats, claim = candidate.fitted(G[np.ix_(index, index)], b[index])
-            gain = nats - candidate.penalty
-            if claim is not None and gain > best.get(candidate.effect.id, (0.0,))[0]:
-                best[candidate.effect.id] = (gain, claim)
+            own = G[np.ix_(index, index)], b[index]
+            nats, claim = candidate.fitted(*own)
+            for found, gain in ((best, nats), (as_they_are, candidate.as_it_is(*own))):
+                if claim is not None and gain - candidate.penalty > found.get(claim.id, (0.0,))[0]:
+                    found[claim.id] = (gain - candidate.penalty, claim)
         for each, products in zip(self.library.stretches, stretches, strict=True):
             for gain, claim in self._in_stretches(each, *products):
                 if gain > best.get(claim.id, (0.0,))[0]:
                     best[claim.id] = (gain, claim)
-        return sorted(best.values(), key=lambda r: -r[0])
+        return sorted([*best.values(), *as_they_are.values()], key=lambda r: -r[0])
 
     def _in_stretches(self, stretches: Stretches, G: Array, b: Array) -> Iterator[tuple[float, Claim]]:
         for which in choices(stretches.effect, stretches.names):

@@ -1,14 +1,16 @@
 """Parameters of effects that are to be seen so well, and how well their nearest rivals would do."""
 
 import math
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from drd.effects.effect import Effect
+from drd.effects.effect import ActsOn, Effect
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.claim import Claim
+from drd_tools.diagnose.claim import BIAS, Claim
+from drd_tools.diagnose.library import AUDITED
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import beyond, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
@@ -30,8 +32,14 @@ def visibility(problem: Problem, effect: Effect, values: Values) -> float:
 
 
 def claims_of(effects: Effects) -> list[Claim]:
-    """Effects as claims from their true values on, all that can be fitted free."""
-    return [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+    """Effects as claims from their true values on, all that can be fitted free; a threshold's bias is not known."""
+    claims = [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+    return [
+        replace(c, values={**c.values, BIAS.name: 0.0}, free=(*c.free, BIAS.name))
+        if c.effect.acts_on is ActsOn.READOUT and c.id not in AUDITED
+        else c
+        for c in claims
+    ]
 
 
 def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
