@@ -11,7 +11,7 @@ from drd.effects.effect import ActsOn
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, held_beside, refine, refine_all
+from drd_tools.diagnose.refine import Fit, beyond, held_beside, refine, refine_all
 from drd_tools.diagnose.stretches import Stretches, joined, same_window
 
 Array = npt.NDArray[np.float64]
@@ -190,10 +190,8 @@ class Search:
 
     def exact_score(self, fit: Fit) -> float:
         """As `score`, if no cause had another shape than the catalogue's."""
-        N = self.problem.nuisance
         residual = self.problem.data - self.problem.effect_rows(fit.claims)
-        b = N.T @ residual
-        nats = -0.5 * float(residual @ residual - b @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), b))
+        nats = -0.5 * float(residual @ beyond(self.problem.nuisance, residual))
         return nats - self.problem.penalty(fit.claims)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Claim]]:
