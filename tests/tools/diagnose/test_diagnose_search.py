@@ -9,7 +9,7 @@ from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Found, Search, _contested, find, find_roughly, finished, is_rough
+from drd_tools.diagnose.search import Found, Search, _contested, find_roughly, finished, is_rough
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -111,7 +111,7 @@ def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:
     scrub = replace(claim("turn_scrub", k=0.02), free=("k",))
     row = p.effect_rows([scrub])
     p.data = 12.0 * row / np.linalg.norm(row)
-    found = find(p)
+    found = finished(find_roughly(p))
     assert [c.id for c in found.fit.claims] == ["turn_scrub"]
     exact = Search(p).exact_score(refine(p, [claim("tread_error", k=0.0)]))
     assert Search(p).exact_score(found.fit) > exact

@@ -61,7 +61,7 @@ class _Elsewhere:
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.claim for event in looked.events)])
             noise, doubt = fitted(near, fit, searched=True)
-            problem = Problem(problem.evidence, None, noise, doubt, temper=tempered(near, fit.left))
+            problem = Problem(problem.evidence, problem.path, noise, doubt, temper=tempered(near, fit.left))
         self._problem = problem
         self._events = list(refine(problem, [event.claim for event in looked.events]).claims)
         self._known: dict[tuple[str, ...], float] = {}

@@ -1,7 +1,7 @@
 """Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -48,16 +48,12 @@ class Found:
     score: float
     null: float  # score without any claim
     is_cleared: bool = False  # whether the motion was cleared of the claims to see how the wheels turn
+    is_complete: bool = False  # whether no other claim is worth its cost
 
 
 def is_rough(fit: Fit) -> bool:
     """Whether the data are so far from the model that the noise must be larger: gains and their costs mean little."""
     return bool(fit.left.size) and float(np.mean(fit.left**2)) > ROUGH_SQUARE
-
-
-def find(problem: Problem, known: Sequence[Claim] = ()) -> Found:
-    """Search for claims beside those that are known, until none is worth its cost."""
-    return finished(find_roughly(problem, known), known)
 
 
 def find_roughly(problem: Problem, known: Sequence[Claim] = ()) -> Found:
@@ -70,12 +66,12 @@ def find_roughly(problem: Problem, known: Sequence[Claim] = ()) -> Found:
         if better.score < (1.0 - little) * found.score:
             return better
         found = better
-    return found
+    return replace(found, is_complete=True)
 
 
 def finished(found: Found, known: Sequence[Claim] = ()) -> Found:
     """A rough search gone on with, until no claim is worth its cost and no other name, or form, is better."""
-    while (better := _better(found, known)) is not None:
+    while not found.is_complete and (better := _better(found, known)) is not None:
         found = better
     return _by_exact_form(_contested(Search(found.problem, known), found), {c.id for c in known})
 
