@@ -1,18 +1,16 @@
-"""All checks, inside the virtual machine, as root, on two robots at the same time: `python3 -m vm.guest`."""
+"""All checks of a robot, inside its virtual machine, as root: `python3 -m vm.guest NAME`."""
 
 import json
 import os
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from vm import driving, sandbox, standing
 from vm.checks import CHECKS, Check, Seen, check
-from vm.robot import GUEST_ADDRESS, LINES, PROGRAM, SHARED, Robot, sh
+from vm.robot import GUEST_ADDRESS, PROGRAM, SHARED, Robot, sh
 
 __all__ = ["CHECKS", "driving", "sandbox", "standing"]  # with these the list is whole
 
@@ -22,25 +20,20 @@ VERDICTS: dict[str, dict[str, Any]] = {}
 BEFORE: set[str] = set()
 
 
-def install() -> None:
+def install(name: str) -> None:
     """What a user does once (README.md), then what is special here."""
     BEFORE.update(files())
-    for name in LINES:
-        sh(f"{PROGRAM} install-service {name}")
-    # It starts again and again, and must not take the processor from the one that drives.
-    drop_in = Path("/etc/systemd/system/drd@standing.service.d/test.conf")
-    drop_in.parent.mkdir()
-    drop_in.write_text("[Service]\nNice=5\n")
+    sh(f"{PROGRAM} install-service {name}")
     sandbox.put()
     # It reloads systemd, too, which takes seconds here.
-    sh(f"systemctl enable {' '.join(f'drd@{name}' for name in LINES)}")
+    sh(f"systemctl enable drd@{name}")
     sh("modprobe vcan")
     sh(f"ip address add {GUEST_ADDRESS}/24 dev vec0 && ip link set vec0 up")
 
 
-@check("the last")
+@check("driving")
 def uninstall_leaves_nothing(_: Robot) -> Seen:
-    sh("rm -r /etc/systemd/system/drd@*.service.d /run/systemd/system.control/drd@*")  # the tests' own drop-ins
+    sh("rm -r /etc/systemd/system/drd@*.service.d")  # the tests' own drop-in
     said = sh(f"{PROGRAM} install-service --uninstall --purge")
     left = sorted(name for name in set(files()) - BEFORE if "drd" in name)
     assert not left, f"{left}; it said: {said}"
@@ -68,28 +61,17 @@ def attempt(name: str, one: Check, robot: Robot) -> None:
     (SHARED / "results.json").write_text(json.dumps(VERDICTS))
 
 
-def work_through(robot: Robot) -> None:
-    """All checks of one robot, one after the other; one that fails does not end it."""
-    for name, one in CHECKS.items():
-        if one.robot == robot.name:
-            attempt(name, one, robot)
-
-
-def main() -> None:
-    """Run all; the verdicts go to the host."""
+def main(name: str) -> None:
+    """Run all of that robot's, one after the other; one that fails does not end it. The verdicts go to the host."""
     # The hardware must not wait for the robot's computer, although here they share a processor. Not so what we start.
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(50))
-    install()
-    robots = [Robot(name) for name in LINES]
-    lanes = [threading.Thread(target=work_through, args=(robot,)) for robot in robots]
-    for lane in lanes:
-        lane.start()
-    for lane in lanes:
-        lane.join()
-    attempt(uninstall_leaves_nothing.__name__, CHECKS[uninstall_leaves_nothing.__name__], robots[0])
-    for robot in robots:
-        robot.close()
+    install(name)
+    robot = Robot(name)
+    for title, one in CHECKS.items():
+        if one.robot == name:
+            attempt(title, one, robot)
+    robot.close()
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1])

@@ -30,11 +30,11 @@ MASKED = (
     "systemd-pstore.service",
     "systemd-networkd.service",
 )
-FREE_BYTES = 3_000_000_000
+FREE_BYTES = 4_000_000_000
 
 TEST_UNIT = """\
 [Unit]
-Description=The checks of tests/vm/guest.py
+Description=One robot's checks of tests/vm/guest.py
 After=basic.target dbus.service systemd-udev-trigger.service
 Wants=basic.target dbus.socket
 SuccessAction=poweroff-force
@@ -44,12 +44,12 @@ FailureAction=poweroff-force
 Type=oneshot
 TimeoutStartSec=infinity
 ExecStartPre=/bin/sh -c 'mount -t hostfs none /mnt -o $$(sed "s/.*drd_out=//; s/ .*//" /proc/cmdline)'
-ExecStart=/bin/sh -c 'cd /mnt && exec /opt/drd/bin/python3 -u -m vm.guest >guest.log 2>&1'
+ExecStart=/bin/sh -c 'cd /mnt && exec /opt/drd/bin/python3 -u -m vm.guest $$(cat robot) >guest.log 2>&1'
 ExecStopPost=/bin/sh -c 'journalctl --boot --no-pager --output=short-monotonic >/mnt/journal.log'
 """
-# The machine's serial lines stand for USB adapters, which User-mode Linux does not have.
+# The machine's serial line stands for a USB adapter, which User-mode Linux does not have.
 SERIAL_RULES = """\
-ACTION!="remove", SUBSYSTEM=="tty", KERNEL=="ttyS[01]", GROUP="dialout", MODE="0660"
+ACTION!="remove", SUBSYSTEM=="tty", KERNEL=="ttyS0", GROUP="dialout", MODE="0660"
 """
 
 

@@ -1,9 +1,10 @@
-"""One run of the virtual machine: User-mode Linux in a network and a process namespace of its own.
+"""A virtual machine for each robot: User-mode Linux in a network and a process namespace of its own.
 
-Out here are the gyros on its serial lines and a Zenoh subscriber beyond its network interface; what the checks inside
-find out comes back through a folder that both see.
+Each has one processor, and they run beside each other. Out here are the gyro on its serial line and a Zenoh subscriber
+beyond its network interface; what the checks inside find out comes back through a folder that both see.
 """
 
+import contextlib
 import json
 import shutil
 import subprocess
@@ -28,7 +29,7 @@ RESULTS, OUTSIDE, CONSOLE = "results.json", "outside.jsonl", "console.log"
 SCRIPT = f"""\
 ip link set lo up && ip tuntap add dev tap0 mode tap && ip address add {robot.HOST_ADDRESS}/24 dev tap0 &&
 ip link set tap0 up || exit 1
-"$1" -c "$2" tcp/{robot.GUEST_ADDRESS}:{robot.PORTS["driving"]} "$3" &
+"$1" -c "$2" {robot.ENDPOINTS[1]} "$3" &
 shift 3
 chrt --rr 1 true && exec chrt --rr 1 "$@"
 exec "$@"
@@ -45,63 +46,72 @@ with zenoh.open(config) as session, open(sys.argv[2], "w", buffering=1) as strea
 """
 
 
-class Gyro:
-    """A fibre-optic gyro on a pseudo-terminal, told through a file in `out` where its drive began and when to talk."""
+class Machine:
+    """One robot's machine while it runs, with the gyro of that robot on its serial line, a pseudo-terminal."""
 
-    def __init__(self, name: str, work: Path, out: Path):
-        file = work / f"{name}.yaml"
+    def __init__(self, name: str, disk: Path, work: Path):
+        """Start it, in `work`, a folder of its own; `disk` is changed."""
+        self.out = work / "out"
+        self.out.mkdir()
+        shutil.copytree(Path(__file__).parent, self.out / "vm", ignore=shutil.ignore_patterns("__pycache__"))
+        (self.out / "robot").write_text(name)
+        small, gyro, configuration = work / "small.ext4", work / "gyro", work / "gyro.yaml"
+        image.run("mke2fs", "-q", "-F", "-t", "ext4", small, "8M")
         encoders = {"interface": "virtual", "channel": name, "counts_per_revolution": 4096}
-        fog = robot.FOG | {"port": str(work / f"fog-{name}")}
-        file.write_text(yaml.safe_dump({"robot": robot.GEOMETRY, "fog": fog, "encoders": encoders}))
-        self._emulator = Emulator(load_config(file).value, work, robot.drive(name), seed=1)
-        self._emulator.plug_in()
-        self._orders = out / robot.orders(name)
-        self.device = (work / f"fog-{name}").readlink()
+        fog = robot.FOG | {"port": str(gyro)}
+        configuration.write_text(yaml.safe_dump({"robot": robot.GEOMETRY, "fog": fog, "encoders": encoders}))
+        self._gyro = Emulator(load_config(configuration).value, work, robot.drive(name), seed=1)
+        self._gyro.plug_in()
+        system = (
+            *("linux.uml", "mem=768M", f"umid={work.name}", f"uml_dir={work}/uml", f"ubd0={disk}", f"ubd1={small}"),
+            *("root=/dev/ubda", "rw", "init=/lib/systemd/systemd", "quiet", "panic=1", "con=null", "con0=null,fd:1"),
+            *("ssl=null", f"ssl0=tty:{gyro.readlink()}", "vec0:transport=tap,ifname=tap0"),
+            *("systemd.unit=drd-test.service", f"drd_out={self.out}"),
+        )
+        command = (
+            *("setpriv", "--pdeathsig=KILL", "unshare", "--net", "--pid", "--fork", "--kill-child=SIGKILL"),
+            *("sh", "-c", SCRIPT, "sh", sys.executable, SUBSCRIBER, str(self.out / OUTSIDE)),
+            *("timeout", "--kill-after=5", str(LIMIT_S), *system),
+        )
+        with (self.out / CONSOLE).open("wb") as console:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT
+            )
+
+    def is_running(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.poll() is None
 
     def step(self) -> None:
-        """Send what is due."""
+        """Send what is due of the gyro. The robot inside says in a file when to begin and whether it is plugged in."""
         try:
-            orders = json.loads(self._orders.read_text())
+            orders = json.loads((self.out / robot.ORDERS).read_text())
         except (OSError, ValueError):
             return
-        self._emulator.fog_silent = not orders["on"]
-        self._emulator.step((time.time_ns() - orders["start_wall_ns"]) * S_PER_NS)
+        self._gyro.fog_silent = not orders["on"]
+        self._gyro.step((time.time_ns() - orders["start_wall_ns"]) * S_PER_NS)
 
     def close(self) -> None:
-        """Hang up."""
-        self._emulator.stop()
+        """Pull both plugs."""
+        self._process.kill()
+        self._process.wait()
+        self._gyro.stop()
 
 
-def run(disk: Path, work: Path) -> Path:
-    """Boot, wait for the end, and return the folder with what the machine left."""
-    out = work / "out"
-    out.mkdir()
-    shutil.copytree(Path(__file__).parent, out / "vm", ignore=shutil.ignore_patterns("__pycache__"))
-    small = work / "small.ext4"
-    image.run("mke2fs", "-q", "-F", "-t", "ext4", small, "8M")
-    gyros = [Gyro(name, work, out) for name in robot.LINES]
-    lines = [f"ssl{i}=tty:{gyro.device}" for i, gyro in enumerate(gyros)]
-    machine = (
-        *("linux.uml", "mem=1024M", f"umid={work.name}", f"uml_dir={work}/uml", f"ubd0={disk}", f"ubd1={small}"),
-        *("root=/dev/ubda", "rw", "init=/lib/systemd/systemd", "quiet", "panic=1", "con=null", "con0=null,fd:1"),
-        *("ssl=null", *lines, "vec0:transport=tap,ifname=tap0", "systemd.unit=drd-test.service", f"drd_out={out}"),
-    )
-    command = (
-        *("setpriv", "--pdeathsig=KILL", "unshare", "--net", "--pid", "--fork", "--kill-child=SIGKILL"),
-        *("sh", "-c", SCRIPT, "sh", sys.executable, SUBSCRIBER, str(out / OUTSIDE)),
-        *("timeout", "--kill-after=5", str(LIMIT_S), *machine),
-    )
-    try:
-        with (out / CONSOLE).open("wb") as console:
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT)
-            while process.poll() is None:
-                for gyro in gyros:
-                    gyro.step()
-                time.sleep(POLL_S)
-    finally:
-        for gyro in gyros:
-            gyro.close()
-    return out
+def run(disk: Path, work: Path) -> dict[str, Path]:
+    """Boot a machine for each robot, wait for their ends, and return the folders with what they left."""
+    with contextlib.ExitStack() as ends:
+        machines = {}
+        for name in robot.NAMES:
+            (own := work / name).mkdir()
+            image.run("cp", "--sparse=always", disk, own / "root.ext4")
+            machines[name] = Machine(name, own / "root.ext4", own)
+            ends.callback(machines[name].close)
+        while any(machine.is_running() for machine in machines.values()):
+            for machine in machines.values():
+                machine.step()
+            time.sleep(POLL_S)
+    return {name: machine.out for name, machine in machines.items()}
 
 
 def results(out: Path) -> dict[str, dict[str, Any]]:

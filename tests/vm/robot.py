@@ -1,5 +1,6 @@
-"""A robot inside the virtual machine: encoders on a virtual CAN bus, a gyro on a serial line, drd as its service."""
+"""A robot inside its virtual machine: encoders on a virtual CAN bus, a gyro on a serial line, drd as its service."""
 
+import contextlib
 import json
 import math
 import re
@@ -25,32 +26,26 @@ from drd_tools.emulate.hardware import Emulator
 # Shared with the host: what stands in files there leaves the machine.
 SHARED: Final = Path("/mnt")
 HOST_ADDRESS, GUEST_ADDRESS = "192.0.2.1", "192.0.2.2"  # RFC 5737: for examples
-PORTS: Final = {"driving": 7447, "standing": 7448}
-LINES: Final = {"driving": "/dev/ttyS0", "standing": "/dev/ttyS1"}
-BUSES: Final = {"driving": "vcan0", "standing": "vcan1"}
+NAMES: Final = ("driving", "standing")
+PORT: Final = 7447
+LINE: Final = "/dev/ttyS0"
+BUS: Final = "vcan0"
 # First the gyro is away, then its bias is measured.
-STAND_S: Final = 22.0
+STAND_S: Final = 30.0
 GEOMETRY: Final = {"wheel_radius_m": 0.1, "tread_m": 0.5}
 # Few bytes: User-mode Linux never reads a serial line again in which 4 KiB have been waiting. These need 50 s for them.
 FOG: Final = {"protocol": "ecore", "baud": 9600, "rate_hz": 10, "full_scale_deg_s": 100, "latency_s": 0.0}
 EXAMPLE: Final = Path(drd.__file__).parent / "data/config/canopen.yaml"
 PROGRAM: Final = "/opt/drd/bin/drd"
+# The daemon listens at both; the second can be reached from outside the machine.
+ENDPOINTS: Final = (f"tcp/127.0.0.1:{PORT}", f"tcp/{GUEST_ADDRESS}:{PORT}")
+# In which the gyro outside finds out when to begin and whether it is plugged in.
+ORDERS: Final = "gyro.json"
 
 
 def drive(name: str) -> Drive:
     """The way of the robot of that name; the gyro outside goes the same."""
     return demo_drive(300, stand_s=STAND_S) if name == "driving" else Drive(np.zeros(2), np.zeros(2))
-
-
-def endpoints(name: str) -> list[str]:
-    """Where its daemon listens; one of them can be reached from outside the machine."""
-    local = f"tcp/127.0.0.1:{PORTS[name]}"
-    return [local, f"tcp/{GUEST_ADDRESS}:{PORTS[name]}"] if name == "driving" else [local]
-
-
-def orders(name: str) -> str:
-    """The file in which the gyro outside finds out when to begin and whether it is plugged in."""
-    return f"gyro-{name}.json"
 
 
 def sh(command: str, *, may_fail: bool = False) -> str:
@@ -73,7 +68,7 @@ class Robot:
     """The hardware, the service `drd@NAME` and a Zenoh subscriber to it."""
 
     def __init__(self, name: str):
-        self.name, self.unit, self.bus = name, f"drd@{name}.service", BUSES[name]
+        self.name, self.unit, self.bus = name, f"drd@{name}.service", BUS
         self.port = Path(f"/dev/fog-{name}")
         self.file = Path(f"/etc/drd/{name}.yaml")
         self.poses: list[tuple[float, dict[str, Any]]] = []  # with the time of arrival, CLOCK_MONOTONIC
@@ -87,7 +82,7 @@ class Robot:
         self.emulator.start()
         self._start_wall_ns = time.time_ns() - time.monotonic_ns() + self.emulator.start_ns
         self.gyro(on=False)
-        config = isolated_config("peer", (), (f"tcp/127.0.0.1:{PORTS[name]}",))
+        config = isolated_config("peer", (), ENDPOINTS[:1])
         config.insert_json5("connect/retry", '{"period_init_ms": 100, "period_max_ms": 200}')
         self._session: Any = zenoh.open(config)
         self._session.declare_subscriber("drd/pose", self._hear)
@@ -108,10 +103,9 @@ class Robot:
         # The machine's processor is late by tens of ms, now for the one and now for the other.
         values["estimation"]["noise"]["timing_s"] = 0.05
         values["estimation"]["static_bias"] = {"duration_s": 3.0, "minimum_s": 1.0}
-        # Nothing here waits for a silence: a lost port says so. The standing robot's service is nice, see guest.py.
-        patience_s = 5.0 if self.name == "standing" else 2.0
-        values["fog"]["silent_after_s"] = values["encoders"]["silent_after_s"] = patience_s
-        values["output"] = {"listen": endpoints(self.name), "commands": True}
+        # Nothing here waits for a silence: a lost port says so.
+        values["fog"]["silent_after_s"] = values["encoders"]["silent_after_s"] = 5.0
+        values["output"] = {"listen": list(ENDPOINTS), "commands": True}
         return values
 
     def configure(self, **sections: dict[str, Any]) -> None:
@@ -128,13 +122,13 @@ class Robot:
 
     def gyro(self, on: bool) -> None:
         """Plug the gyro in, or pull its plug."""
-        order = SHARED / orders(self.name)
+        order = SHARED / ORDERS
         new = order.with_suffix(".new")
         new.write_text(json.dumps({"on": on, "start_wall_ns": self._start_wall_ns}))
         new.rename(order)
         self.port.unlink(missing_ok=True)
         if on:
-            self.port.symlink_to(LINES[self.name])
+            self.port.symlink_to(LINE)
 
     def truth(self, t_ns: int) -> tuple[float, float]:
         """Where the robot was then (CLOCK_MONOTONIC), in m."""
@@ -175,8 +169,10 @@ class Robot:
         """Ask the daemon; None where it does not answer."""
         payload = None if request is None else json.dumps(request).encode()
         for reply in self._session.get(f"drd/{key}", payload=payload, timeout=1.0):
-            answer: dict[str, Any] = json.loads((reply.ok or reply.err).payload.to_bytes())
-            return answer
+            # Where nothing answers in time, Zenoh itself replies, with an error that is no JSON.
+            with contextlib.suppress(json.JSONDecodeError):
+                answer: dict[str, Any] = json.loads((reply.ok or reply.err).payload.to_bytes())
+                return answer
         return None
 
     def since(self, began_s: float) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ KEPT = image.CHECKOUT / "out" / "vm"
 
 
 class Run(NamedTuple):
-    """What the machine left."""
+    """What the machines left."""
 
     verdicts: dict[str, dict[str, Any]]
     poses: list[dict[str, Any]]
@@ -32,11 +32,13 @@ def run(request: pytest.FixtureRequest) -> Run:
         (pytest.fail if os.environ.get("DRD_VM_REQUIRED") else pytest.skip)(f"no virtual machine: {reason}")
     with tempfile.TemporaryDirectory(prefix="drd-vm-", dir=image.workshop()) as folder:
         work = Path(folder)
-        out = machine.run(image.build(work), work)
-        made = Run(machine.results(out), machine.poses_outside(out))
+        left = machine.run(image.build(work), work)
+        verdicts = {title: verdict for out in left.values() for title, verdict in machine.results(out).items()}
+        made = Run(verdicts, machine.poses_outside(left["driving"]))
         request.config.stash[VERDICTS] = made.verdicts
         shutil.rmtree(KEPT, ignore_errors=True)
-        shutil.copytree(out, KEPT, ignore=shutil.ignore_patterns("__pycache__"))
+        for name, out in left.items():
+            shutil.copytree(out, KEPT / name, ignore=shutil.ignore_patterns("__pycache__"))
     return made
 
 
