@@ -68,12 +68,12 @@ def shape_of(effect: Effect, values: Values) -> dict[str, float | str]:
     return {name: value for name, value in values.items() if name not in linear}
 
 
-def step(claim: Claim, name: str) -> float:
+def step(effect: Effect, values: Values, name: str) -> float:
     """A step for the numerical derivative with respect to a parameter that is not linear."""
-    q = claim.parameter(name)
+    q = parameter(effect, name)
     if name in ("t0", "t1"):
         return 0.5
     if q.unit in ("rad", "degC"):
         return 1e-3
-    at = abs(claim.number(name))
+    at = abs(float(values[name]))
     return min(max(0.02 * at, q.low * q.si), 0.5 * at or math.inf)

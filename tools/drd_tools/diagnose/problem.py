@@ -21,12 +21,14 @@ from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
-# An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form.
+# An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form. Or an effect,
+# all its values, and a slope.
 Wanted = tuple[Effect, Values, str]
 
 CACHED_BYTES: Final = 150e6
 CLEARINGS: Final = 2
 FORM: Final = "form "
+SLOPE: Final = "slope "
 
 
 class Temper(NamedTuple):
@@ -171,13 +173,18 @@ class Problem:
         return self.signatures.of(self._errors(self.signatures, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Signature:
-        """Of a unit of a linear parameter ("": there is none), or one of the other forms."""
+        """Of a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
             return self.signature(catalogue()["gyro_scale_error"], {"k": 1.0})
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
             shapes = effect.other_shapes(self.signatures.motion, {**ones, **shape})
             return self.signatures.of(shapes[int(name.removeprefix(FORM))])
+        if name.startswith(SLOPE):
+            of = name.removeprefix(SLOPE)
+            h, at = step(effect, shape, of), float(shape[of])
+            ahead, back = (self.signature(effect, {**shape, of: value}) for value in (at + h, at - h))
+            return (ahead + back * -1.0) * (0.5 / h)
         none = dict.fromkeys(effect.linear(), 0.0)
         return self.signature(effect, {**shape, **none, name: 1.0} if name else shape)
 
@@ -231,33 +238,20 @@ class Problem:
         return total
 
     def wanted_tangents(self, claims: Sequence[Claim]) -> list[Wanted]:
-        """The units that derivatives are made of."""
+        """The units that are derivatives, one for each free parameter."""
         wanted: list[Wanted] = []
         for claim in claims:
             shape, names = shape_of(claim.effect, claim.values), linear_names(claim.effect, claim.values)
             for name in claim.free:
-                if name in names:
-                    wanted.append((claim.effect, shape, name))
-                else:
-                    h, at = step(claim, name), claim.number(name)
-                    for value in (at + h, at - h):
-                        wanted += [(claim.effect, {**shape, name: value}, n) for n in names or ("",)]
+                # Differences are taken before they are whitened: so it is one column, whatever moves it.
+                wanted.append(
+                    (claim.effect, shape, name) if name in names else (claim.effect, claim.values, SLOPE + name)
+                )
         return wanted
 
     def tangents(self, claims: Sequence[Claim]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
-        made = iter(self.units(self.wanted_tangents(claims)))
-        columns: list[Array] = []
-        for claim in claims:
-            names = linear_names(claim.effect, claim.values)
-            for name in claim.free:
-                if name in names:
-                    columns.append(next(made))
-                else:
-                    factors = _factors(claim)
-                    ahead, back = (sum((f * next(made) for f in factors), np.zeros(1)) for _ in range(2))
-                    columns.append((ahead - back) * (0.5 / step(claim, name)))
-        return _columns(columns, len(self.data))
+        return _columns(self.units(self.wanted_tangents(claims)), len(self.data))
 
 
 def _columns(rows: Sequence[Array], length: int) -> Array:

@@ -94,26 +94,50 @@ class _Descent:
 
 
 def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, float]:
-    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then."""
-    residual = problem.data - problem.effect_rows(claims)
-    soft = np.column_stack([problem.nuisance, *(soft_forms(problem, claim) for claim in claims)])
-    A, b = soft.T @ soft + np.eye(soft.shape[1]), soft.T @ residual
+    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then.
+
+    All of it follows from the products of a few rows: what the claims leave, nuisances, other shapes and tangents.
+    """
+    q, residual = problem.nuisance.shape[1], problem.data - problem.effect_rows(claims)
+    forms, T = [problem.forms(claim).T for claim in claims], problem.tangents(claims).T
+    rows = np.concatenate([residual[None], problem.nuisance.T, *forms, T])
+    G = rows @ rows.T
+    tangents = slice(len(rows) - len(T), None)
+    W = _soft(G, q, [len(f) for f in forms], [len(c.free) for c in claims])
+    A, b = W @ G @ W.T + np.eye(len(W)), W @ G[:, 0]
     L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     # Of the nuisances' determinant a constant part is the same for all claims.
-    cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
-    fit = Fit(claims, cost, x[: problem.nuisance.shape[1]], residual - soft @ x)
-    if not claims or not any(c.free for c in claims):
+    cost = 0.5 * float(G[0, 0] - b @ x) + float(np.log(np.diag(L)).sum())
+    off = -(x @ W)
+    off[0] = 1.0
+    fit = Fit(claims, cost, x[:q], off @ rows)
+    if not len(T):
         return fit, np.zeros(0), cost
-    T = problem.tangents(claims)
     priors = np.concatenate([_priors(c) for c in claims])
     # In the directions that nuisances and shapes leave.
-    C = soft.T @ T
-    S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
-    g = T.T @ fit.left
+    C = W @ G[:, tangents]
+    S = G[tangents, tangents] - C.T @ np.linalg.solve(A, C) + np.diag(priors)
+    g = off @ G[:, tangents]
     inverse = _inverse(S)
     moves = inverse @ g
     return replace(fit, claims=_with_covariance(claims, inverse)), moves, cost - 0.5 * float(g @ moves)
+
+
+def _soft(G: Array, nuisances: int, forms: Sequence[int], tangents: Sequence[int]) -> Array:
+    """Nuisances and `soft_forms` as combinations (s, m) of the rows of `_evaluate`, of which G (m, m) are the products.
+
+    `forms`, `tangents`: how many each claim has.
+    """
+    W = np.zeros((nuisances + sum(forms), len(G)))
+    W[:nuisances, 1 : nuisances + 1] = np.eye(nuisances)
+    at, form, tangent = nuisances, nuisances + 1, len(G) - sum(tangents)
+    for s, k in zip(forms, tangents, strict=True):
+        own, their = slice(tangent, tangent + k), slice(form, form + s)
+        W[at : at + s, their] = FORM_SHARE * np.eye(s)
+        W[at : at + s, own] = -FORM_SHARE * G[their, own] @ _inverse(G[own, own])
+        at, form, tangent = at + s, form + s, tangent + k
+    return W
 
 
 def responses(problem: Problem, fit: Fit) -> Array:
