@@ -29,7 +29,7 @@ class EncoderLatency(Effect):
         return Delays(wheels_s=number(p, "delay"))
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1)]
+        return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1, 0.2, 0.4)]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # One wheel's frame after the other's; a filter's lag, in what it differs from a delay.

@@ -19,6 +19,7 @@ from drd_tools.recordings.folder import Recording
 Array = npt.NDArray[np.float64]
 
 NOISE_ROUNDS: Final = 2
+ROUGH_ROUNDS: Final = 4  # where the data are far off
 NOISE_CHANGED: Final = 0.1  # relative: the claims are then searched for again
 
 
@@ -57,8 +58,10 @@ def diagnose(recording: Recording) -> Diagnosis:
         noise, doubt = fitted(problem, refine(problem, known), searched=False)
         problem = Problem(problem.evidence, problem.path, noise, doubt)
     found = find_roughly(problem, known)
-    for _ in range(NOISE_ROUNDS):
+    for i in range(ROUGH_ROUNDS):
         # The claims are off now, so that what is left tells the noise better than before.
+        if i >= NOISE_ROUNDS and not is_rough(found.fit):
+            break
         noise, doubt = fitted(found.problem, found.fit, searched=True)
         temper = tempered(found.problem, found.fit.left)
         if _is_near(noise, temper, found.problem) and not is_rough(found.fit):

@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 # A grid finer than the gyro's samples tells nothing more; a coarser one blurs latencies.
 STEP_S: Final = 0.1
 # A fast gyro's rows are added up: slower errors are as exact in sums.
-SHORTEST_STEP_S: Final = 0.02
+SHORTEST_STEP_S: Final = 0.1
 # Time and memory are bounded: what is longer is cut. Coarser steps would not follow the way within a turn.
 MOST_STEPS: Final = 36_000
 LONGEST_GAP_S: Final = 86_400.0

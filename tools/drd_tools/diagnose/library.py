@@ -44,9 +44,11 @@ class Candidate:
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
         return 0.5 * float(b @ x), self.claim(x)
 
-    def as_it_is(self, G: Array, b: Array) -> float:
-        """What it gains where its column has no size to be fitted, as a threshold has none; otherwise -inf."""
-        return float(b[0] - 0.5 * G[0, 0]) if self.effect.acts_on is ActsOn.READOUT else -math.inf
+    def as_it_is(self, G: Array, b: Array) -> tuple[float, Claim | None]:
+        """As `fitted`, but not scaled: thresholds cannot be, and a longer delay has another shape. Of others -inf."""
+        if self.effect.acts_on not in (ActsOn.READOUT, ActsOn.TIMING) or self.names != ("",):
+            return -math.inf, None
+        return float(b[0] - 0.5 * G[0, 0]), self.claim(np.ones(1))
 
     def claim(self, coefficients: Array) -> Claim | None:
         """With parameters from the regression's coefficients; None where they make no sense."""

@@ -15,8 +15,11 @@ Array = npt.NDArray[np.float64]
 
 ROUNDS: Final = 12
 ENOUGH_NATS: Final = 0.02
+LONGER, SHORTEST = 3.0, 0.05  # the next share of the moves, of the last, where that was good and where not
 FAIR_ROUNDS: Final = 2
 HOPELESS_NATS: Final = 30.0  # that a score lies below what is asked for, although the linear model was followed
+CLEAR_ROUNDS: Final = 3  # after so many, if
+HOPED: Final = 5.0  # times what the linear model still expects would not be enough
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 FORM_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
@@ -62,12 +65,18 @@ class _Descent:
 
     def __init__(self, problem: Problem, claims: tuple[Claim, ...], least: float):
         self._problem, self._current = problem, claims
-        self._hopeless = HOPELESS_NATS - least - problem.penalty(claims)
+        self._enough = -least - problem.penalty(claims)
         self._rounds = 0
         self._best: Fit | None = None
         self._moves: Array = np.zeros(0)
-        self._share = 1.0
+        self._share = 1.0  # of the moves, that is tried
+        self._gain = 0.0  # that all of them would bring where the model is linear, nats
         self.done = False
+
+    def _is_hopeless(self, cost: float) -> bool:
+        if self._rounds >= CLEAR_ROUNDS and cost - HOPED * self._gain > self._enough:
+            return True
+        return self._rounds >= FAIR_ROUNDS and cost - self._gain > self._enough + HOPELESS_NATS
 
     @property
     def fit(self) -> Fit:
@@ -82,15 +91,17 @@ class _Descent:
     def step(self) -> None:
         fit, moves, reachable = _evaluate(self._problem, self._current)
         self._rounds += 1
-        if self._best is not None and not fit.cost < self._best.cost - 1e-9:
-            self._share *= 0.3
-            self.done = self._share < 0.02
-            self._current = _moved(self._best.claims, self._moves * self._share)
-            return
-        self._best, self._moves, self._share = fit, moves, 1.0
-        is_hopeless = self._rounds >= FAIR_ROUNDS and reachable > self._hopeless
-        self.done = fit.cost - reachable < ENOUGH_NATS or is_hopeless
-        self._current = _moved(fit.claims, moves)
+        if self._best is None or fit.cost < self._best.cost - 1e-9:
+            # Where the moves were too long they will be so again.
+            self._best, self._moves, self._share = fit, moves, min(1.0, LONGER * self._share)
+            self._gain = fit.cost - reachable
+            self.done = self._is_hopeless(fit.cost)
+        else:
+            # The parabola through both costs, with the slope that the linear model has.
+            least = self._share * self._gain / (fit.cost - self._best.cost + 2.0 * self._share * self._gain)
+            self._share *= min(max(least, SHORTEST), 0.5)
+        self.done = self.done or self._share * self._gain < ENOUGH_NATS
+        self._current = _moved(self._best.claims, self._moves * self._share)
 
 
 def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, float]:

@@ -194,13 +194,12 @@ class Search:
         """What each effect would gain beside the claims, with its best variants; best first."""
         (G, b), *stretches = self._beside(fit)
         best: dict[str, tuple[float, Claim]] = {}
-        # Of thresholds, between which there are others, the one that fits as it is begins a search of its own.
+        # Of thresholds and delays, the one that fits best as it is begins a search of its own.
         as_they_are: dict[str, tuple[float, Claim]] = {}
         for candidate in self._free(fit, G):
             index = list(candidate.columns)
             own = G[np.ix_(index, index)], b[index]
-            nats, claim = candidate.fitted(*own)
-            for found, gain in ((best, nats), (as_they_are, candidate.as_it_is(*own))):
+            for found, (gain, claim) in ((best, candidate.fitted(*own)), (as_they_are, candidate.as_it_is(*own))):
                 if claim is not None and gain - candidate.penalty > found.get(claim.id, (0.0,))[0]:
                     found[claim.id] = (gain - candidate.penalty, claim)
         for each, products in zip(self.library.stretches, stretches, strict=True):
