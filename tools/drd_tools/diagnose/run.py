@@ -1,16 +1,15 @@
 """Recordings diagnosed and their files written: one here, several in processes of their own."""
 
 import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
@@ -27,7 +26,6 @@ from drd_tools.diagnose.prove import judged, save_proven
 from drd_tools.diagnose.report import write_report
 from drd_tools.recordings.folder import Recording
 
-THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 CUT_S: Final = 60.0
 Content = dict[str, Any]
 
@@ -53,7 +51,6 @@ def run_all(
         return
     context = multiprocessing.get_context("spawn")  # a forked child of a process with threads may lock up
     with (
-        _one_thread_each(),
         ProcessPoolExecutor(min(jobs, len(recordings)), context) as pool,
         tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
     ):
@@ -73,21 +70,6 @@ def run_all(
             pool.shutdown(cancel_futures=True)
 
 
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes started inside have one thread for linear algebra: its sums then do not depend on the processors."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written | tuple[str, str, str, str]:
     """As `run`; what a ConfigError says comes back as it is, since the error itself cannot be sent."""
     try:
@@ -99,8 +81,10 @@ def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) ->
 def run(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
     """Diagnose a recording and write all files into `folder`. Raises ConfigError and OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    result = diagnose(recording)
-    content, series = _write(result, held_out, folder)
+    # So small products are no sooner done by two threads, and their sums would depend on the processors.
+    with threadpool_limits(limits=1):
+        result = diagnose(recording)
+        content, series = _write(result, held_out, folder)
     found = result.conclusion.found
     files = [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)]
     return Written(content, series, files, share_of(found.problem, found.fit))
