@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -151,11 +151,19 @@ def _soft(G: Array, nuisances: int, forms: Sequence[int], tangents: Sequence[int
     return W
 
 
-def responses(problem: Problem, fit: Fit) -> Array:
-    """What other shapes of the claims' causes, each as large as its claim, move the claims' free parameters by.
+class Response(NamedTuple):
+    """How the claims' free parameters (k,), one claim after the other, answer to what is not certain.
 
-    Shape (k, s): the rows are the parameters of all claims.
+    `covariance` (k, k). `forms` (k, s): what other shapes of the claims' causes, each as large as its claim, move them
+    by.
     """
+
+    covariance: Array
+    forms: Array
+
+
+def response(problem: Problem, fit: Fit) -> Response:
+    """Of the parameters of a fit."""
     claims = fit.claims
     T = problem.tangents(claims)
     soft = np.column_stack([problem.nuisance, *(soft_forms(problem, claim) for claim in claims)])
@@ -165,7 +173,8 @@ def responses(problem: Problem, fit: Fit) -> Array:
     priors = np.concatenate([np.zeros(0), *(_priors(c) for c in claims)])
     S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
     b = T.T @ F - C.T @ np.linalg.solve(A, soft.T @ F)
-    return _inverse(S) @ b
+    covariance = _inverse(S)
+    return Response(covariance, covariance @ b)
 
 
 def _inverse(S: Array) -> Array:

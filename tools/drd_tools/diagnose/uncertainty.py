@@ -4,45 +4,81 @@ A curvature at the best fit is too sure of three things: a parameter that was le
 its cost, is not zero; an edge of a window may lie anywhere in a stretch that tells nothing of it; and no form is exact.
 """
 
-from collections.abc import Collection
+import math
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from drd.effects.effect import Parameter
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import is_angle, is_plausible
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, refine, refine_all, responses
+from drd_tools.diagnose.refine import Fit, refine, refine_all, response
 
 Array = npt.NDArray[np.float64]
 
 FORM_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
 FINE: Final = 2000
+USUAL: Final = 3.0
 FEWEST_PLACES: Final = 3
 
 
 def told(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Claim, ...]:
     """The claims of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
     fit = _widened(problem, fit, known)
-    spread = responses(problem, fit)
+    uncertain = response(problem, fit)
+    covariance = uncertain.covariance + FORM_SHARE**2 * uncertain.forms @ uncertain.forms.T
+    drawn = drawn_in(fit.claims, covariance, problem.per_parameter, known)
     claims, first = [], 0
     for i, claim in enumerate(fit.claims):
         k = len(claim.free)
-        rows = spread[first : first + k]
+        own = covariance[first : first + k, first : first + k]
         first += k
         if claim.id in known or not k:
             claims.append(claim)
             continue
-        covariance = claim.covariance + (FORM_SHARE**2) * rows @ rows.T
-        deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        deviation = np.sqrt(np.maximum(np.diag(own), 0.0))
         profiled = [_distances(problem, fit, i, name) for name in claim.free if _is_curved(claim, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, claim))
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
-        claims.append(replace(claim, covariance=covariance * scale[:, None] * scale))
+        claims.append(replace(drawn[i], covariance=own * scale[:, None] * scale))
     return tuple(claims)
+
+
+def drawn_in(
+    claims: Sequence[Claim], covariance: Array, cost_nats: float, known: Collection[str] = ()
+) -> tuple[Claim, ...]:
+    """Linear parameters drawn towards 0 where the data do not object: of what they tell nothing, nothing is told.
+
+    Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
+    would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
+    sizes: one that is worth less than a parameter costs is taken to be of usual size. (58)
+    `covariance` (k, k): of all free parameters. `known` from logic: these stay.
+    """
+    named = [(i, name) for i, claim in enumerate(claims) for name in claim.free]
+    index = [j for j, (i, name) in enumerate(named) if claims[i].id not in known and claims[i].parameter(name).linear]
+    if not index:
+        return tuple(claims)
+    usual = np.array([_usual(claims[i].parameter(name)) for i, name in (named[j] for j in index)])
+    x = np.array([claims[i].number(name) for i, name in (named[j] for j in index)]) / usual
+    variance, V = np.linalg.eigh(covariance[np.ix_(index, index)] / usual / usual[:, None])
+    y, variance = V.T @ x, np.maximum(variance, 0.0)
+    sizes = np.where(0.5 * y**2 > cost_nats * variance, np.maximum(y**2 - variance, 1.0), 1.0)
+    values = [dict(claim.values) for claim in claims]
+    for j, at in zip(index, usual * (V @ (y * sizes / (sizes + variance))), strict=True):
+        i, name = named[j]
+        values[i][name] = float(at)
+    drawn = [replace(claim, values=own) for claim, own in zip(claims, values, strict=True)]
+    return tuple(d if is_plausible(d) else claim for d, claim in zip(drawn, claims, strict=True))
+
+
+def _usual(q: Parameter) -> float:
+    """A size, SI, that would be no surprise, of those from a parameter's lowest to its highest."""
+    return USUAL * math.sqrt(q.low * q.high) * q.si
 
 
 def _most(problem: Problem, claim: Claim) -> Array:
