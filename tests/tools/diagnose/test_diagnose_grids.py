@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import recorded
+from diagnosis_drives import WAREHOUSE, claim, recorded, simulated
 
 from drd_tools.diagnose import grids
+from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.run import cut_off
 from drd_tools.recordings.folder import FogLog
+from drd_tools.simulate.robot import DEFAULT
 
 DRIVE = ("slalom", 120.0)
 
@@ -25,7 +27,9 @@ def test_what_is_too_long_is_cut_and_said(monkeypatch: pytest.MonkeyPatch) -> No
     assert cut_off(recording, e) == "only the first 0 of 2 minutes were looked at"
 
 
-@pytest.mark.parametrize(("rate_hz", "step_s"), [(10.0, 0.1), (100.0, 0.02), (200.0, 0.02), (5.0, 0.2)])
+@pytest.mark.parametrize(
+    ("rate_hz", "step_s"), [(10.0, 0.1), (30.0, 0.1), (200.0, 0.1), (15.0, 1.0 / 15.0), (5.0, 0.2)]
+)
 def test_rows_of_a_fast_gyro_are_added_up(rate_hz: float, step_s: float) -> None:
     recording = recorded(DRIVE, 1)
     assert recording.fog is not None
@@ -35,3 +39,15 @@ def test_rows_of_a_fast_gyro_are_added_up(rate_hz: float, step_s: float) -> None
     assert np.median(e.step_s) == pytest.approx(step_s)
     assert e.gyro_rad is not None
     assert e.gyro_rad.sum() == pytest.approx(float(rate.sum()) / rate_hz, abs=0.05)
+
+
+def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
+    """Also what is faster than the steps."""
+    fast = replace(DEFAULT, fog=replace(DEFAULT.fog, rate_hz=100.0))
+    late = claim("gyro_latency", delay=0.02)
+    (found,) = diagnose(simulated(WAREHOUSE, 3, late, nominal=fast).recording).conclusion.findings
+    assert "gyro_latency" in {found.effect, *found.also_fits}
+    assert found.claim is not None
+    (name,) = found.claim.free
+    assert found.claim.number(name) == pytest.approx(0.02, abs=3.0 * found.claim.sigma(name))
+    assert found.claim.sigma(name) < 0.005

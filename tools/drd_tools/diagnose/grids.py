@@ -13,11 +13,9 @@ from drd_tools.replay.folder_source import MISSING_ROWS
 
 Array = npt.NDArray[np.float64]
 
-# A grid finer than the gyro's samples tells nothing more; a coarser one blurs latencies.
+# A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the way within a turn.
 STEP_S: Final = 0.1
-# A fast gyro's rows are added up: slower errors are as exact in sums.
-SHORTEST_STEP_S: Final = 0.1
-# Time and memory are bounded: what is longer is cut. Coarser steps would not follow the way within a turn.
+# Time and memory are bounded: what is longer is cut.
 MOST_STEPS: Final = 36_000
 LONGEST_GAP_S: Final = 86_400.0
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
@@ -59,8 +57,7 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
     end = columns[0]
     inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
     time_s, step_s, gyro, temperature_c, missing_s = (column[inside] for column in columns)
-    fewest, most = (math.floor(longest_s / typical + 1e-9) for longest_s in (SHORTEST_STEP_S, STEP_S))
-    together = min(max(math.ceil(len(time_s) / MOST_STEPS), fewest), most)
+    together = math.floor(STEP_S / typical + 1e-9)
     if together > 1 and len(time_s):
         first = np.arange(0, len(time_s), together)
         last = np.append(first[1:], len(time_s)) - 1

@@ -135,7 +135,7 @@ class Linear:
             np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
         )  # fmt: skip
         bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
-        compared = (~e.blind).tolist()
+        compared, identity = (~e.blind).tolist(), np.eye(STATES)
         for i in range(n):
             if compared[i]:
                 h = float(e.step_s[i])
@@ -152,7 +152,10 @@ class Linear:
                 PH = P @ H.T
                 gains.L[j] = L = _inverse_root(H @ PH + R * self.doubt[j])
                 gains.K[j] = K = PH @ L.T
-                P = P - K @ K.T
+                # Joseph's form: of a P that was huge before the first fix, a difference would be chance.
+                KL = K @ L
+                kept = identity - KL @ H
+                P = kept @ P @ kept.T + KL @ (R * self.doubt[j]) @ KL.T
         return gains
 
     @cached_property

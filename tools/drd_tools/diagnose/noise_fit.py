@@ -26,6 +26,8 @@ LEAST_COLOUR: Final = 1.15
 DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
 SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
 SLIP_DOUBT: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
+# A reference that repeats itself has no noise at all; a filter has to divide by it.
+LEAST_M, LEAST_RAD = 1e-5, 1e-5
 FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
@@ -88,8 +90,8 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     return (
         replace(
             slipping(noise, slip),
-            position_m=noise.position_m * position,
-            heading_rad=noise.heading_rad * heading,
+            position_m=max(noise.position_m * position, LEAST_M),
+            heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
         ),
         np.maximum(doubt * before, 1.0),
     )

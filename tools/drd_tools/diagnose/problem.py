@@ -256,7 +256,7 @@ class Problem:
 
 def _columns(rows: Sequence[Array], length: int) -> Array:
     """Columns (r, k), each in one piece: to spread them over rows takes longer than what is computed with them."""
-    return np.array(rows).reshape(-1, length).T
+    return np.array(rows).reshape(len(rows), length).T
 
 
 def _factors(claim: Claim) -> list[float]:

@@ -105,50 +105,25 @@ class _Descent:
 
 
 def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, float]:
-    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then.
-
-    All of it follows from the products of a few rows: what the claims leave, nuisances, other shapes and tangents.
-    """
-    q, residual = problem.nuisance.shape[1], problem.data - problem.effect_rows(claims)
-    forms, T = [problem.forms(claim).T for claim in claims], problem.tangents(claims).T
-    rows = np.concatenate([residual[None], problem.nuisance.T, *forms, T])
-    G = rows @ rows.T
-    tangents = slice(len(rows) - len(T), None)
-    W = _soft(G, q, [len(f) for f in forms], [len(c.free) for c in claims])
-    A, b = W @ G @ W.T + np.eye(len(W)), W @ G[:, 0]
+    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then."""
+    residual, T = problem.data - problem.effect_rows(claims), problem.tangents(claims).T
+    soft = np.concatenate([problem.nuisance.T, *(soft_forms(problem, claim).T for claim in claims)])
+    A, b = soft @ soft.T + np.eye(len(soft)), soft @ residual
     L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     # Of the nuisances' determinant a constant part is the same for all claims.
-    cost = 0.5 * float(G[0, 0] - b @ x) + float(np.log(np.diag(L)).sum())
-    off = -(x @ W)
-    off[0] = 1.0
-    fit = Fit(claims, cost, x[:q], off @ rows)
+    cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
+    fit = Fit(claims, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
     if not len(T):
         return fit, np.zeros(0), cost
     priors = np.concatenate([_priors(c) for c in claims])
     # In the directions that nuisances and shapes leave.
-    C = W @ G[:, tangents]
-    S = G[tangents, tangents] - C.T @ np.linalg.solve(A, C) + np.diag(priors)
-    g = off @ G[:, tangents]
+    C = soft @ T.T
+    S = T @ T.T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
+    g = T @ fit.left
     inverse = _inverse(S)
     moves = inverse @ g
     return replace(fit, claims=_with_covariance(claims, inverse)), moves, cost - 0.5 * float(g @ moves)
-
-
-def _soft(G: Array, nuisances: int, forms: Sequence[int], tangents: Sequence[int]) -> Array:
-    """Nuisances and `soft_forms` as combinations (s, m) of the rows of `_evaluate`, of which G (m, m) are the products.
-
-    `forms`, `tangents`: how many each claim has.
-    """
-    W = np.zeros((nuisances + sum(forms), len(G)))
-    W[:nuisances, 1 : nuisances + 1] = np.eye(nuisances)
-    at, form, tangent = nuisances, nuisances + 1, len(G) - sum(tangents)
-    for s, k in zip(forms, tangents, strict=True):
-        own, their = slice(tangent, tangent + k), slice(form, form + s)
-        W[at : at + s, their] = FORM_SHARE * np.eye(s)
-        W[at : at + s, own] = -FORM_SHARE * G[their, own] @ _inverse(G[own, own])
-        at, form, tangent = at + s, form + s, tangent + k
-    return W
 
 
 class Response(NamedTuple):
@@ -188,15 +163,10 @@ def soft_forms(problem: Problem, claim: Claim) -> Array:
 
     What is left of them cannot be traded for the parameters: they keep their meaning.
     """
-    forms = problem.forms(claim)
-    forms *= FORM_SHARE
-    tangents = problem.tangents([claim])
-    if not forms.size or not tangents.size:
-        return forms
-    tangents /= np.maximum(np.sqrt(np.einsum("rk,rk->k", tangents, tangents)), 1e-300)
-    basis = np.linalg.qr(tangents)[0]
-    forms -= basis @ (basis.T @ forms)
-    return forms
+    F, T = FORM_SHARE * problem.forms(claim).T, problem.tangents([claim]).T
+    if F.size and T.size:
+        F -= F @ T.T @ _inverse(T @ T.T) @ T
+    return F.T
 
 
 def held_beside(problem: Problem, claims: Sequence[Claim]) -> Array:
