@@ -6,12 +6,16 @@ from pathlib import Path
 
 import pytest
 from diagnosis_runs import SCALE, diagnosed, written
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from drd.cli import main
 from drd.model import load_model
 from drd.schema import ConfigError
+from drd_tools.diagnose import run
+from drd_tools.diagnose.diagnose import Diagnosis, diagnose
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
+from drd_tools.recordings.folder import Recording
 
 STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC")  # when a report was written
 
@@ -41,6 +45,20 @@ def test_an_effect_is_named_with_its_size_and_the_model_helps_another_day(
         if name == "held_out":
             before, after = before["day_2"], after["day_2"]
         assert after["heading_rms_deg"] < 0.8 * before["heading_rms_deg"]
+
+
+def test_one_thread_computes_whatever_numpy_was_loaded_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+
+    def seen(recording: Recording) -> Diagnosis:
+        threads.extend(pool["num_threads"] for pool in threadpool_info())
+        return diagnose(recording)
+
+    monkeypatch.setattr(run, "diagnose", seen)
+    with threadpool_limits(limits=2):
+        diagnosed(written(tmp_path / "run"), tmp_path / "out")
+    assert threads
+    assert set(threads) == {1}
 
 
 def test_several_recordings_have_a_folder_each_the_same_to_the_bit_for_any_jobs(
