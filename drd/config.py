@@ -31,6 +31,12 @@ class Robot:
         low=0.02,
         high=20,
     )
+    drive: str = key(
+        "auto",
+        "How it steers: differential = two wheels and casters; skid = its wheels slip sideways in each turn (four wheels, "
+        "tracks); auto = differential, until the gyro shows an effective tread that is not the stated one",
+        choices=("auto", "differential", "skid"),
+    )
     max_speed_m_s: float = key(
         3.0,
         "Faster wheel travel is a counter jump, not motion; set to 1.5 times the robot's top speed",
@@ -275,9 +281,27 @@ class Initial:
 
     position_m: float = key(0.0, "Start position", "m", low=0, high=1e6)
     heading_deg: float = key(0.0, "Start heading", "deg", low=0, high=180)
-    wheel_scale: float = key(0.005, "Wheel radii against their nominal, each", "1", low=0, high=0.5)
-    tread: float = key(0.02, "Tread against its nominal; 0.2 for an uncalibrated skid-steer robot", "1", low=0, high=1)
+    wheel_scale: float | None = key(
+        None, "Wheel radii against their nominal, each; null = 0.005, and 0.04 for skid steering", "1", low=0, high=0.5
+    )
+    tread: float | None = key(
+        None,
+        "Tread against its nominal; null = 0.02 as measured by tape, and 0.5 where a gyro can tell an effective one",
+        "1",
+        low=0,
+        high=1,
+    )
     gyro_scale: float = key(0.005, "Gyro scale factor, where it is estimated", "1", low=0, high=0.5)
+    wheel_lag_s: float = key(
+        0.1, "Lag of the wheels' samples behind the gyro's, beyond the stated latencies; 0 = none", "s", low=0, high=1
+    )
+    slip_s: float | None = key(
+        None,
+        "Sideways slip: the body's speed to its side over speed times yaw rate; null = 0, and 0.2 for skid steering",
+        "s",
+        low=0,
+        high=5,
+    )
     gyro_bias_deg_s: float = key(
         0.02, "Gyro bias when no standstill was measured (bias repeatability)", "deg/s", low=0, high=10
     )

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.config import Initial
+from drd.config import Config
 from drd.filter import (
     GYRO_BIAS,
     GYRO_HEADING,
@@ -41,27 +41,47 @@ LIMITS: Final = {
     "gyro_heading_rad": (-1e7, 1e7),
     "gyro_scale": (0.1, 10.0),
     "gyro_bias_rad_s": (-1.0, 1.0),
+    "wheel_lag_s": (-1.0, 1.0),
+    "slip_s": (-5.0, 5.0),
 }
+# Nominal radii of tyres, and a tread that was taken with a tape.
+WHEEL_SCALE: Final = 0.005
+MEASURED_TREAD: Final = 0.02
+# Skid steering: the effective tread is 1.0 to 2.0 times the measured one, the way 3 to 8 % shorter than the wheels say,
+# and the body slips outwards by -0.4 to 0 s times speed and yaw rate.
+EFFECTIVE_TREAD: Final = 0.5
+SKID_SCALE: Final = 0.04
+SKID_SLIP_S: Final = 0.2
 LARGEST_VARIANCE: Final = 1e10
 # Rounding leaves the correlations of a live filter indefinite by less.
 INDEFINITE: Final = 1e-6
 
 
-def initial_sigmas(initial: Initial, tread_m: float, estimates_gyro_scale: bool) -> Sigmas:
-    """Of a cold start, as configured."""
+def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
+    """Standard deviations of a cold start: as configured, or as usual for what drives and turns so."""
+    initial, has_gyro, skids = config.estimation.initial, config.fog.protocol != "none", config.robot.drive == "skid"
+    wheel_scale, tread, slip_s = initial.wheel_scale, initial.tread, initial.slip_s
+    if wheel_scale is None:
+        wheel_scale = SKID_SCALE if skids else WHEEL_SCALE
+    if tread is None:
+        tread = EFFECTIVE_TREAD if skids or (has_gyro and config.robot.drive == "auto") else MEASURED_TREAD
+    if slip_s is None:
+        slip_s = SKID_SLIP_S if skids else 0.0
     return Sigmas(
         position_m=initial.position_m,
         heading_rad=initial.heading_deg * RAD_PER_DEG,
-        wheel_scale=initial.wheel_scale,
-        tread_m=initial.tread * tread_m,
+        wheel_scale=wheel_scale,
+        tread_m=tread * config.robot.tread_m,
         gyro_scale=initial.gyro_scale if estimates_gyro_scale else 0.0,
         gyro_bias_rad_s=initial.gyro_bias_deg_s * RAD_PER_DEG,
+        wheel_lag_s=initial.wheel_lag_s if has_gyro else 0.0,
+        slip_s=slip_s,
     )
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The filter's quantities with their covariance, (9, 9) in the order of drd.filter, and what was known of motion.
+    """The filter's quantities with their covariance, (N, N) in the order of drd.filter, and what was known of motion.
 
     `at_rest`: the encoders confirmed a standstill. `lost`: only a pose from outside makes the pose good again.
     """

@@ -1,6 +1,7 @@
 """Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
 
 import math
+from enum import Enum
 from dataclasses import replace
 
 import numpy as np
@@ -10,20 +11,33 @@ from drd.calibration import Calibration
 from drd.config import Config
 from drd.corrections import Corrections
 from drd.effects.compensation import Compensation
-from drd.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
-from drd.filter import Filter
+from drd.estimate import SKID_SCALE, SKID_SLIP_S, Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
+from drd.filter import GYRO_BIAS, TREAD, Filter
 from drd.health import Reasons
+from drd.learning import RestNoise, WheelNoise
 from drd.noise import make_noise
-from drd.pose_maker import PoseMaker
+from drd.pose_maker import NO_LEAD, Lead, PoseMaker
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
-from drd.timeline import Stream
+from drd.timeline import Segment, Stream
 from drd.track import Track
 from drd.units import NS_PER_S, S_PER_NS
 
 # Ticks further apart mean that the host stood still.
 STALL_NS = NS_PER_S // 5
+# A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of the tape, which
+# tyres make uncertain by so large a part.
+TAPE_SIGMAS = 3.0
+TAPE_PART = 0.05
+
+
+class Drive(Enum):
+    """How the robot steers."""
+
+    UNKNOWN = "unknown"
+    DIFFERENTIAL = "differential"
+    SKID = "skid"
 
 
 class Estimator:
@@ -46,11 +60,11 @@ class Estimator:
         self._has_gyro = config.fog.protocol != "none"
         self.estimates_gyro_scale = e.gyro_scale == "yes" or (e.gyro_scale == "auto" and calibration is None)
         tread_m = config.robot.tread_m
-        self.sigmas = initial_sigmas(e.initial, tread_m, self.estimates_gyro_scale)
+        self.sigmas = initial_sigmas(config, self.estimates_gyro_scale)
         self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m)
         self._track, self._preview = (
             Track(
-                Filter(tread_m, self.sigmas, noise, e.gate_sigma, e.midpoint),
+                Filter(tread_m, self.sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),
                 config.fog.silent_after_s if self._has_gyro else 0.0,
                 config.robot.max_speed_m_s,
                 e.heading == "gyro",
@@ -58,12 +72,19 @@ class Estimator:
             for _ in range(2)
         )
         self._wheels, self._gyro = Stream(), Stream()
-        self.bias = BiasMeasurement(e.static_bias, e.noise)
+        self.rest_noise, self.wheel_noise = RestNoise(noise.gyro_rad2_per_s), WheelNoise(noise)
+        self.drive = Drive(config.robot.drive) if config.robot.drive != "auto" else Drive.UNKNOWN
+        if not self._has_gyro and self.drive is Drive.UNKNOWN:
+            self.drive = Drive.DIFFERENTIAL  # nothing could ever tell
+        if self.drive is Drive.SKID:
+            self._skids()
+        self.wheel_noise.put_into(self._track.kf.noise)
+        self.bias = BiasMeasurement(e.static_bias, self.rest_noise)
         self.bias_known = False  # measured, or known from before a restart
         self.standstill = Standstill(resolution_m)
         self.reasons = Reasons() if reasons is None else reasons
         self._silence = Silence(config, self.reasons)
-        self._poses = PoseMaker(config, noise, self.reasons)
+        self._poses = PoseMaker(config, self.reasons)
         self.counters = dict.fromkeys(
             ("poses", "accepted", "rejected", "released", "not_finite", "resets", "late_gyro", "late_wheels",
              "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
@@ -155,7 +176,8 @@ class Estimator:
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns
-        if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, self._track.t_ns):
+        used_ns = self._track.t_ns - self._track.lag_ns
+        if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, used_ns):
             self.counters["late_gyro"] += 1
             return
         self._silence.gyro_ns = rate.t_ns
@@ -214,16 +236,49 @@ class Estimator:
         end_ns = self._silence.wheels_ns
         if self._has_gyro and not self.bias.active:
             wait_ns = self._reorder_ns + self._corrections.further_wait_ns
-            end_ns = max(min(end_ns, self._gyro.end_ns), end_ns - wait_ns)
+            end_ns = max(min(end_ns, self._gyro.end_ns + self._track.lag_ns), end_ns - wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
-        compare = None if self._track.gyro_heading else self._compare
-        self._track.run(self._wheels, self._gyro, end_ns, compare)
+        self._track.run(self._wheels, self._gyro, end_ns, self._compare)
         self._wheels.drop_until(self._track.t_ns)
-        self._gyro.drop_until(self._track.t_ns)
+        self._gyro.drop_until(self._track.t_ns - self._track.lag_ns)
 
-    def _compare(self, t_ns: int) -> None:
-        if not self._agreement.update(self._track, t_ns):
+    def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
+        """Where a gyro sample ends: compare the headings; at rest, learn the gyro's noise first, since it weighs them."""
+        track, kf = self._track, self._track.kf
+        if wheels.a == wheels.b == 0.0:
+            self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
+            kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            if not self.rest_noise.known:
+                kf.anchor_gyro()  # robot and heading stand
+                return
+        else:
+            self.rest_noise.interrupt()
+            if track.gyro_heading:
+                return
+        if not self._agreement.update(track, t_ns):
             self._recover(t_ns)
+        else:
+            self.wheel_noise.take(kf, track.rate_rad_s)
+            if self.drive is Drive.UNKNOWN:
+                self._watch_drive()
+
+    def _watch_drive(self) -> None:
+        """Where the gyro shows another tread than the tape does, the wheels slip sideways in each turn. (69)"""
+        kf, tread_m = self._track.kf, self._config.robot.tread_m
+        tape_m, sigma_m = TAPE_PART * tread_m, kf.sigma(TREAD)
+        if abs(kf.nominal.tread_m - tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
+            initial = self._config.estimation.initial
+            if initial.wheel_scale is None:
+                kf.add_scale_variance(SKID_SCALE, SKID_SCALE)
+            if initial.slip_s is None:
+                kf.add_slip_variance(SKID_SLIP_S**2)
+            self._skids()
+        elif sigma_m < tape_m:
+            self.drive = Drive.DIFFERENTIAL
+
+    def _skids(self) -> None:
+        self.drive = Drive.SKID
+        self.wheel_noise.skids(self._config.robot.tread_m)
 
     # ---- validity ----------------------------------------------------------------------------------------------
 
@@ -234,7 +289,7 @@ class Estimator:
         if self.bias.active and not reasons.has("bias"):
             self._tell_bias(now_ns)
         if self.bias.state is BiasState.SHORT and reasons.has("bias"):
-            learned = self._track.kf.gyro_bias_sigma_rad_s() < 2.0 * self.bias.sigma_after_rad_s(minimum_s)
+            learned = self._track.kf.sigma(GYRO_BIAS) < 2.0 * self.bias.sigma_after_rad_s(minimum_s)
             if learned:
                 reasons.clear("bias")
 
@@ -248,7 +303,16 @@ class Estimator:
         self.counters["poses"] += 1
         with_gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
         gyro_interval_s = self._gyro_interval_s if with_gyro else None
-        return self._poses.make(preview, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
+        lead = self._lead(preview) if with_gyro else NO_LEAD
+        return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
+
+    def _lead(self, track: Track) -> Lead:
+        """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
+        kf, lag_ns = track.kf, max(track.lag_ns, 0)
+        lag_s = lag_ns * S_PER_NS
+        reading_rad = self._gyro.integral(track.t_ns - lag_ns, track.t_ns) if lag_ns else 0.0
+        turn_rad = kf.nominal.gyro_scale * reading_rad + kf.nominal.gyro_bias_rad_s * lag_s
+        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, 0.0 if self.drive is not Drive.UNKNOWN else SKID_SCALE)
 
     def _look_ahead(self, t_ns: int) -> Track:
         """The track, or a copy of it that is carried on through the samples that wait for their partner."""
@@ -356,7 +420,7 @@ class Estimator:
     def reset(self) -> None:
         """Back to the origin and the initial uncertainty; the measured bias stays."""
         kf, s = self._track.kf, self.sigmas
-        bias, sigma = kf.nominal.gyro_bias_rad_s, kf.gyro_bias_sigma_rad_s()
+        bias, sigma = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS)
         kf.restart(self._config.robot.tread_m, s)
         kf.set_gyro_bias(bias, sigma)
         self.set_pose(0.0, 0.0, 0.0, s.position_m, s.heading_rad)

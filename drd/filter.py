@@ -1,11 +1,11 @@
-"""The indirect feedback Kalman filter: nine error states, fixed size, preallocated. Equations: EQUATIONS.md.
+"""The indirect feedback Kalman filter: eleven error states, fixed size, preallocated. Equations: EQUATIONS.md.
 
 It knows no clock, no sensor and no logger, never raises on data, and returns a typed outcome.
 """
 
 import math
 from collections.abc import MutableSequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, cast
 
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from drd.noise import NoiseProfile
 
-# The error state x, computed minus true (equation 13's order, REP-103 axes).
+# The error state x, computed minus true (equation 13's order, then (65) and (68); REP-103 axes).
 X: Final = 0  # m, forward at heading 0
 Y: Final = 1  # m, left at heading 0
 HEADING: Final = 2  # rad, from the wheels
@@ -24,14 +24,19 @@ TREAD: Final = 5  # m
 GYRO_HEADING: Final = 6  # rad, from the gyro
 GYRO_SCALE: Final = 7  # 1
 GYRO_BIAS: Final = 8  # rad/s
-N: Final = 9
-# Flat positions in a 9 x 9 matrix, made once: the elements of F and Q that change with each step. F is kept transposed,
+WHEEL_LAG: Final = 9  # s
+SLIP: Final = 10  # s, sideways
+N: Final = 11
+# Flat positions in an N x N matrix, made once: the elements of F and Q that change with each step. F is kept transposed,
 # since F P and (F P) F^T are then a fifth faster.
 (X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (i * N + X for i in (HEADING, SCALE_R, SCALE_L, TREAD))
 (Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (i * N + Y for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(X_GYRO, X_GYRO_SCALE, X_GYRO_BIAS, X_LAG) = (i * N + X for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+(Y_GYRO, Y_GYRO_SCALE, Y_GYRO_BIAS, Y_LAG) = (i * N + Y for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
 (H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
-(G_SCALE, G_BIAS) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS))
-(XX, YY, HH, RR, LL, DD, GG, SS, BB) = (i * (N + 1) for i in range(N))
+(G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, _) = (i * (N + 1) for i in range(N))
 XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
@@ -73,6 +78,8 @@ class Nominal:
     gyro_heading_rad: float = 0.0
     gyro_scale: float = 1.0
     gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
+    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro
+    slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +92,35 @@ class Sigmas:
     tread_m: float
     gyro_scale: float  # 0 leaves the gyro's scale out: the paper's variant for a calibrated gyro
     gyro_bias_rad_s: float
+    wheel_lag_s: float = 0.0  # 0 leaves the lag out: a robot without a gyro cannot tell it
+    slip_s: float = 0.0  # no sensor tells it: considered in P, never corrected
 
 
 class Filter:
-    """Predict with wheel travel and gyro rate; update with the difference of the two headings."""
+    """Predict with wheel travel and gyro rate; update with the difference of the two headings.
+
+    All of it is at the time that the wheels report: the gyro's rates are to be handed in later by the estimated lag.
+    """
 
     def __init__(
-        self, tread_m: float, sigmas: Sigmas, noise: NoiseProfile, gate_sigma: float = 5.0, midpoint: bool = True
+        self,
+        tread_m: float,
+        sigmas: Sigmas,
+        noise: NoiseProfile,
+        gate_sigma: float = 5.0,
+        midpoint: bool = True,
+        along_gyro: bool = True,
     ):
+        """`along_gyro`: the way is added along the gyro's heading wherever there is one; else, as printed, the wheels'."""
         self.P: Matrix = np.zeros((N, N))
         self.z = 0.0  # last innovation, rad
         self.S = 0.0  # and its variance, rad^2
-        self._noise = noise
+        self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
+        # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
+        self.way_rad2 = self.turn_rad2 = 0.0
+        self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
+        self._along_gyro = along_gyro
+        self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
         self._updates = 0
@@ -116,23 +140,23 @@ class Filter:
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
         self.nominal = Nominal(tread_m)
+        self.origin_m = (0.0, 0.0)  # where the way began that the position is due to
         self.P.fill(0.0)
         diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
-                    s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s)  # fmt: skip
+                    s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s, s.wheel_lag_s, s.slip_s)  # fmt: skip
         for i, sigma in enumerate(diagonal):
             self.P[i, i] = sigma**2
         self.P[HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, HEADING] = s.heading_rad**2
 
     def copy_from(self, other: "Filter") -> None:
-        """Take over another filter's estimate; the parameters stay."""
+        """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
         a, b = self.nominal, other.nominal
         a.tread_m, a.x_m, a.y_m, a.heading_rad = b.tread_m, b.x_m, b.y_m, b.heading_rad
         a.scale_right, a.scale_left = b.scale_right, b.scale_left
-        a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = (
-            b.gyro_heading_rad,
-            b.gyro_scale,
-            b.gyro_bias_rad_s,
-        )
+        a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
+        a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
+        self.origin_m = other.origin_m
+        self.way_rad2, self.turn_rad2, self.rate_rad_s = other.way_rad2, other.turn_rad2, other.rate_rad_s
         np.copyto(self.P, other.P)
 
     def predict(
@@ -153,45 +177,74 @@ class Filter:
         D = n.tread_m
         U_R, U_L = (1.0 - n.scale_right) * right_m, (1.0 - n.scale_left) * left_m
         U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
-        middle = n.heading_rad + h * turn
+        along_gyro = self._along_gyro and rate_rad_s is not None
+        if rate_rad_s is None:
+            f[G_SCALE] = f[G_BIAS] = f[G_LAG] = 0.0
+            middle = n.heading_rad + h * turn
+            n.heading_rad += turn  # (7)
+        else:
+            gyro_turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
+            middle = n.gyro_heading_rad + h * gyro_turn if along_gyro else n.heading_rad + h * turn
+            n.heading_rad += turn  # (7)
+            n.gyro_heading_rad += gyro_turn  # (11)
+            turn = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
+            # The reading that a gyro without noise would give for this turn. (12)
+            f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
+            f[G_BIAS] = dt_s
+            before, self.rate_rad_s = self.rate_rad_s, turn / dt_s
+            f[G_LAG] = before - self.rate_rad_s  # (65)
         c, s = math.cos(middle), math.sin(middle)
         step_x, step_y = U * c, U * s
+        drift = U * turn / dt_s  # (68)
+        f[X_SLIP], f[Y_SLIP] = -drift * s, drift * c
+        lateral_m += n.slip_s * drift
         if lateral_m:
             step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
         n.x_m += step_x  # (7)
         n.y_m += step_y  # (7)
-        n.heading_rad += turn  # (7)
-        if rate_rad_s is None:
-            f[G_SCALE] = f[G_BIAS] = 0.0
-        else:
-            gyro_turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
-            n.gyro_heading_rad += gyro_turn  # (11)
-            f[G_SCALE], f[G_BIAS] = rate_rad_s * dt_s * self._estimate_gyro_scale, dt_s
-            # F is taken at the gyro's turn: the wheels' own noise in it would pull tread and scales one way. But
-            # wheels that stand still have no noise, and the gyro's must not pass for a turn then. (29)
-            if left_m or right_m:
-                turn = gyro_turn
         # F: the derivatives of these lines; `arm` is half the tread, `bend` the midpoint's share. (13)
         half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
         per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
         arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -h * step_y, h * step_x
-        f[X_HEADING] = -step_y
-        f[Y_HEADING] = step_x
+        f[H_SCALE_R] = per_right
+        f[H_SCALE_L] = per_left
+        f[H_TREAD] = per_tread
+        if along_gyro:
+            f[X_GYRO], f[Y_GYRO] = -step_y, step_x
+            f[X_GYRO_SCALE], f[Y_GYRO_SCALE] = bend_x * f[G_SCALE], bend_y * f[G_SCALE]
+            f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * dt_s, bend_y * dt_s
+            f[X_LAG], f[Y_LAG] = bend_x * f[G_LAG], bend_y * f[G_LAG]
+            f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = bend_x = bend_y = 0.0
+        else:
+            f[X_HEADING], f[Y_HEADING] = -step_y, step_x
+            f[X_TREAD], f[Y_TREAD] = per_tread * bend_x, per_tread * bend_y
+            if self._along_gyro:
+                f[X_GYRO] = f[Y_GYRO] = f[X_GYRO_SCALE] = f[Y_GYRO_SCALE] = 0.0
+                f[X_GYRO_BIAS] = f[Y_GYRO_BIAS] = f[X_LAG] = f[Y_LAG] = 0.0
         f[X_SCALE_R] = per_right * (bend_x + arm_x)
         f[Y_SCALE_R] = per_right * (bend_y + arm_y)
         f[X_SCALE_L] = per_left * (bend_x - arm_x)
         f[Y_SCALE_L] = per_left * (bend_y - arm_y)
-        f[X_TREAD] = per_tread * bend_x
-        f[Y_TREAD] = per_tread * bend_y
-        f[H_SCALE_R] = per_right
-        f[H_SCALE_L] = per_left
-        f[H_TREAD] = per_tread
         left_m, right_m = abs(per_left) * D, abs(per_right) * D
-        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, h * U)
+        bend = 0.0 if along_gyro else h * U
+        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
         P, T = self.P, self._T
         self._F.dot(P, T)  # (18)
         T.dot(self._FT, P)
         P += self._Q
+
+    def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
+        """The step's turn from both sensors, each weighted by its variance: where F is taken. (29)
+
+        Wheels that stand have no noise, so that at rest the turn is theirs: none.
+        """
+        if not way_m:
+            return wheels_rad
+        k, p, D2 = self.noise, self._p, self.nominal.tread_m**2
+        of_wheels = k.wheel_m2_per_m * way_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
+        of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
+        of_gyro = (k.gyro_rad2_per_s + p[BB] * dt_s) * dt_s
+        return wheels_rad + (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
 
     def _process_noise(
         self,
@@ -208,7 +261,7 @@ class Filter:
 
         `c`, `s`: cosine and sine of the step's heading; `bend`: the midpoint's share of the travel, m.
         """
-        k, q, D = self._noise, self._q, self.nominal.tread_m
+        k, q, D = self.noise, self._q, self.nominal.tread_m
         right, left = k.wheel_m2_per_m * right_m, k.wheel_m2_per_m * left_m
         turn = k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s
         side = k.lateral_m2_per_m * 0.5 * (left_m + right_m)
@@ -216,7 +269,10 @@ class Filter:
         scale = k.wheel_scale_per_s * dt_s
         # In the robot's own axes: forward, sideways, heading.
         both = right + left
-        heading = both / (D * D) + turn
+        way = both / (D * D)
+        heading = way + turn
+        self.way_rad2 += way
+        self.turn_rad2 += turn
         sideways_heading = bend * heading
         forward, sideways = 0.25 * both, bend * sideways_heading + side
         forward_heading = 0.5 * (right - left) / D
@@ -235,6 +291,7 @@ class Filter:
         q[GG] = (k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma) * dt_s  # (21)
         q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
         q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
+        q[TT] = k.wheel_lag_s2_per_s * dt_s
 
     def update(self, rate_rad_s: float) -> Outcome:
         """Compare the two headings, gate, correct all states and feed the correction back.
@@ -244,8 +301,8 @@ class Filter:
         n, P, PH, T = self.nominal, self.P, self._PH, self._T
         z = n.heading_rad - n.gyro_heading_rad  # (14)
         np.subtract(self._P_wheels, self._P_gyro, PH)  # P H^T, from rows since P is symmetric
-        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias = ph = PH.tolist()
-        R = self._noise.comparison_rad2 + self._noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
+        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = ph = PH.tolist()
+        R = self.noise.comparison_rad2 + self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
         S = heading - gyro_heading + R  # (15)
         self.z, self.S = z, S
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
@@ -263,6 +320,7 @@ class Filter:
         n.gyro_heading_rad -= gyro_heading * k
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
+        n.wheel_lag_s -= lag * k
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
@@ -302,15 +360,30 @@ class Filter:
         """The gyro was away and may have come back with another bias."""
         self._p[BB] += variance_rad2_s2
 
+    def add_scale_variance(self, common: float, difference: float) -> None:
+        """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
+        one against the other. (69)
+        """
+        n, g = self.nominal, np.zeros(N)
+        g[X], g[Y], g[SCALE_R], g[SCALE_L], g[TREAD] = n.x_m - self.origin_m[0], n.y_m - self.origin_m[1], 1, 1, n.tread_m
+        self.P += common**2 * np.outer(g, g)
+        g.fill(0.0)
+        g[SCALE_R], g[SCALE_L] = 0.5, -0.5
+        self.P += difference**2 * np.outer(g, g)
+
+    def add_slip_variance(self, variance_s2: float) -> None:
+        """The robot may slip sideways from now on. (68)"""
+        self.P[SLIP, SLIP] += variance_s2
+
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
         """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
         n = self.nominal
         n.x_m, n.y_m, n.heading_rad, n.gyro_heading_rad = x_m, y_m, heading_rad, heading_rad
+        self.origin_m = (x_m, y_m)
         for i in (X, Y, HEADING):
             self.P[i, :] = 0.0
             self.P[:, i] = 0.0
-        self.P[:GYRO_HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, :] = 0.0
-        self.P[:, GYRO_HEADING] = 0.0
+        self.P[GYRO_HEADING, :] = self.P[:, GYRO_HEADING] = 0.0
         self.P[:3, :3] = covariance
         self._copy_error(HEADING, GYRO_HEADING)
 
@@ -321,9 +394,9 @@ class Filter:
         self.P[:, GYRO_BIAS] = 0.0
         self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
 
-    def gyro_bias_sigma_rad_s(self) -> float:
-        """Standard deviation of the gyro's bias."""
-        return math.sqrt(max(self._p[BB], 0.0))
+    def sigma(self, state: int) -> float:
+        """Standard deviation of one state."""
+        return math.sqrt(max(self._p[state * (N + 1)], 0.0))
 
     def is_finite(self) -> bool:
         """True while pose and covariance are numbers."""
@@ -332,5 +405,10 @@ class Filter:
 
     def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
         """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
-        p = self._p
-        return p[XX], p[XY], p[XH], p[YY], p[YH], p[HH]
+        p, h = self._p, self.pose_heading
+        return p[XX], p[XY], p[X * N + h], p[YY], p[Y * N + h], p[h * (N + 1)]
+
+    @property
+    def heading_rad(self) -> float:
+        """The pose's heading."""
+        return self.nominal.gyro_heading_rad if self._along_gyro else self.nominal.heading_rad

@@ -1,6 +1,6 @@
 """Noise profiles: how the process noise Q grows per metre, radian and second, and the comparison's variance R."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drd.config import Noise
 from drd.units import (
@@ -10,8 +10,15 @@ from drd.units import (
     S_PER_H,
 )
 
+# Skid-steer: four to six wheels of a Husky or Warthog against lidar, 1 to 10 s windows, on grass and asphalt.
+SKID_WHEEL_M_PER_SQRT_M = 0.01
+SKID_LATERAL_M_PER_SQRT_M = 0.02
+SKID_TURN_M_PER_SQRT_RAD = 0.05
+SKID_TURN_RAD_PER_SQRT_RAD = 0.05
+SKID_TREAD_PER_SQRT_RAD = 0.01
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+
+@dataclass(slots=True, kw_only=True)
 class NoiseProfile:
     """Variance that each cause adds, per metre travelled, radian turned and second passed. (19)
 
@@ -31,6 +38,7 @@ class NoiseProfile:
     gyro_rad2_per_s: float = 0.0
     gyro_scale_per_s: float = 0.0
     gyro_bias_rad2_s2_per_s: float = 0.0
+    wheel_lag_s2_per_s: float = 0.0
     gyro_bias_restart_rad2_s2: float = 0.0  # once, when the gyro comes back after a silence
     count_m2: float = 0.0  # of a reading between two counts
     comparison_rad2: float  # R = this + (rate * timing)^2  (20)
@@ -77,3 +85,17 @@ def paper() -> NoiseProfile:
 def make_noise(profile: str, noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
     """The profile that the configuration names: "physical" or "paper"."""
     return paper() if profile == "paper" else physical(noise, tread_m, resolution_m)
+
+
+def skid_steer(noise: NoiseProfile, tread_m: float) -> NoiseProfile:
+    """The profile with at least the noise of wheels that have to slip sideways in each turn. (68)"""
+    least = NoiseProfile(
+        comparison_rad2=0.0,
+        wheel_m2_per_m=SKID_WHEEL_M_PER_SQRT_M**2,
+        lateral_m2_per_m=SKID_LATERAL_M_PER_SQRT_M**2,
+        position_m2_per_rad=SKID_TURN_M_PER_SQRT_RAD**2,
+        turn_rad2_per_rad=SKID_TURN_RAD_PER_SQRT_RAD**2,
+        tread_m2_per_rad=(SKID_TREAD_PER_SQRT_RAD * tread_m) ** 2,
+    )
+    names = ("wheel_m2_per_m", "lateral_m2_per_m", "position_m2_per_rad", "turn_rad2_per_rad", "tread_m2_per_rad")
+    return replace(noise, **{name: max(getattr(noise, name), getattr(least, name)) for name in names})

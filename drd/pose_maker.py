@@ -1,15 +1,16 @@
 """The pose that a track stands for, with its uncertainty; a spread that is too large becomes a reason."""
 
 import math
+from typing import NamedTuple
 
 from drd.config import Config
 from drd.health import Reasons
-from drd.noise import NoiseProfile
 from drd.samples import Pose, Validity
 from drd.track import Track
 from drd.uncertainty import (
     UNSEEN_ACCELERATION_M_S2,
     UNSEEN_TURN_RAD_S2,
+    covariance_after,
     position_bound_m,
     rate_sigma_rad_s,
     speed_sigma_m_s,
@@ -20,20 +21,36 @@ HEADING_DOUBTFUL_RAD = 0.5
 HEADING_LOST_RAD = 1.5
 
 
+class Lead(NamedTuple):
+    """What leads from the track to the time of its newest samples, and how much less the wheels' way is known than P
+    has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (65), (69)
+    """
+
+    lag_s: float
+    way_m: float
+    turn_rad: float
+    scale: float
+
+
+NO_LEAD = Lead(0.0, 0.0, 0.0, 0.0)
+
+
 class PoseMaker:
     """Makes poses from tracks whose filter is finite."""
 
-    def __init__(self, config: Config, noise: NoiseProfile, reasons: Reasons):
+    def __init__(self, config: Config, reasons: Reasons):
         self._limit_m = config.estimation.max_position_bound_m
-        self._noise, self._reasons = noise, reasons
+        self._reasons = reasons
 
     def make(
-        self, track: Track, t_ns: int, sequence: int, wheel_interval_s: float, gyro_interval_s: float | None
+        self, track: Track, lead: Lead, t_ns: int, sequence: int, wheel_interval_s: float, gyro_interval_s: float | None
     ) -> Pose:
         """The track's pose, for `t_ns`. `gyro_interval_s`: of the rate's samples; None: the rate is the wheels'."""
-        reasons, n = self._reasons, track.kf.nominal
-        xx, xy, xh, yy, yh, hh = track.kf.pose_covariance()
-        covariance = (xx + self._noise.count_m2, xy, xh, yy + self._noise.count_m2, yh, hh)  # (26)
+        reasons, n, kf = self._reasons, track.kf.nominal, track.kf
+        middle = kf.heading_rad + 0.5 * lead.turn_rad
+        c, s = math.cos(middle), math.sin(middle)
+        covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, c, s, lead.scale)
+        hh = covariance[5]
         bound_m = position_bound_m(covariance)
         self._watch_heading(math.sqrt(max(hh, 0.0)), t_ns)
         exceeded = self._limit_m is not None and bound_m > self._limit_m
@@ -41,9 +58,9 @@ class PoseMaker:
         return Pose(
             t_ns=max(t_ns, track.t_ns),
             sequence=sequence,
-            x_m=n.x_m,
-            y_m=n.y_m,
-            heading_rad=n.heading_rad,
+            x_m=n.x_m + lead.way_m * c,
+            y_m=n.y_m + lead.way_m * s,
+            heading_rad=kf.heading_rad + lead.turn_rad,
             speed_m_s=track.speed_m_s,
             rate_rad_s=track.rate_rad_s,
             speed_sigma_m_s=self._speed_sigma_m_s(track, wheel_interval_s),
@@ -62,10 +79,10 @@ class PoseMaker:
 
     def _speed_sigma_m_s(self, track: Track, interval_s: float) -> float:
         unseen = UNSEEN_ACCELERATION_M_S2 * track.unseen_s
-        return speed_sigma_m_s(track.kf, self._noise, track.speed_m_s, interval_s) + unseen
+        return speed_sigma_m_s(track.kf, track.kf.noise, track.speed_m_s, interval_s) + unseen
 
     def _rate_sigma_rad_s(self, track: Track, wheel_interval_s: float, gyro_interval_s: float | None) -> float:
         gyro = gyro_interval_s is not None
         interval_s = wheel_interval_s if gyro_interval_s is None else gyro_interval_s
         unseen = UNSEEN_TURN_RAD_S2 * track.blind_s
-        return rate_sigma_rad_s(track.kf, self._noise, track.rate_rad_s, interval_s, gyro) + unseen
+        return rate_sigma_rad_s(track.kf, track.kf.noise, track.rate_rad_s, interval_s, gyro) + unseen

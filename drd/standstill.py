@@ -4,9 +4,10 @@ import math
 from collections import deque
 from enum import Enum
 
-from drd.config import Noise, StaticBias
+from drd.config import StaticBias
+from drd.learning import RestNoise
 from drd.samples import CalibratedRate, WheelSample
-from drd.units import NS_PER_S, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+from drd.units import NS_PER_S
 
 # The chassis rocks before the counters see the first count: the last moments before a motion are not averaged.
 GUARD_NS = NS_PER_S // 5
@@ -51,11 +52,10 @@ class Standstill:
 class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (27)"""
 
-    def __init__(self, static_bias: StaticBias, noise: Noise):
-        self._config = static_bias
+    def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
+        self._config, self._rest_noise = static_bias, rest_noise
         # Skipped before a mission, it can still be asked for.
         self.duration_s = static_bias.duration_s or DEFAULT_DURATION_S
-        self._rad_per_sqrt_s = noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
         self.state = BiasState.WAITING
         self.bias_rad_s = self.sigma_rad_s = self.averaged_s = 0.0
         self.restart()
@@ -89,6 +89,7 @@ class BiasMeasurement:
                 continue  # nobody has said that the robot stood then
             self._sum_rad += rate.rate_rad_s * rate.interval_s
             self._sum_s += rate.interval_s
+            self._rest_noise.add(rate.rate_rad_s, rate.interval_s)
             self.state = BiasState.MEASURING
         if self._sum_s >= self.duration_s:
             self._finish(BiasState.DONE)
@@ -99,13 +100,14 @@ class BiasMeasurement:
 
     def _finish(self, state: BiasState) -> None:
         self.state, self.averaged_s = state, self._sum_s
+        self._rest_noise.interrupt()
         if state is BiasState.DONE:
             self.bias_rad_s = self._sum_rad / self._sum_s
             self.sigma_rad_s = self.sigma_after_rad_s(self._sum_s)
 
     def sigma_after_rad_s(self, averaged_s: float) -> float:
         """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (27)"""
-        return self._rad_per_sqrt_s / math.sqrt(averaged_s)
+        return math.sqrt(self._rest_noise.variance_rad2_per_s / averaged_s)
 
     def take_pending(self) -> list[CalibratedRate]:
         """The readings that were not averaged: the filter's first ones."""

@@ -39,6 +39,7 @@ class Stream:
     def __init__(self) -> None:
         self.segments: deque[Segment] = deque(maxlen=KEPT)
         self.end_ns = 0
+        self.used_ns = 0
 
     def add(self, end_ns: int, interval_s: float, a: float, b: float, used_until_ns: int, c: float = 0.0) -> bool:
         """Append the segment of `interval_s` seconds that ends at `end_ns`. False: too late, nothing of it is left.
@@ -57,32 +58,53 @@ class Stream:
         self.end_ns = end_ns
         return True
 
+    def integral(self, start_ns: int, end_ns: int) -> float:
+        """The first output's integral over that time; before and after the segments it is taken as at their ends."""
+        total, t_ns, rate = 0.0, start_ns, 0.0
+        for segment in self.segments:
+            if segment.end_ns <= t_ns:
+                rate = segment.a
+                continue
+            if segment.start_ns >= end_ns:
+                break
+            until_ns = min(segment.end_ns, end_ns)
+            rate = segment.a
+            total += rate * (until_ns - t_ns)
+            t_ns = until_ns
+        return (total + rate * (end_ns - t_ns)) / NS_PER_S
+
     def drop_until(self, t_ns: int) -> None:
         """Forget what the filter has used."""
+        self.used_ns = t_ns
         while self.segments and self.segments[0].end_ns <= t_ns:
             self.segments.popleft()
 
 
-def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int) -> Iterator[Piece]:
-    """Cut [start, end] at every segment's start and end, and say for each piece which segments cover it."""
+def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int, lag_ns: int = 0) -> Iterator[Piece]:
+    """Cut [start, end] at every segment's start and end, and say for each piece which segments cover it.
+
+    The gyro's segments are taken `lag_ns` later, as late as the wheels are. Where that has grown since the last call,
+    the first of them begins earlier: the robot's turn was seen without a hole.
+    """
     t_ns, i, j = start_ns, 0, 0
     w, g = wheels.segments, gyro.segments
     while t_ns < end_ns:
         while i < len(w) and w[i].end_ns <= t_ns:
             i += 1
-        while j < len(g) and g[j].end_ns <= t_ns:
+        while j < len(g) and g[j].end_ns + lag_ns <= t_ns:
             j += 1
         wheel, rate, until_ns = None, None, end_ns
         if i < len(w):
-            wheel, until_ns = _covering(w[i], t_ns, until_ns)
+            wheel, until_ns = _covering(w[i], w[i].start_ns, w[i].end_ns, t_ns, until_ns)
         if j < len(g):
-            rate, until_ns = _covering(g[j], t_ns, until_ns)
+            start_ns = g[j].start_ns if g[j].start_ns > gyro.used_ns else t_ns - lag_ns
+            rate, until_ns = _covering(g[j], start_ns + lag_ns, g[j].end_ns + lag_ns, t_ns, until_ns)
         yield Piece(t_ns, until_ns, wheel, rate)
         t_ns = until_ns
 
 
-def _covering(segment: Segment, t_ns: int, until_ns: int) -> tuple[Segment | None, int]:
+def _covering(segment: Segment, start_ns: int, end_ns: int, t_ns: int, until_ns: int) -> tuple[Segment | None, int]:
     """The segment if it covers `t_ns`, and where its cover begins or ends at the latest."""
-    if segment.start_ns > t_ns:
-        return None, min(until_ns, segment.start_ns)
-    return segment, min(until_ns, segment.end_ns)
+    if start_ns > t_ns:
+        return None, min(until_ns, start_ns)
+    return segment, min(until_ns, end_ns)

@@ -4,9 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drd.filter import Filter
-from drd.timeline import Piece, Stream, pieces
+from drd.timeline import Piece, Segment, Stream, pieces
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
-from drd.units import S_PER_NS
+from drd.units import NS_PER_S, S_PER_NS
+
+# No drive that works has a longer lag; one that is estimated longer is something else.
+LARGEST_LAG_S = 0.5
 
 
 @dataclass(slots=True)
@@ -37,13 +40,27 @@ class Track:
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
         self.rejected_rad = other.rejected_rad
 
-    def run(self, wheels: Stream, gyro: Stream, end_ns: int, on_gyro_end: Callable[[int], None] | None = None) -> None:
-        """Step to `end_ns`; `on_gyro_end` is called with the time where a gyro sample ends and the wheels are known."""
-        for piece in pieces(wheels, gyro, self.t_ns, end_ns):
+    def run(
+        self,
+        wheels: Stream,
+        gyro: Stream,
+        end_ns: int,
+        on_gyro_end: Callable[[int, Segment, Segment], None] | None = None,
+    ) -> None:
+        """Step to `end_ns`; `on_gyro_end` is called with time, wheels and gyro where a gyro sample ends and the wheels
+        are known.
+        """
+        lag_ns = self.lag_ns
+        for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns):
             self._step(piece)
             self.t_ns = piece.end_ns
-            if on_gyro_end and piece.wheels and piece.gyro and piece.end_ns == piece.gyro.end_ns:
-                on_gyro_end(piece.end_ns)
+            if on_gyro_end and piece.wheels and piece.gyro and piece.end_ns == piece.gyro.end_ns + lag_ns:
+                on_gyro_end(piece.end_ns, piece.wheels, piece.gyro)
+
+    @property
+    def lag_ns(self) -> int:
+        """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (65)"""
+        return round(min(max(self.kf.nominal.wheel_lag_s, -LARGEST_LAG_S), LARGEST_LAG_S) * NS_PER_S)
 
     def _step(self, piece: Piece) -> None:
         kf, wheels, gyro = self.kf, piece.wheels, piece.gyro

@@ -2,7 +2,7 @@
 
 import math
 
-from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, X, Y
 from drd.noise import NoiseProfile
 
 # How much a robot that is not seen may accelerate and turn. (25)
@@ -26,6 +26,32 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
     half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
     worst = half + math.hypot(difference, xy)
     return BOUND_SIGMAS * math.sqrt(max(worst, 0.0)) if math.isfinite(worst) else math.inf
+
+
+def covariance_after(
+    kf: Filter, lag_s: float, speed_m_s: float, rate_rad_s: float, c: float, s: float, scale: float
+) -> tuple[float, float, float, float, float, float]:
+    """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (26)
+
+    A wrong lag or stamp puts the pose ahead by speed and rate times its error; `c`, `s`: cosine and sine of the way
+    that is added for it. `scale`: standard deviation of the scale of all ways beyond P's. (65), (69)
+    """
+    xx, xy, xh, yy, yh, hh = kf.pose_covariance()
+    k, n, lag = kf.noise, kf.nominal, kf.P[WHEEL_LAG].tolist()
+    unseen = 0.5 * UNSEEN_ACCELERATION_M_S2 * lag_s * lag_s
+    reading = k.count_m2 + unseen * unseen
+    variance = lag[WHEEL_LAG] + k.timing_s2
+    vx, vy = speed_m_s * c, speed_m_s * s
+    lx, ly, lh = lag[X], lag[Y], lag[kf.pose_heading]
+    gx, gy = scale * (n.x_m - kf.origin_m[0]), scale * (n.y_m - kf.origin_m[1])
+    return (
+        xx + 2.0 * vx * lx + vx * vx * variance + reading + gx * gx,
+        xy + vx * ly + vy * lx + vx * vy * variance + gx * gy,
+        xh + vx * lh + rate_rad_s * lx + vx * rate_rad_s * variance,
+        yy + 2.0 * vy * ly + vy * vy * variance + reading + gy * gy,
+        yh + vy * lh + rate_rad_s * ly + vy * rate_rad_s * variance,
+        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance,
+    )
 
 
 def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:

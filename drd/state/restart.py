@@ -92,7 +92,7 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     )
     anew = learned_anew(other_wheels, other_gyro)
     sentences = [_pose_sentence(saved, off_s, config, lost), _bias_sentence(kf), *anew]
-    bias_known = kf.gyro_bias_sigma_rad_s() < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
+    bias_known = kf.sigma(GYRO_BIAS) < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
     return Restart(estimate, bias_known, off_s, "; ".join(sentences))
 
 
@@ -142,7 +142,7 @@ def _pose_sentence(saved: Saved, off_s: float | None, config: Config, lost: bool
 
 
 def _bias_sentence(kf: Filter) -> str:
-    return f"gyro bias known to {kf.gyro_bias_sigma_rad_s() * DEG_PER_RAD * S_PER_H:.2g} deg/h"
+    return f"gyro bias known to {kf.sigma(GYRO_BIAS) * DEG_PER_RAD * S_PER_H:.2g} deg/h"
 
 
 def duration(seconds: float) -> str:

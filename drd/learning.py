@@ -1,0 +1,136 @@
+"""Noise that is learned on the way: the gyro's at rest, that of the wheels' turning from the comparisons."""
+
+import math
+from typing import Final
+
+from drd.filter import Filter
+from drd.noise import NoiseProfile, skid_steer
+
+# Means over this long see the gyro's slow noise, too: consecutive samples of MEMS gyros are correlated.
+BLOCK_S: Final = 1.0
+# The robot rocks when it has stopped, and begins to move before late wheels say so: this long at either end of a
+# standstill is not used.
+GUARD_S: Final = 0.5
+# Differences of blocks until the noise counts as known: then within 40 %.
+KNOWN_AFTER: Final = 3
+# The stated noise counts as much as one difference.
+STATED_COUNTS: Final = 1.0
+# Until they are known the causes are taken for so many times worse than stated, with the weight of so many
+# comparisons, and at most for so many times worse; memory ends at so many: a minute of motion.
+WAY: Final = (6.0, 100.0)  # 0.002 m/sqrt(m) up to 0.02, a skid-steer robot's
+TURN: Final = (6.0, 56.0)  # 0.02 rad/sqrt(rad) up to 0.15: it says nothing about the heading
+TIMING: Final = (25.0, 1e4)  # 2 ms up to 0.2 s: speeds that a drive holds for so long
+FIRST_COUNTS: Final = 20.0
+MEMORY_COUNTS: Final = 600.0
+
+
+class RestNoise:
+    """The gyro's angle random walk N from means of its rate over blocks at rest: half the mean square difference of
+    neighbouring blocks, as the Allan variance has it. (66)
+
+    `variance_rad2_per_s` is N^2, never below the stated one.
+    """
+
+    def __init__(self, stated_rad2_per_s: float):
+        self.stated_rad2_per_s = self.variance_rad2_per_s = stated_rad2_per_s
+        self.differences = 0
+        self._sum = 0.0
+        self.interrupt()
+
+    @property
+    def known(self) -> bool:
+        """Whether a standstill was long enough to tell."""
+        return self.differences >= KNOWN_AFTER
+
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation of the learned N relative to N; infinite before any difference."""
+        return math.sqrt(0.5 / self.differences) if self.differences else math.inf
+
+    def interrupt(self) -> None:
+        """The robot moves, or the gyro is away: blocks begin anew, and the last one is not used."""
+        self._still_s = self._block_s = self._block_rad = 0.0
+        self._last: float | None = None
+        self._waiting: float | None = None
+
+    def add(self, rate_rad_s: float, interval_s: float) -> None:
+        """Take a reading at rest; readings are consecutive."""
+        self._still_s += interval_s
+        if self._still_s <= GUARD_S:
+            return
+        self._block_s += interval_s
+        self._block_rad += rate_rad_s * interval_s
+        if self._waiting is not None and self._block_s >= GUARD_S:
+            if self._last is not None:
+                self._take(self._waiting - self._last)
+            self._last, self._waiting = self._waiting, None
+        if self._block_s >= BLOCK_S:
+            self._waiting = self._block_rad / self._block_s
+            self._block_s = self._block_rad = 0.0
+
+    def _take(self, difference_rad_s: float) -> None:
+        self.differences += 1
+        self._sum += 0.5 * difference_rad_s * difference_rad_s * BLOCK_S
+        mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
+        self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
+
+
+class VarianceFactor:
+    """How many times larger the variance of one cause is than stated: maximum likelihood from innovations. (67)
+
+    The others' share in S is taken as it is; memory fades. `factor` is from 1 to `largest`.
+    """
+
+    def __init__(self, first: float, largest: float):
+        self.factor, self._largest = first, largest
+        self._weight, self._sum = FIRST_COUNTS, FIRST_COUNTS * first
+
+    def take(self, share: float, z: float, S: float) -> None:
+        """Take an innovation with its variance, of which `share` is this cause's with the present factor."""
+        weight = (share / S) ** 2
+        self._sum += weight * (z * z - S + share) * self.factor / share
+        self._weight += weight
+        if self._weight > MEMORY_COUNTS:
+            self._sum *= MEMORY_COUNTS / self._weight
+            self._weight = MEMORY_COUNTS
+        self.factor = min(max(self._sum / self._weight, 1.0), self._largest)
+
+    def rescale(self, before: float, now: float) -> None:
+        """The stated variance is another now; the learned one stays, as far as it is not below."""
+        if now:
+            self._sum *= before / now
+            self.factor = min(max(self._sum / self._weight, 1.0), self._largest)
+
+
+class WheelNoise:
+    """Noise of the wheels' way, of their turning and of their time, as the comparisons show it; put into the filter's
+    noise."""
+
+    def __init__(self, noise: NoiseProfile):
+        self.stated = noise
+        self.way, self.turn, self.timing = (VarianceFactor(*limits) for limits in (WAY, TURN, TIMING))
+
+    def put_into(self, noise: NoiseProfile) -> None:
+        """Set what is learned."""
+        k = self.stated
+        noise.wheel_m2_per_m = k.wheel_m2_per_m * self.way.factor
+        noise.turn_rad2_per_rad = k.turn_rad2_per_rad * self.turn.factor
+        noise.tread_m2_per_rad = k.tread_m2_per_rad * self.turn.factor
+        noise.timing_s2 = k.timing_s2 * self.timing.factor
+        noise.lateral_m2_per_m, noise.position_m2_per_rad = k.lateral_m2_per_m, k.position_m2_per_rad
+
+    def take(self, kf: Filter, rate_rad_s: float) -> None:
+        """After a comparison that was accepted."""
+        timing = kf.noise.timing_s2 * rate_rad_s * rate_rad_s
+        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.timing, timing)):
+            if share:
+                cause.take(share, kf.z, kf.S)
+        kf.way_rad2 = kf.turn_rad2 = 0.0
+        self.put_into(kf.noise)
+
+    def skids(self, tread_m: float) -> None:
+        """The wheels slip sideways in each turn: what is stated is at least that."""
+        before, self.stated = self.stated, skid_steer(self.stated, tread_m)
+        # The same variances in units of what is stated now.
+        self.way.rescale(before.wheel_m2_per_m, self.stated.wheel_m2_per_m)
+        self.turn.rescale(before.turn_rad2_per_rad, self.stated.turn_rad2_per_rad)
