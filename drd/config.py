@@ -33,7 +33,7 @@ class Robot:
     )
     drive: str = key(
         "auto",
-        "How it steers: differential = two wheels and casters; skid = its wheels slip sideways in each turn (four wheels, "
+        "How it steers: differential = two wheels and casters; skid = wheels slip sideways in each turn (four wheels, "
         "tracks); auto = differential, until the gyro shows an effective tread that is not the stated one",
         choices=("auto", "differential", "skid"),
     )

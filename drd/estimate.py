@@ -59,12 +59,14 @@ INDEFINITE: Final = 1e-6
 
 def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
     """Standard deviations of a cold start: as configured, or as usual for what drives and turns so."""
-    initial, has_gyro, skids = config.estimation.initial, config.fog.protocol != "none", config.robot.drive == "skid"
+    initial, has_gyro = config.estimation.initial, config.fog.protocol != "none"
+    is_physical = config.estimation.profile == "physical"
+    skids, is_auto = config.robot.drive == "skid", config.robot.drive == "auto" and is_physical
     wheel_scale, tread, slip_s = initial.wheel_scale, initial.tread, initial.slip_s
     if wheel_scale is None:
         wheel_scale = SKID_SCALE if skids else WHEEL_SCALE
     if tread is None:
-        tread = EFFECTIVE_TREAD if skids or (has_gyro and config.robot.drive == "auto") else MEASURED_TREAD
+        tread = EFFECTIVE_TREAD if skids or (has_gyro and is_auto) else MEASURED_TREAD
     if slip_s is None:
         slip_s = SKID_SLIP_S if skids else 0.0
     return Sigmas(
@@ -74,7 +76,7 @@ def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
         tread_m=tread * config.robot.tread_m,
         gyro_scale=initial.gyro_scale if estimates_gyro_scale else 0.0,
         gyro_bias_rad_s=initial.gyro_bias_deg_s * RAD_PER_DEG,
-        wheel_lag_s=initial.wheel_lag_s if has_gyro else 0.0,
+        wheel_lag_s=initial.wheel_lag_s if has_gyro and is_physical else 0.0,
         slip_s=slip_s,
     )
 

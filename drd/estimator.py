@@ -1,7 +1,6 @@
 """Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
 
 import math
-from enum import Enum
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,8 @@ from drd.calibration import Calibration
 from drd.config import Config
 from drd.corrections import Corrections
 from drd.effects.compensation import Compensation
-from drd.estimate import SKID_SCALE, SKID_SLIP_S, Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
-from drd.filter import GYRO_BIAS, TREAD, Filter
+from drd.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
+from drd.filter import GYRO_BIAS, Filter
 from drd.health import Reasons
 from drd.learning import RestNoise, WheelNoise
 from drd.noise import make_noise
@@ -20,24 +19,13 @@ from drd.pose_maker import NO_LEAD, Lead, PoseMaker
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
+from drd.steering import Steering
 from drd.timeline import Segment, Stream
 from drd.track import Track
 from drd.units import NS_PER_S, S_PER_NS
 
 # Ticks further apart mean that the host stood still.
 STALL_NS = NS_PER_S // 5
-# A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of the tape, which
-# tyres make uncertain by so large a part.
-TAPE_SIGMAS = 3.0
-TAPE_PART = 0.05
-
-
-class Drive(Enum):
-    """How the robot steers."""
-
-    UNKNOWN = "unknown"
-    DIFFERENTIAL = "differential"
-    SKID = "skid"
 
 
 class Estimator:
@@ -72,12 +60,9 @@ class Estimator:
             for _ in range(2)
         )
         self._wheels, self._gyro = Stream(), Stream()
-        self.rest_noise, self.wheel_noise = RestNoise(noise.gyro_rad2_per_s), WheelNoise(noise)
-        self.drive = Drive(config.robot.drive) if config.robot.drive != "auto" else Drive.UNKNOWN
-        if not self._has_gyro and self.drive is Drive.UNKNOWN:
-            self.drive = Drive.DIFFERENTIAL  # nothing could ever tell
-        if self.drive is Drive.SKID:
-            self._skids()
+        is_learned = e.profile == "physical"  # the printed Q and R are what they are
+        self.rest_noise, self.wheel_noise = RestNoise(noise.gyro_rad2_per_s, is_learned), WheelNoise(noise, is_learned)
+        self.steering = Steering(config, self.wheel_noise)
         self.wheel_noise.put_into(self._track.kf.noise)
         self.bias = BiasMeasurement(e.static_bias, self.rest_noise)
         self.bias_known = False  # measured, or known from before a restart
@@ -243,7 +228,7 @@ class Estimator:
         self._gyro.drop_until(self._track.t_ns - self._track.lag_ns)
 
     def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
-        """Where a gyro sample ends: compare the headings; at rest, learn the gyro's noise first, since it weighs them."""
+        """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
         track, kf = self._track, self._track.kf
         if wheels.a == wheels.b == 0.0:
             self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
@@ -258,27 +243,8 @@ class Estimator:
         if not self._agreement.update(track, t_ns):
             self._recover(t_ns)
         else:
-            self.wheel_noise.take(kf, track.rate_rad_s)
-            if self.drive is Drive.UNKNOWN:
-                self._watch_drive()
-
-    def _watch_drive(self) -> None:
-        """Where the gyro shows another tread than the tape does, the wheels slip sideways in each turn. (69)"""
-        kf, tread_m = self._track.kf, self._config.robot.tread_m
-        tape_m, sigma_m = TAPE_PART * tread_m, kf.sigma(TREAD)
-        if abs(kf.nominal.tread_m - tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
-            initial = self._config.estimation.initial
-            if initial.wheel_scale is None:
-                kf.add_scale_variance(SKID_SCALE, SKID_SCALE)
-            if initial.slip_s is None:
-                kf.add_slip_variance(SKID_SLIP_S**2)
-            self._skids()
-        elif sigma_m < tape_m:
-            self.drive = Drive.DIFFERENTIAL
-
-    def _skids(self) -> None:
-        self.drive = Drive.SKID
-        self.wheel_noise.skids(self._config.robot.tread_m)
+            self.wheel_noise.take(kf)
+            self.steering.watch(kf)
 
     # ---- validity ----------------------------------------------------------------------------------------------
 
@@ -312,7 +278,7 @@ class Estimator:
         lag_s = lag_ns * S_PER_NS
         reading_rad = self._gyro.integral(track.t_ns - lag_ns, track.t_ns) if lag_ns else 0.0
         turn_rad = kf.nominal.gyro_scale * reading_rad + kf.nominal.gyro_bias_rad_s * lag_s
-        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, 0.0 if self.drive is not Drive.UNKNOWN else SKID_SCALE)
+        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale)
 
     def _look_ahead(self, t_ns: int) -> Track:
         """The track, or a copy of it that is carried on through the samples that wait for their partner."""
@@ -371,9 +337,14 @@ class Estimator:
             self._corrections.take_over(other._corrections)
         if same_wheels:
             self.standstill = other.standstill
+            self.wheel_noise.take_over(other.wheel_noise)
+            self.steering.take_over(other.steering)
+            self.wheel_noise.put_into(self._track.kf.noise)
         else:
             forget_wheels(self._track.kf, self._config.robot.tread_m, self.sigmas)
         if same_gyro:
+            self.rest_noise.take_over(other.rest_noise)
+            self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
             self.bias_known = other.bias_known
             if not other.bias.active:  # one that is under way begins anew
                 mine, done = self.bias, other.bias

@@ -42,6 +42,8 @@ YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
 RATE_ERROR_CORRELATION_S: Final = 20.0
+# A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
+CHANGE_SIGMAS2: Final = 18.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
@@ -117,7 +119,8 @@ class Filter:
         self.S = 0.0  # and its variance, rad^2
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
-        self.way_rad2 = self.turn_rad2 = 0.0
+        self.way_rad2 = self.turn_rad2 = self.timing_rad2 = 0.0
+        self._left_m_s = self._right_m_s = self._timing = 0.0  # speeds of the last step, and their share in (20)
         self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
         self._along_gyro = along_gyro
         self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
@@ -156,7 +159,8 @@ class Filter:
         a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
         a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
         self.origin_m = other.origin_m
-        self.way_rad2, self.turn_rad2, self.rate_rad_s = other.way_rad2, other.turn_rad2, other.rate_rad_s
+        self.way_rad2, self.turn_rad2, self.timing_rad2 = other.way_rad2, other.turn_rad2, other.timing_rad2
+        self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
         np.copyto(self.P, other.P)
 
     def predict(
@@ -173,7 +177,7 @@ class Filter:
         `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own way to its
         left, which no sensor tells.
         """
-        n, h, f = self.nominal, self._half, self._f
+        n, k, h, f = self.nominal, self.noise, self._half, self._f
         D = n.tread_m
         U_R, U_L = (1.0 - n.scale_right) * right_m, (1.0 - n.scale_left) * left_m
         U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
@@ -191,10 +195,19 @@ class Filter:
             # The reading that a gyro without noise would give for this turn. (12)
             f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
             f[G_BIAS] = dt_s
-            before, self.rate_rad_s = self.rate_rad_s, turn / dt_s
-            f[G_LAG] = before - self.rate_rad_s  # (65)
+            # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
+            change = turn / dt_s - self.rate_rad_s
+            if change * change * dt_s > CHANGE_SIGMAS2 * k.gyro_rad2_per_s:
+                self.rate_rad_s += change
+                f[G_LAG] = -change  # (65)
+            else:
+                f[G_LAG] = 0.0
         c, s = math.cos(middle), math.sin(middle)
         step_x, step_y = U * c, U * s
+        left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
+        jumps = (left_m_s - self._left_m_s) ** 2 + (right_m_s - self._right_m_s) ** 2
+        self._left_m_s, self._right_m_s = left_m_s, right_m_s
+        self._timing = k.timing_s2 * (jumps / (D * D) + f[G_LAG] * f[G_LAG])  # (20)
         drift = U * turn / dt_s  # (68)
         f[X_SLIP], f[Y_SLIP] = -drift * s, drift * c
         lateral_m += n.slip_s * drift
@@ -202,7 +215,23 @@ class Filter:
             step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
         n.x_m += step_x  # (7)
         n.y_m += step_y  # (7)
-        # F: the derivatives of these lines; `arm` is half the tread, `bend` the midpoint's share. (13)
+        per_right, per_left = self._jacobian(U, turn, step_x, step_y, c, s, along_gyro)
+        left_m, right_m = abs(per_left) * D, abs(per_right) * D
+        bend = 0.0 if along_gyro else h * U
+        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
+        P, T = self.P, self._T
+        self._F.dot(P, T)  # (18)
+        T.dot(self._FT, P)
+        P += self._Q
+
+    def _jacobian(
+        self, U: float, turn: float, step_x: float, step_y: float, c: float, s: float, along_gyro: bool
+    ) -> tuple[float, float]:
+        """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (13)
+
+        `arm` is half the tread, `bend` the midpoint's share. Returns what a right and a left scale error turns.
+        """
+        f, h, D = self._f, self._half, self.nominal.tread_m
         half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
         per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
         arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -h * step_y, h * step_x
@@ -212,7 +241,7 @@ class Filter:
         if along_gyro:
             f[X_GYRO], f[Y_GYRO] = -step_y, step_x
             f[X_GYRO_SCALE], f[Y_GYRO_SCALE] = bend_x * f[G_SCALE], bend_y * f[G_SCALE]
-            f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * dt_s, bend_y * dt_s
+            f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * f[G_BIAS], bend_y * f[G_BIAS]
             f[X_LAG], f[Y_LAG] = bend_x * f[G_LAG], bend_y * f[G_LAG]
             f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = bend_x = bend_y = 0.0
         else:
@@ -225,13 +254,7 @@ class Filter:
         f[Y_SCALE_R] = per_right * (bend_y + arm_y)
         f[X_SCALE_L] = per_left * (bend_x - arm_x)
         f[Y_SCALE_L] = per_left * (bend_y - arm_y)
-        left_m, right_m = abs(per_left) * D, abs(per_right) * D
-        bend = 0.0 if along_gyro else h * U
-        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
-        P, T = self.P, self._T
-        self._F.dot(P, T)  # (18)
-        T.dot(self._FT, P)
-        P += self._Q
+        return per_right, per_left
 
     def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
         """The step's turn from both sensors, each weighted by its variance: where F is taken. (29)
@@ -270,9 +293,10 @@ class Filter:
         # In the robot's own axes: forward, sideways, heading.
         both = right + left
         way = both / (D * D)
-        heading = way + turn
+        heading = way + turn + self._timing
         self.way_rad2 += way
         self.turn_rad2 += turn
+        self.timing_rad2 += self._timing
         sideways_heading = bend * heading
         forward, sideways = 0.25 * both, bend * sideways_heading + side
         forward_heading = 0.5 * (right - left) / D
@@ -365,7 +389,13 @@ class Filter:
         one against the other. (69)
         """
         n, g = self.nominal, np.zeros(N)
-        g[X], g[Y], g[SCALE_R], g[SCALE_L], g[TREAD] = n.x_m - self.origin_m[0], n.y_m - self.origin_m[1], 1, 1, n.tread_m
+        g[X], g[Y], g[SCALE_R], g[SCALE_L], g[TREAD] = (
+            n.x_m - self.origin_m[0],
+            n.y_m - self.origin_m[1],
+            1,
+            1,
+            n.tread_m,
+        )
         self.P += common**2 * np.outer(g, g)
         g.fill(0.0)
         g[SCALE_R], g[SCALE_L] = 0.5, -0.5

@@ -15,11 +15,11 @@ GUARD_S: Final = 0.5
 KNOWN_AFTER: Final = 3
 # The stated noise counts as much as one difference.
 STATED_COUNTS: Final = 1.0
-# Until they are known the causes are taken for so many times worse than stated, with the weight of so many
-# comparisons, and at most for so many times worse; memory ends at so many: a minute of motion.
-WAY: Final = (6.0, 100.0)  # 0.002 m/sqrt(m) up to 0.02, a skid-steer robot's
-TURN: Final = (6.0, 56.0)  # 0.02 rad/sqrt(rad) up to 0.15: it says nothing about the heading
-TIMING: Final = (25.0, 1e4)  # 2 ms up to 0.2 s: speeds that a drive holds for so long
+# Until it is known a cause is taken for as bad as on common ground, with the weight of so many comparisons, and never
+# for worse than so bad that the wheels say nothing; memory ends at so many comparisons: a minute of motion.
+WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
+TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
+TIMING: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
 FIRST_COUNTS: Final = 20.0
 MEMORY_COUNTS: Final = 600.0
 
@@ -31,7 +31,8 @@ class RestNoise:
     `variance_rad2_per_s` is N^2, never below the stated one.
     """
 
-    def __init__(self, stated_rad2_per_s: float):
+    def __init__(self, stated_rad2_per_s: float, is_learned: bool = True):
+        self.is_learned = is_learned
         self.stated_rad2_per_s = self.variance_rad2_per_s = stated_rad2_per_s
         self.differences = 0
         self._sum = 0.0
@@ -40,7 +41,12 @@ class RestNoise:
     @property
     def known(self) -> bool:
         """Whether a standstill was long enough to tell."""
-        return self.differences >= KNOWN_AFTER
+        return self.differences >= KNOWN_AFTER or not self.is_learned
+
+    def take_over(self, other: "RestNoise") -> None:
+        """Go on with what another one has learned."""
+        self.differences, self._sum = other.differences, other._sum
+        self._tell()
 
     @property
     def relative_sigma(self) -> float:
@@ -71,6 +77,11 @@ class RestNoise:
     def _take(self, difference_rad_s: float) -> None:
         self.differences += 1
         self._sum += 0.5 * difference_rad_s * difference_rad_s * BLOCK_S
+        self._tell()
+
+    def _tell(self) -> None:
+        if not self.is_learned:
+            return
         mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
         self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
 
@@ -78,12 +89,14 @@ class RestNoise:
 class VarianceFactor:
     """How many times larger the variance of one cause is than stated: maximum likelihood from innovations. (67)
 
-    The others' share in S is taken as it is; memory fades. `factor` is from 1 to `largest`.
+    The others' share in S is taken as it is; memory fades. `factor` is from 1 to what makes the variance `largest`;
+    `first`: the variance that is assumed at first, if larger than the stated one.
     """
 
-    def __init__(self, first: float, largest: float):
-        self.factor, self._largest = first, largest
-        self._weight, self._sum = FIRST_COUNTS, FIRST_COUNTS * first
+    def __init__(self, stated: float, first: float, largest: float):
+        self._stated, self._largest = stated, largest
+        self.factor = max(1.0, first / stated) if stated else 1.0
+        self._weight, self._sum = FIRST_COUNTS, FIRST_COUNTS * self.factor
 
     def take(self, share: float, z: float, S: float) -> None:
         """Take an innovation with its variance, of which `share` is this cause's with the present factor."""
@@ -93,25 +106,40 @@ class VarianceFactor:
         if self._weight > MEMORY_COUNTS:
             self._sum *= MEMORY_COUNTS / self._weight
             self._weight = MEMORY_COUNTS
-        self.factor = min(max(self._sum / self._weight, 1.0), self._largest)
+        self._limit()
 
-    def rescale(self, before: float, now: float) -> None:
+    def state_anew(self, stated: float) -> None:
         """The stated variance is another now; the learned one stays, as far as it is not below."""
-        if now:
-            self._sum *= before / now
-            self.factor = min(max(self._sum / self._weight, 1.0), self._largest)
+        if stated:
+            self._sum *= self._stated / stated
+            self._stated = stated
+            self._limit()
+
+    def take_over(self, other: "VarianceFactor") -> None:
+        """Go on with what another one has learned."""
+        if self._stated and other._stated:
+            self._weight, self._sum = other._weight, other._sum * other._stated / self._stated
+            self._limit()
+
+    def _limit(self) -> None:
+        largest = max(1.0, self._largest / self._stated)
+        self.factor = min(max(self._sum / self._weight, 1.0), largest)
 
 
 class WheelNoise:
     """Noise of the wheels' way, of their turning and of their time, as the comparisons show it; put into the filter's
     noise."""
 
-    def __init__(self, noise: NoiseProfile):
-        self.stated = noise
-        self.way, self.turn, self.timing = (VarianceFactor(*limits) for limits in (WAY, TURN, TIMING))
+    def __init__(self, noise: NoiseProfile, is_learned: bool = True):
+        self.is_learned, self.stated = is_learned, noise
+        self.way = VarianceFactor(noise.wheel_m2_per_m, *WAY)
+        self.turn = VarianceFactor(noise.turn_rad2_per_rad, *TURN)
+        self.timing = VarianceFactor(noise.timing_s2, *TIMING)
 
     def put_into(self, noise: NoiseProfile) -> None:
         """Set what is learned."""
+        if not self.is_learned:
+            return
         k = self.stated
         noise.wheel_m2_per_m = k.wheel_m2_per_m * self.way.factor
         noise.turn_rad2_per_rad = k.turn_rad2_per_rad * self.turn.factor
@@ -119,18 +147,24 @@ class WheelNoise:
         noise.timing_s2 = k.timing_s2 * self.timing.factor
         noise.lateral_m2_per_m, noise.position_m2_per_rad = k.lateral_m2_per_m, k.position_m2_per_rad
 
-    def take(self, kf: Filter, rate_rad_s: float) -> None:
+    def take_over(self, other: "WheelNoise") -> None:
+        """Go on with what another one has learned."""
+        if self.is_learned and other.is_learned:
+            for mine, theirs in ((self.way, other.way), (self.turn, other.turn), (self.timing, other.timing)):
+                mine.take_over(theirs)
+
+    def take(self, kf: Filter) -> None:
         """After a comparison that was accepted."""
-        timing = kf.noise.timing_s2 * rate_rad_s * rate_rad_s
-        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.timing, timing)):
+        if not self.is_learned:
+            return
+        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.timing, kf.timing_rad2)):
             if share:
                 cause.take(share, kf.z, kf.S)
-        kf.way_rad2 = kf.turn_rad2 = 0.0
+        kf.way_rad2 = kf.turn_rad2 = kf.timing_rad2 = 0.0
         self.put_into(kf.noise)
 
     def skids(self, tread_m: float) -> None:
         """The wheels slip sideways in each turn: what is stated is at least that."""
-        before, self.stated = self.stated, skid_steer(self.stated, tread_m)
-        # The same variances in units of what is stated now.
-        self.way.rescale(before.wheel_m2_per_m, self.stated.wheel_m2_per_m)
-        self.turn.rescale(before.turn_rad2_per_rad, self.stated.turn_rad2_per_rad)
+        self.stated = skid_steer(self.stated, tread_m)
+        self.way.state_anew(self.stated.wheel_m2_per_m)
+        self.turn.state_anew(self.stated.turn_rad2_per_rad)

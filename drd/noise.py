@@ -10,6 +10,8 @@ from drd.units import (
     S_PER_H,
 )
 
+# Speeds that a drive holds beat against the bus: 8 ms after a minute.
+WHEEL_LAG_S_PER_SQRT_S = 0.001
 # Skid-steer: four to six wheels of a Husky or Warthog against lidar, 1 to 10 s windows, on grass and asphalt.
 SKID_WHEEL_M_PER_SQRT_M = 0.01
 SKID_LATERAL_M_PER_SQRT_M = 0.02
@@ -61,6 +63,7 @@ def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoisePr
         comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2 + resolution_m**2 / 6.0 / tread_m**2,
         count_m2=resolution_m**2 / 12.0,
         timing_s2=noise.timing_s**2,
+        wheel_lag_s2_per_s=WHEEL_LAG_S_PER_SQRT_S**2,
     )
 
 

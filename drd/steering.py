@@ -1,0 +1,65 @@
+"""How the robot steers: whether its wheels slip sideways in each turn, which no sensor says, but the effective tread."""
+
+import math
+from enum import Enum
+from typing import Final
+
+from drd.config import Config
+from drd.estimate import SKID_SCALE, SKID_SLIP_S
+from drd.filter import TREAD, Filter
+from drd.learning import WheelNoise
+
+# A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
+# whose standard deviation is so large a part of it, since tyres are wide.
+TAPE_SIGMAS: Final = 3.0
+TAPE_PART: Final = 0.05
+
+
+class Drive(Enum):
+    """How the robot steers."""
+
+    UNKNOWN = "unknown"
+    DIFFERENTIAL = "differential"
+    SKID = "skid"
+
+
+class Steering:
+    """The kind of drive, as stated or found out. (69)
+
+    While it is unknown, `scale` is the standard deviation of the scale of all ways beyond what P has.
+    """
+
+    def __init__(self, config: Config, wheel_noise: WheelNoise):
+        self._robot, self._initial, self._wheel_noise = config.robot, config.estimation.initial, wheel_noise
+        self.drive, self.scale = Drive.UNKNOWN, 0.0
+        if config.robot.drive == "skid":
+            self._found_skid()
+        elif config.robot.drive == "differential" or config.fog.protocol == "none" or not wheel_noise.is_learned:
+            self.drive = Drive.DIFFERENTIAL  # nothing could tell
+        elif config.estimation.initial.wheel_scale is None:
+            self.scale = SKID_SCALE
+
+    def watch(self, kf: Filter) -> None:
+        """After a comparison: the gyro may have shown by now which tread is effective."""
+        if self.drive is not Drive.UNKNOWN:
+            return
+        tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
+        if abs(kf.nominal.tread_m - self._robot.tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
+            if self.scale:
+                kf.add_scale_variance(SKID_SCALE, SKID_SCALE)
+            if self._initial.slip_s is None:
+                kf.add_slip_variance(SKID_SLIP_S**2)
+            self._found_skid()
+        elif sigma_m < tape_m:
+            self.drive, self.scale = Drive.DIFFERENTIAL, 0.0
+
+    def _found_skid(self) -> None:
+        self.drive, self.scale = Drive.SKID, 0.0
+        self._wheel_noise.skids(self._robot.tread_m)
+
+    def take_over(self, other: "Steering") -> None:
+        """Go on with what another one has found out."""
+        if self.drive is Drive.UNKNOWN:
+            self.drive, self.scale = other.drive, other.scale
+            if self.drive is Drive.SKID:
+                self._wheel_noise.skids(self._robot.tread_m)
