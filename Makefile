@@ -42,7 +42,8 @@ test: $(STAMP) ## run all tests but those of the virtual machine
 	$(BIN)/python -m pytest --ignore=tests/tools
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/tools --numprocesses=auto --dist=loadfile
 
-# Without root, or where a package cannot be had, the tests say so and are skipped.
+# Without root, or where a package cannot be had, the tests say so and are skipped. The first kernel that runs here is
+# taken: Debian's own, or a newer one, which is fetched then. DRD_VM_KERNEL=installed or DRD_VM_KERNEL=newer asks for one.
 vm-test: $(STAMP) ## boot Debian with vcan and systemd (as root), install drd there and break things
 	-@test "$$(id -u)" = 0 || exit 0; missing=; \
 	for pair in linux.uml:user-mode-linux depmod:kmod mmdebstrap:mmdebstrap mke2fs:e2fsprogs ip:iproute2; do \

@@ -1,14 +1,16 @@
-"""The table of faults, after the tests."""
+"""Which kernel ran, and the table of faults, after the tests."""
 
 import pytest
 from vm import table
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Print when each fault was noticed and when all was well again."""
+    """Print the kernel, when each fault was noticed and when all was well again."""
+    kernel = config.stash.get(table.KERNEL, None)
     verdicts = config.stash.get(table.VERDICTS, None)
-    if verdicts is None:
+    if kernel is None:
         return
     terminalreporter.section("virtual machine")
-    for line in table.lines(verdicts):
+    terminalreporter.write_line(kernel)
+    for line in table.lines(verdicts) if verdicts else ():
         terminalreporter.write_line(line)

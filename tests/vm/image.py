@@ -16,7 +16,6 @@ from pathlib import Path
 CHECKOUT = Path(__file__).parents[2]
 PROGRAMS = ("linux.uml", "mmdebstrap", "mke2fs", "depmod", "ip", "unshare", "setpriv")
 PACKAGES = ("systemd", "systemd-sysv", "udev", "dbus", "kmod", "iproute2", "can-utils", "python3", "python3-venv")
-KERNELS = Path("/usr/lib/uml/modules")
 # They cost time at the boot, and nobody is there to log in.
 MASKED = (
     "getty.target",
@@ -72,13 +71,14 @@ def workshop() -> str:
     return str(memory) if has_room else "/var/tmp"
 
 
-def build(work: Path) -> Path:
-    """The disk, made in `work`."""
+def build(work: Path, modules: Path) -> Path:
+    """The disk, made in `work`, for the kernel that these modules are of."""
     root, wheels, disk = work / "root", work / "wheels", work / "root.ext4"
     root.mkdir()
-    run("tar", "-C", root, "-xf", base(), "--exclude=./dev/*")
+    base = debian("base", codename(), "minbase", PACKAGES)
+    run("tar", "-C", root, "-xf", base, "--exclude=./dev/*")
     install_drd(root, wheels)
-    install_kernel_modules(root)
+    install_kernel_modules(root, modules)
     prepare_system(root)
     # Without a journal of its own: what is lost in a crash of the machine is lost.
     run("mke2fs", "-q", "-F", "-t", "ext4", "-O", "^has_journal", "-d", root, disk, "1200M")
@@ -86,31 +86,40 @@ def build(work: Path) -> Path:
     return disk
 
 
-def base() -> Path:
-    """The Debian that this machine has, in a tar file of this week."""
+def debian(kind: str, suite: str, variant: str, packages: tuple[str, ...]) -> Path:
+    """A tar file of this week with these packages of a suite of Debian and all that they need."""
     year, week, _ = datetime.datetime.now(datetime.UTC).isocalendar()
-    codename = platform.freedesktop_os_release()["VERSION_CODENAME"]
-    contents = hashlib.sha256(" ".join(PACKAGES).encode()).hexdigest()[:8]
+    contents = hashlib.sha256(" ".join(packages).encode()).hexdigest()[:8]
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     cache = Path(os.environ.get("DRD_VM_CACHE") or caches / "drd-vm")
-    tar = cache / f"base-{codename}-{year}w{week:02}-{contents}.tar"
+    tar = cache / f"{kind}-{suite}-{year}w{week:02}-{contents}.tar"
     if not tar.exists():
         cache.mkdir(parents=True, exist_ok=True)
-        for old in cache.glob("base-*"):
+        for old in cache.glob(f"{kind}-*"):
             old.unlink()
         unfinished = tar.with_suffix(".new")
-        packages = f"--include={','.join(PACKAGES)}"
-        options = ("--mode=root", "--variant=minbase", "--format=tar", packages)
-        run("mmdebstrap", *options, codename, unfinished, *apt_sources(codename))
+        # A mirror may lag behind. What it has is signed all the same.
+        late = '--aptopt=Acquire::Check-Valid-Until "false"'
+        options = ("--mode=root", f"--variant={variant}", "--format=tar", f"--include={','.join(packages)}", late)
+        run("mmdebstrap", *options, suite, unfinished, *apt_sources(suite))
         unfinished.rename(tar)
     return tar
 
 
-def apt_sources(codename: str) -> list[str]:
-    """This machine's own sources of its release, in apt's one-line form."""
+def codename() -> str:
+    """The release of this machine's Debian."""
+    return platform.freedesktop_os_release()["VERSION_CODENAME"]
+
+
+def apt_sources(suite: str) -> list[str]:
+    """Where this machine's packages come from, in apt's one-line form; `suite` may be another one than its own."""
     fields = "deb $(REPO_URI) $(RELEASE) $(COMPONENT)"
+    own = codename()
     listed = run("apt-get", "indextargets", "--format", fields, "Created-By: Packages").splitlines()
-    return [line for line in dict.fromkeys(listed) if line.split()[2].startswith(codename)]
+    sources = [line for line in dict.fromkeys(listed) if line.split()[2].startswith(own)]
+    if suite == own:
+        return sources
+    return [line.replace(f" {own} ", f" {suite} ") for line in sources if line.split()[2] == own]
 
 
 def install_drd(root: Path, wheels: Path) -> None:
@@ -127,9 +136,8 @@ def install_drd(root: Path, wheels: Path) -> None:
     shutil.rmtree(root / "root/wheels")
 
 
-def install_kernel_modules(root: Path) -> None:
+def install_kernel_modules(root: Path, source: Path) -> None:
     """The CAN modules of User-mode Linux."""
-    source = min(KERNELS.iterdir())
     target = root / "lib/modules" / source.name
     for part in ("kernel/net/can", "kernel/drivers/net/can"):
         shutil.copytree(source / part, target / part)

@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 from vm import image, robot
+from vm.kernel import CONTAINED, Kernel
 
 from drd.config_file import load_config
 from drd.units import S_PER_NS
@@ -22,6 +23,7 @@ from drd_tools.emulate.hardware import Emulator
 
 LIMIT_S = 240.0
 POLL_S = 0.004
+CONSOLE_LINES = 40  # a panic prints about thirty
 RESULTS, OUTSIDE, CONSOLE = "results.json", "outside.jsonl", "console.log"
 
 # The namespace, and all in it, ends with the machine. Time must go on in there whatever else runs out here: where that
@@ -49,7 +51,7 @@ with zenoh.open(config) as session, open(sys.argv[2], "w", buffering=1) as strea
 class Machine:
     """One robot's machine while it runs, with the gyro of that robot on its serial line, a pseudo-terminal."""
 
-    def __init__(self, name: str, disk: Path, work: Path):
+    def __init__(self, name: str, kernel: Kernel, disk: Path, work: Path):
         """Start it, in `work`, a folder of its own; `disk` is changed."""
         self.out = work / "out"
         self.out.mkdir()
@@ -63,13 +65,13 @@ class Machine:
         self._gyro = Emulator(load_config(configuration).value, work, robot.drive(name), seed=1)
         self._gyro.plug_in()
         system = (
-            *("linux.uml", "mem=768M", f"umid={work.name}", f"uml_dir={work}/uml", f"ubd0={disk}", f"ubd1={small}"),
+            *(*kernel.command, "mem=768M", f"umid={work.name}", f"uml_dir={work}/uml", f"ubd0={disk}", f"ubd1={small}"),
             *("root=/dev/ubda", "rw", "init=/lib/systemd/systemd", "quiet", "panic=1", "con=null", "con0=null,fd:1"),
             *("ssl=null", f"ssl0=tty:{gyro.readlink()}", "vec0:transport=tap,ifname=tap0"),
             *("systemd.unit=drd-test.service", f"drd_out={self.out}"),
         )
         command = (
-            *("setpriv", "--pdeathsig=KILL", "unshare", "--net", "--pid", "--fork", "--kill-child=SIGKILL"),
+            *(*CONTAINED, "--net"),
             *("sh", "-c", SCRIPT, "sh", sys.executable, SUBSCRIBER, str(self.out / OUTSIDE)),
             *("timeout", "--kill-after=5", str(LIMIT_S), *system),
         )
@@ -98,14 +100,14 @@ class Machine:
         self._gyro.stop()
 
 
-def run(disk: Path, work: Path) -> dict[str, Path]:
+def run(kernel: Kernel, disk: Path, work: Path) -> dict[str, Path]:
     """Boot a machine for each robot, wait for their ends, and return the folders with what they left."""
     with contextlib.ExitStack() as ends:
         machines = {}
         for name in robot.NAMES:
             (own := work / name).mkdir()
             image.run("cp", "--sparse=always", disk, own / "root.ext4")
-            machines[name] = Machine(name, own / "root.ext4", own)
+            machines[name] = Machine(name, kernel, own / "root.ext4", own)
             ends.callback(machines[name].close)
         while any(machine.is_running() for machine in machines.values()):
             for machine in machines.values():
@@ -118,6 +120,12 @@ def results(out: Path) -> dict[str, dict[str, Any]]:
     """What each check inside found; empty where the machine did not come so far."""
     file = out / RESULTS
     return json.loads(file.read_text()) if file.exists() else {}
+
+
+def console_end(out: Path) -> str:
+    """The last lines of the console."""
+    lines = (out / CONSOLE).read_text(errors="replace").splitlines()
+    return "\n".join(lines[-CONSOLE_LINES:]) or "nothing"
 
 
 def poses_outside(out: Path) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ import pytest
 from vm.guest import CHECKS
 
 VERDICTS = pytest.StashKey[dict[str, dict[str, Any]]]()
+KERNEL = pytest.StashKey[str]()
 SEEN_CHARACTERS = 100
 
 
