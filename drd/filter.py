@@ -27,8 +27,8 @@ GYRO_BIAS: Final = 8  # rad/s
 WHEEL_LAG: Final = 9  # s
 SLIP: Final = 10  # s, sideways
 N: Final = 11
-# Flat positions in an N x N matrix, made once: the elements of F and Q that change with each step. F is kept transposed,
-# since F P and (F P) F^T are then a fifth faster.
+# Flat positions in an N x N matrix, made once: the elements of F and Q that change with each step. F is kept
+# transposed, since F P and (F P) F^T are then a fifth faster.
 (X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (i * N + X for i in (HEADING, SCALE_R, SCALE_L, TREAD))
 (Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (i * N + Y for i in (HEADING, SCALE_R, SCALE_L, TREAD))
 (X_GYRO, X_GYRO_SCALE, X_GYRO_BIAS, X_LAG) = (i * N + X for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
@@ -113,7 +113,7 @@ class Filter:
         midpoint: bool = True,
         along_gyro: bool = True,
     ):
-        """`along_gyro`: the way is added along the gyro's heading wherever there is one; else, as printed, the wheels'."""
+        """`along_gyro`: the way goes along the gyro's heading wherever there is one; else, as printed, the wheels'."""
         self.P: Matrix = np.zeros((N, N))
         self.z = 0.0  # last innovation, rad
         self.S = 0.0  # and its variance, rad^2

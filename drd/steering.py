@@ -1,4 +1,4 @@
-"""How the robot steers: whether its wheels slip sideways in each turn, which no sensor says, but the effective tread."""
+"""How the robot steers: whether its wheels slip sideways in each turn, as the effective tread tells."""
 
 import math
 from enum import Enum
