@@ -56,7 +56,8 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
-        self._watch_drift(track, t_ns)
+        if not self._slipped_m:  # the cause of what follows slip is known
+            self._watch_drift(track, t_ns)
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
             self._slipped_m = self._drifted_rad = 0.0

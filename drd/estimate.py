@@ -78,6 +78,7 @@ def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
         gyro_bias_rad_s=initial.gyro_bias_deg_s * RAD_PER_DEG,
         wheel_lag_s=initial.wheel_lag_s if has_gyro and is_physical else 0.0,
         slip_s=slip_s,
+        scale_difference=SKID_SCALE if has_gyro and is_auto and initial.wheel_scale is None else 0.0,
     )
 
 

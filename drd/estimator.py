@@ -243,7 +243,8 @@ class Estimator:
         if not self._agreement.update(track, t_ns):
             self._recover(t_ns)
         else:
-            self.wheel_noise.take(kf)
+            # Slip that the gate found is no noise, and must not pass for it.
+            self.wheel_noise.take(kf, is_usual=not self.reasons.has("agreement"))
             self.steering.watch(kf)
 
     # ---- validity ----------------------------------------------------------------------------------------------

@@ -96,6 +96,7 @@ class Sigmas:
     gyro_bias_rad_s: float
     wheel_lag_s: float = 0.0  # 0 leaves the lag out: a robot without a gyro cannot tell it
     slip_s: float = 0.0  # no sensor tells it: considered in P, never corrected
+    scale_difference: float = 0.0  # right less left, beyond what `wheel_scale` has of it
 
 
 class Filter:
@@ -119,8 +120,8 @@ class Filter:
         self.S = 0.0  # and its variance, rad^2
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
-        self.way_rad2 = self.turn_rad2 = self.timing_rad2 = 0.0
-        self._left_m_s = self._right_m_s = self._timing = 0.0  # speeds of the last step, and their share in (20)
+        self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
+        self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (20)
         self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
         self._along_gyro = along_gyro
         self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
@@ -143,6 +144,7 @@ class Filter:
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
         self.nominal = Nominal(tread_m)
+        self._last_tread_m = tread_m
         self.origin_m = (0.0, 0.0)  # where the way began that the position is due to
         self.P.fill(0.0)
         diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
@@ -150,6 +152,7 @@ class Filter:
         for i, sigma in enumerate(diagonal):
             self.P[i, i] = sigma**2
         self.P[HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, HEADING] = s.heading_rad**2
+        self.add_scale_variance(0.0, s.scale_difference)
 
     def copy_from(self, other: "Filter") -> None:
         """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
@@ -158,8 +161,8 @@ class Filter:
         a.scale_right, a.scale_left = b.scale_right, b.scale_left
         a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
         a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
-        self.origin_m = other.origin_m
-        self.way_rad2, self.turn_rad2, self.timing_rad2 = other.way_rad2, other.turn_rad2, other.timing_rad2
+        self.origin_m, self._last_tread_m = other.origin_m, other._last_tread_m
+        self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
         self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
         np.copyto(self.P, other.P)
 
@@ -207,7 +210,7 @@ class Filter:
         left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
         jumps = (left_m_s - self._left_m_s) ** 2 + (right_m_s - self._right_m_s) ** 2
         self._left_m_s, self._right_m_s = left_m_s, right_m_s
-        self._timing = k.timing_s2 * (jumps / (D * D) + f[G_LAG] * f[G_LAG])  # (20)
+        self._jitter = k.jitter_s2 * (jumps / (D * D) + f[G_LAG] * f[G_LAG])  # (20)
         drift = U * turn / dt_s  # (68)
         f[X_SLIP], f[Y_SLIP] = -drift * s, drift * c
         lateral_m += n.slip_s * drift
@@ -235,6 +238,9 @@ class Filter:
         half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
         per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
         arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -h * step_y, h * step_x
+        # The relative error of the tread stays, not that in metres: then scales and tread, all too large alike, remain
+        # the direction of which no comparison tells, whatever the tread is estimated to be meanwhile. (29)
+        f[DD], self._last_tread_m = D / self._last_tread_m, D
         f[H_SCALE_R] = per_right
         f[H_SCALE_L] = per_left
         f[H_TREAD] = per_tread
@@ -293,10 +299,10 @@ class Filter:
         # In the robot's own axes: forward, sideways, heading.
         both = right + left
         way = both / (D * D)
-        heading = way + turn + self._timing
+        heading = way + turn + self._jitter
         self.way_rad2 += way
         self.turn_rad2 += turn
-        self.timing_rad2 += self._timing
+        self.jitter_rad2 += self._jitter
         sideways_heading = bend * heading
         forward, sideways = 0.25 * both, bend * sideways_heading + side
         forward_heading = 0.5 * (right - left) / D
@@ -389,13 +395,8 @@ class Filter:
         one against the other. (69)
         """
         n, g = self.nominal, np.zeros(N)
-        g[X], g[Y], g[SCALE_R], g[SCALE_L], g[TREAD] = (
-            n.x_m - self.origin_m[0],
-            n.y_m - self.origin_m[1],
-            1,
-            1,
-            n.tread_m,
-        )
+        g[X], g[Y] = n.x_m - self.origin_m[0], n.y_m - self.origin_m[1]
+        g[SCALE_R], g[SCALE_L], g[TREAD] = 1.0, 1.0, n.tread_m
         self.P += common**2 * np.outer(g, g)
         g.fill(0.0)
         g[SCALE_R], g[SCALE_L] = 0.5, -0.5

@@ -19,8 +19,9 @@ STATED_COUNTS: Final = 1.0
 # for worse than so bad that the wheels say nothing; memory ends at so many comparisons: a minute of motion.
 WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
 TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
-TIMING: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
-FIRST_COUNTS: Final = 20.0
+JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
+OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
+FIRST_COUNTS: Final = 10.0
 MEMORY_COUNTS: Final = 600.0
 
 
@@ -101,7 +102,7 @@ class VarianceFactor:
     def take(self, share: float, z: float, S: float) -> None:
         """Take an innovation with its variance, of which `share` is this cause's with the present factor."""
         weight = (share / S) ** 2
-        self._sum += weight * (z * z - S + share) * self.factor / share
+        self._sum += weight * (min(z * z, OUTLIER * S) - S + share) * self.factor / share
         self._weight += weight
         if self._weight > MEMORY_COUNTS:
             self._sum *= MEMORY_COUNTS / self._weight
@@ -134,7 +135,7 @@ class WheelNoise:
         self.is_learned, self.stated = is_learned, noise
         self.way = VarianceFactor(noise.wheel_m2_per_m, *WAY)
         self.turn = VarianceFactor(noise.turn_rad2_per_rad, *TURN)
-        self.timing = VarianceFactor(noise.timing_s2, *TIMING)
+        self.jitter = VarianceFactor(noise.jitter_s2, *JITTER)
 
     def put_into(self, noise: NoiseProfile) -> None:
         """Set what is learned."""
@@ -144,23 +145,23 @@ class WheelNoise:
         noise.wheel_m2_per_m = k.wheel_m2_per_m * self.way.factor
         noise.turn_rad2_per_rad = k.turn_rad2_per_rad * self.turn.factor
         noise.tread_m2_per_rad = k.tread_m2_per_rad * self.turn.factor
-        noise.timing_s2 = k.timing_s2 * self.timing.factor
+        noise.jitter_s2 = k.jitter_s2 * self.jitter.factor
         noise.lateral_m2_per_m, noise.position_m2_per_rad = k.lateral_m2_per_m, k.position_m2_per_rad
 
     def take_over(self, other: "WheelNoise") -> None:
         """Go on with what another one has learned."""
         if self.is_learned and other.is_learned:
-            for mine, theirs in ((self.way, other.way), (self.turn, other.turn), (self.timing, other.timing)):
+            for mine, theirs in ((self.way, other.way), (self.turn, other.turn), (self.jitter, other.jitter)):
                 mine.take_over(theirs)
 
-    def take(self, kf: Filter) -> None:
-        """After a comparison that was accepted."""
+    def take(self, kf: Filter, is_usual: bool) -> None:
+        """After a comparison that was accepted; nothing is learned from one that is not `is_usual`."""
         if not self.is_learned:
             return
-        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.timing, kf.timing_rad2)):
-            if share:
+        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.jitter, kf.jitter_rad2)):
+            if share and is_usual:
                 cause.take(share, kf.z, kf.S)
-        kf.way_rad2 = kf.turn_rad2 = kf.timing_rad2 = 0.0
+        kf.way_rad2 = kf.turn_rad2 = kf.jitter_rad2 = 0.0
         self.put_into(kf.noise)
 
     def skids(self, tread_m: float) -> None:

@@ -45,6 +45,7 @@ class NoiseProfile:
     count_m2: float = 0.0  # of a reading between two counts
     comparison_rad2: float  # R = this + (rate * timing)^2  (20)
     timing_s2: float = 0.0
+    jitter_s2: float = 0.0  # of the wheels' time from one change of speed to the next  (20)
 
 
 def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
@@ -63,6 +64,7 @@ def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoisePr
         comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2 + resolution_m**2 / 6.0 / tread_m**2,
         count_m2=resolution_m**2 / 12.0,
         timing_s2=noise.timing_s**2,
+        jitter_s2=noise.timing_s**2,
         wheel_lag_s2_per_s=WHEEL_LAG_S_PER_SQRT_S**2,
     )
 

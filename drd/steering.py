@@ -46,7 +46,7 @@ class Steering:
         tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
         if abs(kf.nominal.tread_m - self._robot.tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
             if self.scale:
-                kf.add_scale_variance(SKID_SCALE, SKID_SCALE)
+                kf.add_scale_variance(SKID_SCALE, 0.0)
             if self._initial.slip_s is None:
                 kf.add_slip_variance(SKID_SLIP_S**2)
             self._found_skid()

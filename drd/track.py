@@ -30,6 +30,7 @@ class Track:
     unseen_s: float = 0.0  # no wheels
     blind_s: float = 0.0  # neither wheels nor gyro
     no_gyro_s: float = 0.0
+    _compared_ns: int = 0  # the end of the gyro's sample that was compared last
     # The wheels' heading stands rejected by this much, and is not yet released.
     rejected_rad: float = 0.0
 
@@ -55,6 +56,9 @@ class Track:
             self._step(piece)
             self.t_ns = piece.end_ns
             if on_gyro_end and piece.wheels and piece.gyro and piece.end_ns == piece.gyro.end_ns + lag_ns:
+                if piece.gyro.end_ns <= self._compared_ns:
+                    continue  # the lag has become shorter meanwhile
+                self._compared_ns = piece.gyro.end_ns
                 on_gyro_end(piece.end_ns, piece.wheels, piece.gyro)
 
     @property

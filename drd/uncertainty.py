@@ -40,7 +40,7 @@ def covariance_after(
     k, n, lag = kf.noise, kf.nominal, kf.P[WHEEL_LAG].tolist()
     unseen = 0.5 * UNSEEN_ACCELERATION_M_S2 * lag_s * lag_s
     reading = k.count_m2 + unseen * unseen
-    variance = lag[WHEEL_LAG] + k.timing_s2
+    variance = lag[WHEEL_LAG] + k.jitter_s2
     vx, vy = speed_m_s * c, speed_m_s * s
     lx, ly, lh = lag[X], lag[Y], lag[kf.pose_heading]
     gx, gy = scale * (n.x_m - kf.origin_m[0]), scale * (n.y_m - kf.origin_m[1])
