@@ -12,7 +12,7 @@ from drd.units import NS_PER_S
 AGREEMENT_NS = 2 * NS_PER_S
 # So many comparisons that differ to one side, each within its gate, are no noise: their normalised sum is white.
 IN_A_ROW = 20
-ONE_SIDED_SIGMAS = 7.0
+ONE_SIDED_SIGMAS = 5.0
 STILL_ONE_SIDED_SIGMAS = 2.0
 
 
@@ -29,8 +29,11 @@ class Agreement:
         self._ratios, self._turns_rad = deque([0.0] * IN_A_ROW, IN_A_ROW), deque([0.0] * IN_A_ROW, IN_A_ROW)
         self._drifted_rad = 0.0
 
-    def update(self, track: Track, t_ns: int) -> bool:
-        """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
+    def update(self, track: Track, t_ns: int, is_known: bool = True) -> bool:
+        """Compare at the end of a gyro sample. False: the filter is not finite and must start again.
+
+        `is_known`: how the robot steers, without which a drift of the two headings is nothing unusual.
+        """
         kf = track.kf
         outcome = kf.update(track.rate_rad_s)
         if outcome is Outcome.REJECTED:
@@ -56,7 +59,7 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
-        if not self._slipped_m:  # the cause of what follows slip is known
+        if is_known and not self._slipped_m:  # the cause of what follows slip is known
             self._watch_drift(track, t_ns)
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")

@@ -293,7 +293,7 @@ class Initial:
     )
     gyro_scale: float = key(0.005, "Gyro scale factor, where it is estimated", "1", low=0, high=0.5)
     wheel_lag_s: float = key(
-        0.1, "Lag of the wheels' samples behind the gyro's, beyond the stated latencies; 0 = none", "s", low=0, high=1
+        0.2, "Lag of the wheels' samples behind the gyro's, beyond the stated latencies; 0 = none", "s", low=0, high=1
     )
     slip_s: float | None = key(
         None,

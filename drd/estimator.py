@@ -19,7 +19,7 @@ from drd.pose_maker import NO_LEAD, Lead, PoseMaker
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
-from drd.steering import Steering
+from drd.steering import Drive, Steering
 from drd.timeline import Segment, Stream
 from drd.track import Track
 from drd.units import NS_PER_S, S_PER_NS
@@ -240,7 +240,7 @@ class Estimator:
             self.rest_noise.interrupt()
             if track.gyro_heading:
                 return
-        if not self._agreement.update(track, t_ns):
+        if not self._agreement.update(track, t_ns, self.steering.drive is not Drive.UNKNOWN):
             self._recover(t_ns)
         else:
             # Slip that the gate found is no noise, and must not pass for it.

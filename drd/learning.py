@@ -1,6 +1,7 @@
 """Noise that is learned on the way: the gyro's at rest, that of the wheels' turning from the comparisons."""
 
 import math
+from collections import deque
 from typing import Final
 
 from drd.filter import Filter
@@ -21,6 +22,7 @@ WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on grave
 TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
 JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
 OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
+WAITING: Final = 20  # comparisons until a drift of the headings would have been found (agreement.IN_A_ROW)
 FIRST_COUNTS: Final = 10.0
 MEMORY_COUNTS: Final = 600.0
 
@@ -133,6 +135,7 @@ class WheelNoise:
 
     def __init__(self, noise: NoiseProfile, is_learned: bool = True):
         self.is_learned, self.stated = is_learned, noise
+        self._waiting: deque[tuple[float, ...]] = deque()
         self.way = VarianceFactor(noise.wheel_m2_per_m, *WAY)
         self.turn = VarianceFactor(noise.turn_rad2_per_rad, *TURN)
         self.jitter = VarianceFactor(noise.jitter_s2, *JITTER)
@@ -155,13 +158,20 @@ class WheelNoise:
                 mine.take_over(theirs)
 
     def take(self, kf: Filter, is_usual: bool) -> None:
-        """After a comparison that was accepted; nothing is learned from one that is not `is_usual`."""
+        """After a comparison that was accepted. Where one is not `is_usual`, those just before teach nothing either."""
         if not self.is_learned:
             return
-        for cause, share in ((self.way, kf.way_rad2), (self.turn, kf.turn_rad2), (self.jitter, kf.jitter_rad2)):
-            if share and is_usual:
-                cause.take(share, kf.z, kf.S)
+        if is_usual:
+            self._waiting.append((kf.way_rad2, kf.turn_rad2, kf.jitter_rad2, kf.z, kf.S))
+        else:
+            self._waiting.clear()
         kf.way_rad2 = kf.turn_rad2 = kf.jitter_rad2 = 0.0
+        if len(self._waiting) < WAITING:
+            return
+        *shares, z, S = self._waiting.popleft()
+        for cause, share in zip((self.way, self.turn, self.jitter), shares, strict=True):
+            if share:
+                cause.take(share, z, S)
         self.put_into(kf.noise)
 
     def skids(self, tread_m: float) -> None:

@@ -11,22 +11,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd.config import Noise
-from drd.filter import GYRO_BIAS, GYRO_HEADING, GYRO_SCALE, HEADING, Filter, N, Nominal, Outcome, Sigmas
+from drd.filter import (
+    GYRO_BIAS,
+    GYRO_HEADING,
+    GYRO_SCALE,
+    HEADING,
+    WHEEL_LAG,
+    Filter,
+    N,
+    Nominal,
+    Outcome,
+    Sigmas,
+)
 from drd.noise import NoiseProfile, make_noise, paper
 
 TREAD_M = 0.6
 SIGMAS = Sigmas(position_m=0.1, heading_rad=0.05, wheel_scale=0.01, tread_m=0.02, gyro_scale=0.01, gyro_bias_rad_s=1e-3)
 NAMES = ("x_m", "y_m", "heading_rad", "scale_right", "scale_left", "tread_m", "gyro_heading_rad", "gyro_scale",
-         "gyro_bias_rad_s")  # fmt: skip
+         "gyro_bias_rad_s", "wheel_lag_s", "slip_s")  # fmt: skip
 # The wheel scales are errors that the encoders have; the other states are computed minus true.
-SIGN = np.array([1, 1, 1, -1, -1, 1, 1, 1, 1])
+SIGN = np.array([1, 1, 1, -1, -1, 1, 1, 1, 1, 1, 1])
 SILENT = NoiseProfile(comparison_rad2=1e-8)
 
 small = st.floats(-0.05, 0.05)
 
 
-def make(noise: NoiseProfile = SILENT, midpoint: bool = True, sigmas: Sigmas = SIGMAS) -> Filter:
-    return Filter(TREAD_M, sigmas, noise, midpoint=midpoint)
+def make(
+    noise: NoiseProfile = SILENT, midpoint: bool = True, sigmas: Sigmas = SIGMAS, along_gyro: bool = True
+) -> Filter:
+    return Filter(TREAD_M, sigmas, noise, midpoint=midpoint, along_gyro=along_gyro)
 
 
 def vector(nominal: Nominal) -> npt.NDArray[np.float64]:
@@ -34,9 +47,12 @@ def vector(nominal: Nominal) -> npt.NDArray[np.float64]:
     return values
 
 
-def moved(error: npt.NDArray[np.float64], heading: float, left: float, right: float, midpoint: bool) -> Filter:
+def moved(
+    error: npt.NDArray[np.float64], heading: float, left: float, right: float, midpoint: bool, along_gyro: bool
+) -> Filter:
     """A filter whose nominal is off by `error` and which has made one step with a gyro that agrees with the wheels."""
-    kf = make(midpoint=midpoint)
+    sigmas = dataclasses.replace(SIGMAS, slip_s=0.1)
+    kf = make(midpoint=midpoint, along_gyro=along_gyro, sigmas=sigmas)
     kf.nominal.heading_rad = kf.nominal.gyro_heading_rad = heading
     for i, name in enumerate(NAMES):
         setattr(kf.nominal, name, getattr(kf.nominal, name) + SIGN[i] * error[i])
@@ -45,19 +61,19 @@ def moved(error: npt.NDArray[np.float64], heading: float, left: float, right: fl
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.floats(-4, 4), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.booleans())
+@given(st.floats(-4, 4), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.booleans(), st.booleans())
 def test_covariance_propagates_by_the_derivatives_of_the_motion(
-    heading: float, left: float, right: float, midpoint: bool
+    heading: float, left: float, right: float, midpoint: bool, along_gyro: bool
 ) -> None:
     F = np.empty((N, N))
     for i in range(N):
         step = np.zeros(N)
         step[i] = 1e-6
-        plus, minus = (vector(moved(d, heading, left, right, midpoint).nominal) for d in (step, -step))
+        plus, minus = (vector(moved(d, heading, left, right, midpoint, along_gyro).nominal) for d in (step, -step))
         F[:, i] = (plus - minus) / 2e-6
-    kf = make(midpoint=midpoint)
-    before = kf.P.copy()
-    after = moved(np.zeros(N), heading, left, right, midpoint).P
+    nothing = np.zeros(N)
+    before = make(midpoint=midpoint, sigmas=dataclasses.replace(SIGMAS, slip_s=0.1)).P
+    after = moved(nothing, heading, left, right, midpoint, along_gyro).P
     if left == right == 0.0:
         return
     np.testing.assert_allclose(after, F @ before @ F.T, atol=1e-9)
@@ -72,7 +88,7 @@ def test_without_the_midpoint_the_step_is_the_papers_equation_13_in_rep_103() ->
     F[1, 2:5] = c * U, s * right / 2, s * left / 2
     F[2, 3:6] = right / D, -left / D, (left - right) / D**2
     F[6, 7:9] = rate * dt, dt
-    kf = make(midpoint=False)
+    kf = make(midpoint=False, along_gyro=False)
     kf.nominal.heading_rad = heading
     expected = F @ kf.P @ F.T
     kf.predict(dt, left, right, rate)
@@ -187,7 +203,8 @@ def test_the_papers_noise_is_its_printed_values_per_step() -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(kf.P))[:6], printed, rtol=1e-9)
     kf.predict(0.05, 0.0, 0.0, None)
     printed = [math.radians(1e-4), 3e-5, math.radians(1e-5)]
-    np.testing.assert_allclose(np.sqrt(np.diag(kf.P))[6:], printed, rtol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(kf.P))[6:9], printed, rtol=1e-9)
+    assert not kf.P[WHEEL_LAG:].any()  # the paper has neither of the two
 
 
 def test_a_standing_robots_wheels_teach_the_gyros_bias() -> None:
@@ -196,7 +213,7 @@ def test_a_standing_robots_wheels_teach_the_gyros_bias() -> None:
         kf.predict(0.05, 0.0, 0.0, 5e-4)
         kf.update(5e-4)
     assert kf.nominal.gyro_bias_rad_s == pytest.approx(-5e-4, abs=5e-5)
-    assert kf.gyro_bias_sigma_rad_s() < 5e-5
+    assert kf.sigma(GYRO_BIAS) < 5e-5
     assert abs(kf.nominal.heading_rad) < 1e-9
 
 
