@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +18,7 @@ from drd.filter import (
     POSITION_UNKNOWN_M2,
     SCALE_L,
     SCALE_R,
+    SLIP,
     TREAD,
     Filter,
     Matrix,
@@ -27,6 +28,7 @@ from drd.filter import (
     X,
     Y,
 )
+from drd.learning import Drive, Learned
 from drd.units import RAD_PER_DEG
 
 # What a computed quantity can be at all: beyond 1e7 m doubles no longer resolve a step of the robot, and the rest is
@@ -84,7 +86,8 @@ def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The filter's quantities with their covariance, (N, N) in the order of drd.filter, and what was known of motion.
+    """The filter's quantities with their covariance, (N, N) in the order of drd.filter; what was known of motion and
+    learned of noise and drive.
 
     `at_rest`: the encoders confirmed a standstill. `lost`: only a pose from outside makes the pose good again.
     """
@@ -95,11 +98,13 @@ class Estimate:
     lost: bool
     speed_m_s: float
     rate_rad_s: float
+    learned: Learned = field(default_factory=Learned)
 
     def plain(self) -> dict[str, Any]:
         """As JSON has it, exact to the bit."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return values | {"nominal": dataclasses.asdict(self.nominal), "P": self.P.tolist()}
+        parts = {"nominal": dataclasses.asdict(self.nominal), "learned": dataclasses.asdict(self.learned)}
+        return values | parts | {"P": self.P.tolist()}
 
 
 def estimate_of(plain: Mapping[str, Any]) -> Estimate:
@@ -115,7 +120,15 @@ def estimate_of(plain: Mapping[str, Any]) -> Estimate:
         raise TypeError(f"P: expected {N} rows of {N} numbers")
     P = np.array([[_number(v, "P", -LARGEST_VARIANCE, LARGEST_VARIANCE) for v in row] for row in rows])
     check_covariance(P)
-    return Estimate(Nominal(**values), P, at_rest, lost, speed_m_s, rate_rad_s)
+    return Estimate(Nominal(**values), P, at_rest, lost, speed_m_s, rate_rad_s, _learned_of(plain["learned"]))
+
+
+def _learned_of(plain: Mapping[str, Any]) -> Learned:
+    drive = plain["drive"]
+    if drive not in (known := [kind.value for kind in Drive]):
+        raise ValueError(f"learned.drive: expected one of {', '.join(known)}, got {drive!r:.40}")
+    names = (f.name for f in dataclasses.fields(Learned) if f.name != "drive")
+    return Learned(drive, *(_number(plain[name], f"learned.{name}", 0.0, LARGEST_VARIANCE) for name in names))
 
 
 def check_covariance(P: Matrix) -> None:
@@ -152,7 +165,8 @@ def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
     """Wheel scales and tread start anew, the rest stays."""
     n = kf.nominal
     n.scale_right, n.scale_left, n.tread_m = 0.0, 0.0, tread_m
-    _forget(kf.P, {SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m})
+    _forget(kf.P, {SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m, SLIP: s.slip_s})
+    kf.add_scale_variance(0.0, s.scale_difference)
 
 
 def forget_gyro(kf: Filter, s: Sigmas) -> None:

@@ -13,13 +13,13 @@ from drd.effects.compensation import Compensation
 from drd.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
 from drd.filter import GYRO_BIAS, Filter
 from drd.health import Reasons
-from drd.learning import RestNoise, WheelNoise
+from drd.learning import Drive, Learned, RestNoise, WheelNoise
 from drd.noise import make_noise
-from drd.pose_maker import NO_LEAD, Lead, PoseMaker
+from drd.pose_maker import NO_LEAD, Lead, PoseMaker, led
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
-from drd.steering import Drive, Steering
+from drd.steering import Steering
 from drd.timeline import Segment, Stream
 from drd.track import Track
 from drd.units import NS_PER_S, S_PER_NS
@@ -270,12 +270,12 @@ class Estimator:
         self.counters["poses"] += 1
         with_gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
         gyro_interval_s = self._gyro_interval_s if with_gyro else None
-        lead = self._lead(preview) if with_gyro else NO_LEAD
+        lead = self._lead(preview) if with_gyro else NO_LEAD._replace(scale=self.steering.scale)
         return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
 
     def _lead(self, track: Track) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
-        kf, lag_ns = track.kf, max(track.lag_ns, 0)
+        kf, lag_ns = track.kf, max(track.lag_ns, 0) if self._gyro.segments else 0
         lag_s = lag_ns * S_PER_NS
         reading_rad = self._gyro.integral(track.t_ns - lag_ns, track.t_ns) if lag_ns else 0.0
         turn_rad = kf.nominal.gyro_scale * reading_rad + kf.nominal.gyro_bias_rad_s * lag_s
@@ -308,7 +308,24 @@ class Estimator:
             lost=self._silence.was_lost or is_reset,
             speed_m_s=track.speed_m_s,
             rate_rad_s=track.rate_rad_s,
+            learned=self.learned,
         )
+
+    @property
+    def learned(self) -> Learned:
+        """Noise and drive, as far as they were learned."""
+        k, rest = self._track.kf.noise, self.rest_noise
+        wheels = (k.wheel_m2_per_m, k.turn_rad2_per_rad, k.jitter_s2) if self.wheel_noise.is_known else (0.0, 0.0, 0.0)
+        return Learned(self.steering.drive.value, rest.differences, rest.variance_rad2_per_s, *wheels)
+
+    def _recall_wheels(self, learned: Learned) -> None:
+        self.steering.recall(learned)
+        self.wheel_noise.recall(learned)
+        self.wheel_noise.put_into(self._track.kf.noise)
+
+    def _recall_gyro(self, learned: Learned) -> None:
+        self.rest_noise.recall(learned)
+        self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
 
     @property
     def at_rest(self) -> bool:
@@ -318,6 +335,8 @@ class Estimator:
     def resume(self, estimate: Estimate, bias_known: bool) -> None:
         """Begin with what was known before a restart, instead of nothing. To be called before the first sample."""
         put_into(self._track.kf, estimate)
+        self._recall_wheels(estimate.learned)
+        self._recall_gyro(estimate.learned)
         self._silence.was_lost = estimate.lost
         self.bias_known = bias_known
 
@@ -338,14 +357,15 @@ class Estimator:
             self._corrections.take_over(other._corrections)
         if same_wheels:
             self.standstill = other.standstill
-            self.wheel_noise.take_over(other.wheel_noise)
-            self.steering.take_over(other.steering)
-            self.wheel_noise.put_into(self._track.kf.noise)
+            self._take_over_wheels(other)
         else:
             forget_wheels(self._track.kf, self._config.robot.tread_m, self.sigmas)
         if same_gyro:
-            self.rest_noise.take_over(other.rest_noise)
-            self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            if self.noise == other.noise:
+                self.rest_noise = self.bias.rest_noise = other.rest_noise
+                self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            else:
+                self._recall_gyro(other.learned)
             self.bias_known = other.bias_known
             if not other.bias.active:  # one that is under way begins anew
                 mine, done = self.bias, other.bias
@@ -355,6 +375,15 @@ class Estimator:
             forget_gyro(self._track.kf, self.sigmas)
             self._gyro.segments.clear()
         self._drop_reasons(same_gyro, same_model)
+
+    def _take_over_wheels(self, other: "Estimator") -> None:
+        if self.noise == other.noise and self._config.robot.drive == other._config.robot.drive:
+            self.wheel_noise, self.steering = other.wheel_noise, other.steering
+            self.wheel_noise.put_into(self._track.kf.noise)
+        else:
+            self._recall_wheels(other.learned)
+            if self.steering.scale < other.steering.scale:  # nothing will tell any more
+                self._track.kf.add_scale_variance(other.steering.scale, 0.0)
 
     def _drop_reasons(self, same_gyro: bool, same_model: bool) -> None:
         """Those that nothing would end any more, or that begin anew."""
@@ -376,14 +405,15 @@ class Estimator:
         """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
         if self._track.t_ns and self._silence.wheels(self._pose_ns):
             self._track.run(self._wheels, self._gyro, self._pose_ns, self._compare)  # nothing to wait for any more
-        here, ahead = self._track.kf.nominal, self._look_ahead(self._pose_ns).kf.nominal
+        here, preview = self._track.kf.nominal, self._look_ahead(self._pose_ns)
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
-        dx_m, dy_m = ahead.x_m - here.x_m, ahead.y_m - here.y_m
-        turned = heading_rad - ahead.heading_rad
+        ahead_x_m, ahead_y_m, ahead_rad = led(preview, self._lead(preview))
+        dx_m, dy_m = ahead_x_m - here.x_m, ahead_y_m - here.y_m
+        turned = heading_rad - ahead_rad
         c, s = math.cos(turned), math.sin(turned)
         covariance = np.diag([sigma_m**2, sigma_m**2, sigma_rad**2])
         x_m, y_m = x_m - c * dx_m + s * dy_m, y_m - s * dx_m - c * dy_m
-        self._track.kf.set_pose(x_m, y_m, here.heading_rad + turned, covariance)
+        self._track.kf.set_pose(x_m, y_m, self._track.kf.heading_rad + turned, covariance)
         self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
         self._silence.was_lost = False
         for source in ("filter", "position"):

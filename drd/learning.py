@@ -2,6 +2,8 @@
 
 import math
 from collections import deque
+from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 from drd.filter import Filter
@@ -24,7 +26,28 @@ JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, f
 OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
 WAITING: Final = 20  # comparisons until a drift of the headings would have been found (agreement.IN_A_ROW)
 FIRST_COUNTS: Final = 10.0
+RECALLED_COUNTS: Final = 60.0  # what was learned before a restart: the ground may be another
 MEMORY_COUNTS: Final = 600.0
+
+
+class Drive(Enum):
+    """How the robot steers."""
+
+    UNKNOWN = "unknown"
+    DIFFERENTIAL = "differential"
+    SKID = "skid"
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What is to be kept over a restart: how the robot steers, and variances, with 0 where nothing was learned."""
+
+    drive: str = Drive.UNKNOWN.value
+    gyro_differences: float = 0.0
+    gyro_rad2_per_s: float = 0.0
+    wheel_m2_per_m: float = 0.0
+    turn_rad2_per_rad: float = 0.0
+    jitter_s2: float = 0.0
 
 
 class RestNoise:
@@ -46,9 +69,10 @@ class RestNoise:
         """Whether a standstill was long enough to tell."""
         return self.differences >= KNOWN_AFTER or not self.is_learned
 
-    def take_over(self, other: "RestNoise") -> None:
-        """Go on with what another one has learned."""
-        self.differences, self._sum = other.differences, other._sum
+    def recall(self, learned: Learned) -> None:
+        """Go on with what was learned before."""
+        self.differences = int(learned.gyro_differences)
+        self._sum = self.differences * learned.gyro_rad2_per_s
         self._tell()
 
     @property
@@ -85,6 +109,8 @@ class RestNoise:
     def _tell(self) -> None:
         if not self.is_learned:
             return
+        if not self.differences:
+            return
         mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
         self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
 
@@ -100,6 +126,11 @@ class VarianceFactor:
         self._stated, self._largest = stated, largest
         self.factor = max(1.0, first / stated) if stated else 1.0
         self._weight, self._sum = FIRST_COUNTS, FIRST_COUNTS * self.factor
+
+    @property
+    def is_known(self) -> bool:
+        """Whether innovations weigh more than what was assumed at first."""
+        return self._weight > 2.0 * FIRST_COUNTS
 
     def take(self, share: float, z: float, S: float) -> None:
         """Take an innovation with its variance, of which `share` is this cause's with the present factor."""
@@ -118,10 +149,11 @@ class VarianceFactor:
             self._stated = stated
             self._limit()
 
-    def take_over(self, other: "VarianceFactor") -> None:
-        """Go on with what another one has learned."""
-        if self._stated and other._stated:
-            self._weight, self._sum = other._weight, other._sum * other._stated / self._stated
+    def recall(self, variance: float) -> None:
+        """Go on with the variance that was learned before."""
+        if self._stated and variance:
+            self._weight = RECALLED_COUNTS
+            self._sum = RECALLED_COUNTS * variance / self._stated
             self._limit()
 
     def _limit(self) -> None:
@@ -140,6 +172,11 @@ class WheelNoise:
         self.turn = VarianceFactor(noise.turn_rad2_per_rad, *TURN)
         self.jitter = VarianceFactor(noise.jitter_s2, *JITTER)
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the comparisons say more than what is assumed at first."""
+        return self.is_learned and self.turn.is_known
+
     def put_into(self, noise: NoiseProfile) -> None:
         """Set what is learned."""
         if not self.is_learned:
@@ -151,11 +188,11 @@ class WheelNoise:
         noise.jitter_s2 = k.jitter_s2 * self.jitter.factor
         noise.lateral_m2_per_m, noise.position_m2_per_rad = k.lateral_m2_per_m, k.position_m2_per_rad
 
-    def take_over(self, other: "WheelNoise") -> None:
-        """Go on with what another one has learned."""
-        if self.is_learned and other.is_learned:
-            for mine, theirs in ((self.way, other.way), (self.turn, other.turn), (self.jitter, other.jitter)):
-                mine.take_over(theirs)
+    def recall(self, learned: Learned) -> None:
+        """Go on with what was learned before."""
+        self.way.recall(learned.wheel_m2_per_m)
+        self.turn.recall(learned.turn_rad2_per_rad)
+        self.jitter.recall(learned.jitter_s2)
 
     def take(self, kf: Filter, is_usual: bool) -> None:
         """After a comparison that was accepted. Where one is not `is_usual`, those just before teach nothing either."""

@@ -35,6 +35,13 @@ class Lead(NamedTuple):
 NO_LEAD = Lead(0.0, 0.0, 0.0, 0.0)
 
 
+def led(track: Track, lead: Lead) -> tuple[float, float, float]:
+    """The track's pose after `lead`: x and y in m, heading in rad."""
+    n, heading_rad = track.kf.nominal, track.kf.heading_rad
+    middle = heading_rad + 0.5 * lead.turn_rad
+    return n.x_m + lead.way_m * math.cos(middle), n.y_m + lead.way_m * math.sin(middle), heading_rad + lead.turn_rad
+
+
 class PoseMaker:
     """Makes poses from tracks whose filter is finite."""
 
@@ -46,10 +53,9 @@ class PoseMaker:
         self, track: Track, lead: Lead, t_ns: int, sequence: int, wheel_interval_s: float, gyro_interval_s: float | None
     ) -> Pose:
         """The track's pose, for `t_ns`. `gyro_interval_s`: of the rate's samples; None: the rate is the wheels'."""
-        reasons, n, kf = self._reasons, track.kf.nominal, track.kf
-        middle = kf.heading_rad + 0.5 * lead.turn_rad
-        c, s = math.cos(middle), math.sin(middle)
-        covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, c, s, lead.scale)
+        reasons, kf = self._reasons, track.kf
+        x_m, y_m, heading_rad = led(track, lead)
+        covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, heading_rad, lead.scale)
         hh = covariance[5]
         bound_m = position_bound_m(covariance)
         self._watch_heading(math.sqrt(max(hh, 0.0)), t_ns)
@@ -58,9 +64,9 @@ class PoseMaker:
         return Pose(
             t_ns=max(t_ns, track.t_ns),
             sequence=sequence,
-            x_m=n.x_m + lead.way_m * c,
-            y_m=n.y_m + lead.way_m * s,
-            heading_rad=kf.heading_rad + lead.turn_rad,
+            x_m=x_m,
+            y_m=y_m,
+            heading_rad=heading_rad,
             speed_m_s=track.speed_m_s,
             rate_rad_s=track.rate_rad_s,
             speed_sigma_m_s=self._speed_sigma_m_s(track, wheel_interval_s),

@@ -53,7 +53,7 @@ class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (27)"""
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
-        self._config, self._rest_noise = static_bias, rest_noise
+        self._config, self.rest_noise = static_bias, rest_noise
         # Skipped before a mission, it can still be asked for.
         self.duration_s = static_bias.duration_s or DEFAULT_DURATION_S
         self.state = BiasState.WAITING
@@ -89,7 +89,7 @@ class BiasMeasurement:
                 continue  # nobody has said that the robot stood then
             self._sum_rad += rate.rate_rad_s * rate.interval_s
             self._sum_s += rate.interval_s
-            self._rest_noise.add(rate.rate_rad_s, rate.interval_s)
+            self.rest_noise.add(rate.rate_rad_s, rate.interval_s)
             self.state = BiasState.MEASURING
         if self._sum_s >= self.duration_s:
             self._finish(BiasState.DONE)
@@ -100,14 +100,14 @@ class BiasMeasurement:
 
     def _finish(self, state: BiasState) -> None:
         self.state, self.averaged_s = state, self._sum_s
-        self._rest_noise.interrupt()
+        self.rest_noise.interrupt()
         if state is BiasState.DONE:
             self.bias_rad_s = self._sum_rad / self._sum_s
             self.sigma_rad_s = self.sigma_after_rad_s(self._sum_s)
 
     def sigma_after_rad_s(self, averaged_s: float) -> float:
         """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (27)"""
-        return math.sqrt(self._rest_noise.variance_rad2_per_s / averaged_s)
+        return math.sqrt(self.rest_noise.variance_rad2_per_s / averaged_s)
 
     def take_pending(self) -> list[CalibratedRate]:
         """The readings that were not averaged: the filter's first ones."""

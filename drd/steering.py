@@ -1,26 +1,17 @@
 """How the robot steers: whether its wheels slip sideways in each turn, as the effective tread tells."""
 
 import math
-from enum import Enum
 from typing import Final
 
 from drd.config import Config
 from drd.estimate import SKID_SCALE, SKID_SLIP_S
 from drd.filter import TREAD, Filter
-from drd.learning import WheelNoise
+from drd.learning import Drive, Learned, WheelNoise
 
 # A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
 # whose standard deviation is so large a part of it, since tyres are wide.
 TAPE_SIGMAS: Final = 3.0
 TAPE_PART: Final = 0.05
-
-
-class Drive(Enum):
-    """How the robot steers."""
-
-    UNKNOWN = "unknown"
-    DIFFERENTIAL = "differential"
-    SKID = "skid"
 
 
 class Steering:
@@ -57,9 +48,11 @@ class Steering:
         self.drive, self.scale = Drive.SKID, 0.0
         self._wheel_noise.skids(self._robot.tread_m)
 
-    def take_over(self, other: "Steering") -> None:
-        """Go on with what another one has found out."""
-        if self.drive is Drive.UNKNOWN:
-            self.drive, self.scale = other.drive, other.scale
-            if self.drive is Drive.SKID:
-                self._wheel_noise.skids(self._robot.tread_m)
+    def recall(self, learned: Learned) -> None:
+        """Go on with what was found out before; P has it already."""
+        drive = Drive(learned.drive)
+        if self.drive is not Drive.UNKNOWN or drive is Drive.UNKNOWN:
+            return
+        self.drive, self.scale = drive, 0.0
+        if drive is Drive.SKID:
+            self._found_skid()

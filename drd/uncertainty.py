@@ -29,19 +29,18 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 
 
 def covariance_after(
-    kf: Filter, lag_s: float, speed_m_s: float, rate_rad_s: float, c: float, s: float, scale: float
+    kf: Filter, lag_s: float, speed_m_s: float, rate_rad_s: float, heading_rad: float, scale: float
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (26)
 
-    A wrong lag or stamp puts the pose ahead by speed and rate times its error; `c`, `s`: cosine and sine of the way
-    that is added for it. `scale`: standard deviation of the scale of all ways beyond P's. (65), (69)
+    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error. `scale`: standard deviation of the scale of all ways beyond P's. (65), (69)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n, lag = kf.noise, kf.nominal, kf.P[WHEEL_LAG].tolist()
     unseen = 0.5 * UNSEEN_ACCELERATION_M_S2 * lag_s * lag_s
     reading = k.count_m2 + unseen * unseen
     variance = lag[WHEEL_LAG] + k.jitter_s2
-    vx, vy = speed_m_s * c, speed_m_s * s
+    vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     lx, ly, lh = lag[X], lag[Y], lag[kf.pose_heading]
     gx, gy = scale * (n.x_m - kf.origin_m[0]), scale * (n.y_m - kf.origin_m[1])
     return (

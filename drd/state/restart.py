@@ -12,6 +12,7 @@ from drd.config import Config
 from drd.effects.effect import Effect
 from drd.estimate import Estimate, forget_gyro, forget_wheels, put_into
 from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.learning import Learned
 from drd.pipeline import Pipeline
 from drd.state.saved import Moment, Saved
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
@@ -73,9 +74,12 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     other_gyro = changes(saved.basis.gyro, pipeline.basis.gyro)
     if pipeline.model is not None and any(_counts_from_start(term.effect) for term in pipeline.model.terms):
         other_gyro.append("the model takes the gyro's time and temperature from each start on")
+    learned = saved.estimate.learned
     if other_wheels:
+        learned = Learned(gyro_differences=learned.gyro_differences, gyro_rad2_per_s=learned.gyro_rad2_per_s)
         forget_wheels(kf, config.robot.tread_m, estimator.sigmas)
     if other_gyro:
+        learned = dataclasses.replace(learned, gyro_differences=0.0, gyro_rad2_per_s=0.0)
         forget_gyro(kf, estimator.sigmas)
     _widen_learned(kf, off_s, config, pipeline)
     unseen_s = 0.0 if saved.estimate.at_rest else LONGEST_UNSEEN_S if off_s is None else off_s
@@ -88,7 +92,7 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
         lost |= unseen_s > config.estimation.invalid_after_s or off_s is None or off_s > settings.believed_s
         _widen_pose(kf, saved.estimate, unseen_s, settings.position_m, settings.heading_deg * RAD_PER_DEG)
     estimate = dataclasses.replace(
-        saved.estimate, nominal=kf.nominal, P=kf.P.copy(), lost=lost, speed_m_s=0.0, rate_rad_s=0.0
+        saved.estimate, nominal=kf.nominal, P=kf.P.copy(), lost=lost, speed_m_s=0.0, rate_rad_s=0.0, learned=learned
     )
     anew = learned_anew(other_wheels, other_gyro)
     sentences = [_pose_sentence(saved, off_s, config, lost), _bias_sentence(kf), *anew]

@@ -13,7 +13,7 @@ from drd import __version__
 from drd.basis import Basis
 from drd.estimate import Estimate, estimate_of
 
-VERSION: Final = 1
+VERSION: Final = 2
 LARGEST_BYTES: Final = 1 << 18
 HEAD: Final = re.compile(rb"drd-state/(\d{1,9}) sha256=([0-9a-f]{64})\n")
 BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")

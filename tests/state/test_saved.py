@@ -30,7 +30,7 @@ def estimate(seconds: float = 20.0) -> Estimate:
 DRIVEN = Saved(estimate(), MOMENT, Basis({"robot.tread_m": 0.5}, {"fog.axis": "z"}, {"model": {"who": "me"}}), "r2")
 
 
-def sealed(body: bytes, version: int = 1) -> bytes:
+def sealed(body: bytes, version: int = 2) -> bytes:
     return f"drd-state/{version} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
 
 
@@ -113,11 +113,11 @@ def test_wrong_values_under_a_right_checksum_raise_nothing_else(path: str, value
         ({"nominal__x_m": 10**400}, "nominal.x_m: expected"),  # found by the fuzzer: no float holds it
         ({"nominal__gyro_bias_rad_s": None}, "nominal.gyro_bias_rad_s: expected a number, got None"),
         ({"at_rest": 1}, "at_rest, lost: expected true or false"),
-        ({"P": [[0.0] * 9] * 8}, "9 rows of 9 numbers"),
-        ({"P": (-np.eye(9)).tolist()}, "variances from 0"),
-        ({"P": np.triu(np.ones((9, 9))).tolist()}, "symmetric"),
-        ({"P": (np.eye(9) + 0.9 * (np.eye(9, k=1) + np.eye(9, k=-1))).tolist()}, "positive semidefinite"),
-        ({"P": (np.diag([0.0] + [1.0] * 8) + 0.1 * (np.eye(9, k=1) + np.eye(9, k=-1))).tolist()}, "variance is 0"),
+        ({"P": [[0.0] * 9] * 8}, "11 rows of 11 numbers"),
+        ({"P": (-np.eye(11)).tolist()}, "variances from 0"),
+        ({"P": np.triu(np.ones((11, 11))).tolist()}, "symmetric"),
+        ({"P": (np.eye(11) + 0.9 * (np.eye(11, k=1) + np.eye(11, k=-1))).tolist()}, "positive semidefinite"),
+        ({"P": (np.diag([0.0] + [1.0] * 10) + 0.1 * (np.eye(11, k=1) + np.eye(11, k=-1))).tolist()}, "variance is 0"),
     ],
 )
 def test_what_cannot_be_is_refused_and_named(values: dict[str, Any], text: str) -> None:
@@ -127,8 +127,8 @@ def test_what_cannot_be_is_refused_and_named(values: dict[str, Any], text: str) 
 
 def test_another_version_is_refused_as_such() -> None:
     body = encoded(DRIVEN).split(b"\n", 1)[1]
-    with pytest.raises(StateError, match="version 2; this drd reads version 1"):
-        decoded(sealed(body, 2))
+    with pytest.raises(StateError, match="version 3; this drd reads version 2"):
+        decoded(sealed(body, 3))
 
 
 def test_an_estimate_that_would_be_refused_is_not_written() -> None:

@@ -122,8 +122,8 @@ def test_a_daemon_that_is_killed_on_the_move_does_not_claim_to_know_where_it_is(
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        (b"drd-state/1 sha256=" + b"0" * 64 + b"\n{}", "its checksum is wrong: it was cut or changed"),
-        (b"drd-state/9 sha256=" + b"0" * 64 + b"\n{}", "version 9; this drd reads version 1"),
+        (b"drd-state/2 sha256=" + b"0" * 64 + b"\n{}", "its checksum is wrong: it was cut or changed"),
+        (b"drd-state/9 sha256=" + b"0" * 64 + b"\n{}", "version 9; this drd reads version 2"),
     ],
     ids=["corrupt", "future"],
 )
