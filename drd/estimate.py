@@ -45,6 +45,8 @@ LIMITS: Final = {
     "gyro_bias_rad_s": (-1.0, 1.0),
     "wheel_lag_s": (-1.0, 1.0),
     "slip_s": (-5.0, 5.0),
+    "origin_x_m": (-1e7, 1e7),
+    "origin_y_m": (-1e7, 1e7),
 }
 # Nominal radii of tyres, and a tread that was taken with a tape.
 WHEEL_SCALE: Final = 0.005
@@ -158,13 +160,15 @@ def _number(value: Any, name: str, low: float, high: float) -> float:
 def put_into(kf: Filter, estimate: Estimate) -> None:
     """Let the filter go on from the estimate."""
     kf.nominal = dataclasses.replace(estimate.nominal)
+    kf.set_tread(estimate.nominal.tread_m)
     np.copyto(kf.P, estimate.P)
 
 
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
     """Wheel scales and tread start anew, the rest stays."""
     n = kf.nominal
-    n.scale_right, n.scale_left, n.tread_m = 0.0, 0.0, tread_m
+    n.scale_right = n.scale_left = 0.0
+    kf.set_tread(tread_m)
     _forget(kf.P, {SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m, SLIP: s.slip_s})
     kf.add_scale_variance(0.0, s.scale_difference)
 

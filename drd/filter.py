@@ -82,6 +82,8 @@ class Nominal:
     gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
     wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro
     slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
+    origin_x_m: float = 0.0  # where the way began that the position is due to
+    origin_y_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +147,6 @@ class Filter:
         """Begin at the origin with these standard deviations; both headings share their error."""
         self.nominal = Nominal(tread_m)
         self._last_tread_m = tread_m
-        self.origin_m = (0.0, 0.0)  # where the way began that the position is due to
         self.P.fill(0.0)
         diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
                     s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s, s.wheel_lag_s, s.slip_s)  # fmt: skip
@@ -161,7 +162,8 @@ class Filter:
         a.scale_right, a.scale_left = b.scale_right, b.scale_left
         a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
         a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
-        self.origin_m, self._last_tread_m = other.origin_m, other._last_tread_m
+        a.origin_x_m, a.origin_y_m = b.origin_x_m, b.origin_y_m
+        self._last_tread_m = other._last_tread_m
         self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
         self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
         np.copyto(self.P, other.P)
@@ -395,7 +397,7 @@ class Filter:
         one against the other. (69)
         """
         n, g = self.nominal, np.zeros(N)
-        g[X], g[Y] = n.x_m - self.origin_m[0], n.y_m - self.origin_m[1]
+        g[X], g[Y] = n.x_m - n.origin_x_m, n.y_m - n.origin_y_m
         g[SCALE_R], g[SCALE_L], g[TREAD] = 1.0, 1.0, n.tread_m
         self.P += common**2 * np.outer(g, g)
         g.fill(0.0)
@@ -410,7 +412,7 @@ class Filter:
         """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
         n = self.nominal
         n.x_m, n.y_m, n.heading_rad, n.gyro_heading_rad = x_m, y_m, heading_rad, heading_rad
-        self.origin_m = (x_m, y_m)
+        n.origin_x_m, n.origin_y_m = x_m, y_m
         for i in (X, Y, HEADING):
             self.P[i, :] = 0.0
             self.P[:, i] = 0.0
@@ -424,6 +426,10 @@ class Filter:
         self.P[GYRO_BIAS, :] = 0.0
         self.P[:, GYRO_BIAS] = 0.0
         self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
+
+    def set_tread(self, tread_m: float) -> None:
+        """Take a tread that no comparison has changed: its error in metres stays what P has."""
+        self.nominal.tread_m = self._last_tread_m = tread_m
 
     def sigma(self, state: int) -> float:
         """Standard deviation of one state."""

@@ -33,7 +33,8 @@ def covariance_after(
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (26)
 
-    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error. `scale`: standard deviation of the scale of all ways beyond P's. (65), (69)
+    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error. `scale`:
+    standard deviation of the scale of all ways beyond P's. (65), (69)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n, lag = kf.noise, kf.nominal, kf.P[WHEEL_LAG].tolist()
@@ -42,7 +43,7 @@ def covariance_after(
     variance = lag[WHEEL_LAG] + k.jitter_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     lx, ly, lh = lag[X], lag[Y], lag[kf.pose_heading]
-    gx, gy = scale * (n.x_m - kf.origin_m[0]), scale * (n.y_m - kf.origin_m[1])
+    gx, gy = scale * (n.x_m - n.origin_x_m), scale * (n.y_m - n.origin_y_m)
     return (
         xx + 2.0 * vx * lx + vx * vx * variance + reading + gx * gx,
         xy + vx * ly + vy * lx + vx * vy * variance + gx * gy,
