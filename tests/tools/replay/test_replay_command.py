@@ -60,6 +60,27 @@ def test_the_start_moves_the_poses_but_not_their_digest(short: Path, tmp_path: P
     assert b[:, 2] == pytest.approx(2.0 + a[:, 1], abs=2e-6)
 
 
+def test_poses_after_a_gap_of_the_wheels_can_be_evaluated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = short_drive(tmp_path).folder
+    lines = (folder / "encoders.csv").read_text().splitlines(keepends=True)
+    cut = [line for line in lines if not line[0].isdigit() or not 2.0 < float(line.split(",")[0]) < 2.399]
+    assert len(cut) < len(lines)
+    (folder / "encoders.csv").write_text("".join(cut))
+    poses = tmp_path / "poses.csv"
+    assert main(["replay", str(folder), "--output", str(poses)]) == 0
+    arguments = ["evaluate", str(poses), "--reference", str(folder), "--output", str(tmp_path / "out")]
+    assert main(arguments) == 0, capsys.readouterr().err
+
+
+def test_a_reference_that_does_not_move_gives_no_per_cent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = short_drive(tmp_path).folder
+    (folder / "reference.csv").write_text("time_s,x_m,y_m,heading_deg\n0,1,2,0\n4,1,2,0\n")
+    assert main(["replay", str(folder)]) == 0
+    said = next(line for line in capsys.readouterr().out.splitlines() if "end error" in line)
+    assert "m, heading" in said
+    assert "%" not in said
+
+
 def test_options_change_the_result_and_are_kept(short: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     model.write_text("tread_m: 0.6\n")

@@ -109,12 +109,14 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
     """The poses as numbers, shape (n, 10): time_s, x_m, y_m, heading_rad and the covariance, seen from `start`.
 
     The first row is `start` itself, at `began_ns`, where that is known and before the first pose. Position and
-    covariance turn with the start: nothing in the filter depends on where x points.
+    covariance turn with the start: nothing in the filter depends on where x points. Of several poses for one time the
+    last is kept: after a silence the wheels' first sample corrects the pose that was given without it.
     """
     zero, began = replayed.zero_ns, replayed.began_ns
     # One by one: as tuples the rows of ten hours would take 270 MB more.
     numbers = (((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in replayed.poses)
     rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(replayed.poses))
+    rows = rows[np.diff(rows[:, 0], append=math.inf) > 0.0]
     if began is not None and len(rows) and began < replayed.poses[0].t_ns:
         i = replayed.config.estimation.initial
         xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2

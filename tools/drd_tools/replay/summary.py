@@ -76,9 +76,11 @@ def _advice(replayed: Replayed) -> list[str]:
 def _error_text(error: EndError | None) -> str:
     if error is None:
         return ""
-    share = f" ({100.0 * error.position_m / error.reference_m:.3g} % of {error.reference_m:.2f} m)"
+    share = ""
+    if error.reference_m > 0.0:
+        share = f" ({100.0 * error.position_m / error.reference_m:.3g} % of {error.reference_m:.2f} m)"
     return (
-        f"end error {error.position_m:.3f} m{share if error.reference_m > 0.0 else ''}, "
+        f"end error {error.position_m:.3f} m{share}, "
         f"heading {error.heading_rad * DEG_PER_RAD:.2f} deg; put on its pose at {error.start_s:.2f} s, "
         f"compared at {error.time_s:.2f} s"
     )
