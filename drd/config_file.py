@@ -1,5 +1,6 @@
 """Reading the configuration file, and what only several of its keys together can say."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from can import VALID_INTERFACES
@@ -11,12 +12,49 @@ from drd.schema import ConfigError, Loaded, load
 def load_config(file: Path) -> Loaded[Config]:
     """Read and check a configuration file. Raises ConfigError with file, key path, expected and got."""
     loaded = load(file, Config)
-    for path, expected, got in [*_encoders(loaded.value.encoders), *_timing(loaded.value), *_rest(loaded.value)]:
-        raise ConfigError(loaded.place(path), path, expected, got)
+    check_layout(loaded)
+    check_estimate(loaded)
     return loaded
 
 
+def load_overlay(file: Path, base: Config) -> Loaded[Config]:
+    """Read a configuration file, of which any part may be missing, over `base`. Raises ConfigError.
+
+    The paths of files that it states start from its own folder, and are made absolute. What several keys together
+    say is not checked.
+    """
+    loaded = load(file, Config, base)
+    config, folder = loaded.value, file.parent.resolve()
+
+    def found(path: str, name: str | None) -> str | None:
+        return str(folder / name) if name is not None and loaded.origins[path] != "default" else name
+
+    dbc = replace(config.encoders.dbc, file=found("encoders.dbc.file", config.encoders.dbc.file))
+    changed = replace(
+        config,
+        calibration=replace(config.calibration, file=found("calibration.file", config.calibration.file)),
+        model=replace(config.model, file=found("model.file", config.model.file)),
+        encoders=replace(config.encoders, dbc=dbc),
+    )
+    return replace(loaded, value=changed)
+
+
+def check_layout(loaded: Loaded[Config]) -> None:
+    """Raise ConfigError where the keys of the encoders' frames do not go together."""
+    _refuse(loaded, _encoders(loaded.value.encoders))
+
+
+def check_estimate(loaded: Loaded[Config]) -> None:
+    """Raise ConfigError where keys of times, heading or outputs do not go together."""
+    _refuse(loaded, [*_timing(loaded.value), *_rest(loaded.value)])
+
+
 Complaint = tuple[str, str, str]
+
+
+def _refuse(loaded: Loaded[Config], found: list[Complaint]) -> None:
+    for path, expected, got in found:
+        raise ConfigError(loaded.place(path), path, expected, got)
 
 
 def _encoders(e: Encoders) -> list[Complaint]:

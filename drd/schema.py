@@ -59,25 +59,28 @@ class Loaded(typing.Generic[T]):
         return self.file if origin == "default" else origin
 
 
-def load(file: Path, cls: type[T]) -> Loaded[T]:
-    """Read `file` into `cls`. Raises ConfigError; nothing else escapes."""
+def load(file: Path, cls: type[T], base: T | None = None) -> Loaded[T]:
+    """Read `file` into `cls`; see `loads`. Raises ConfigError; nothing else escapes."""
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         got = str(error.strerror) if isinstance(error, OSError) else str(error)
         raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
-    return loads(text, cls, str(file))
+    return loads(text, cls, str(file), base)
 
 
-def loads(text: str, cls: type[T], where: str = "(text)") -> Loaded[T]:
-    """Read YAML text into `cls`. Raises ConfigError; nothing else escapes."""
+def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None) -> Loaded[T]:
+    """Read YAML text into `cls`. Raises ConfigError; nothing else escapes.
+
+    What the text does not state has its default; with `base` it has the value there, and no key is required.
+    """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last: "\UFFFFFFFF"
         line, problem = _yaml_problem(error, text)
         raise ConfigError(f"{where}{line}", "", "YAML", problem) from error
     origins: dict[str, str] = {}
-    value = _section(cls, node, "", where, origins)
+    value = _section(cls, node, "", where, origins, base)
     return Loaded(value, origins, where)
 
 
@@ -92,7 +95,9 @@ def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
     return "", f"an error: {' '.join(str(error).split()) or type(error).__name__}"
 
 
-def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origins: dict[str, str]) -> T:
+def _section(
+    cls: type[T], node: yaml.Node | None, path: str, where: str, origins: dict[str, str], base: T | None = None
+) -> T:
     found: dict[str, yaml.Node] = {}
     if node is not None and not _is_null(node):
         if not isinstance(node, yaml.MappingNode):
@@ -111,17 +116,19 @@ def _section(cls: type[T], node: yaml.Node | None, path: str, where: str, origin
     values: dict[str, Any] = {}
     for f in dataclasses.fields(cls):  # type: ignore[arg-type]  # T is always a dataclass
         here, child = _join(path, f.name), found.get(f.name)
+        unstated = f.default if base is None else getattr(base, f.name)
         if dataclasses.is_dataclass(hints[f.name]):
-            values[f.name] = _section(typing.cast(type[Any], hints[f.name]), child, here, where, origins)
+            inner = None if base is None else unstated
+            values[f.name] = _section(typing.cast(type[Any], hints[f.name]), child, here, where, origins, inner)
         elif child is not None:
             values[f.name] = _value(hints[f.name], f.metadata["key"], child, here, where)
             origins[here] = _at(where, child)
-        elif f.default is dataclasses.MISSING:
+        elif unstated is dataclasses.MISSING:
             raise ConfigError(
                 where, here, _expectation(hints[f.name], f.metadata["key"]), "nothing (the key is required)"
             )
         else:
-            values[f.name], origins[here] = f.default, "default"
+            values[f.name], origins[here] = unstated, "default"
     return cls(**values)
 
 

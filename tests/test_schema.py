@@ -271,3 +271,15 @@ def test_a_file_that_is_absent_is_named_once(tmp_path: Path) -> None:
     assert str(caught.value) == (
         f"{file}: (top level): expected a readable UTF-8 text file, got No such file or directory"
     )
+
+
+@given(st.floats(0.1, 5.0), st.integers(0, 100), st.booleans())
+def test_what_a_text_does_not_state_is_as_in_its_base(length_m: float, count: int, states_count: bool) -> None:
+    base = File(outer=Outer(length_m=length_m, text="kept", inner=Inner(ratio=7.0)))
+    text = f"outer: {{count: {count}, inner: {{file: a}}}}" if states_count else "outer: {inner: {file: a}}"
+    loaded = loads(text, File, "file.yaml", base)
+    inner = dataclasses.replace(base.outer.inner, file="a")
+    expected = dataclasses.replace(base.outer, inner=inner, count=count if states_count else base.outer.count)
+    assert loaded.value.outer == expected
+    assert loaded.origins["outer.inner.file"] == "file.yaml:1"
+    assert loaded.origins["outer.length_m"] == "default"

@@ -3,13 +3,14 @@ import shutil
 from pathlib import Path
 
 import pytest
-from recorded_drive import Drive, drive, recordings
+from recorded_drive import CALIBRATION, Drive, drive, recordings
 
 from drd.recording import recorder as recorder_module
 from drd.recording.file import RecordingFile
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG, Message
 from drd.schema import ConfigError
+from drd.units import NS_PER_S
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import bits, replay_mcap
 from drd_tools.replay.result import digest
@@ -99,6 +100,46 @@ def test_another_calibration_or_configuration_takes_the_recordeds_place(tmp_path
     config.write_text((tmp_path / "robot.yaml").read_text().replace("tread_m: 0.6", "tread_m: 0.7"))
     assert replay_mcap(file, config=config).config.robot.tread_m == 0.7
     assert replay_mcap(file, config=tmp_path / "robot.yaml").digest() == digest(d.poses)
+
+
+def test_a_part_of_a_configuration_changes_the_recorded_one(tmp_path: Path) -> None:
+    d = recorded(tmp_path)
+    (file,) = recordings(tmp_path)
+    (tmp_path / "calibration.yaml").unlink()  # the recorded one goes on holding
+    part = tmp_path / "part.yaml"
+    part.write_text("estimation: {gate_sigma: 5}\n")  # as recorded
+    assert replay_mcap(file, config=part).digest() == digest(d.poses)
+    part.write_text("robot: {tread_m: 0.7}\n")
+    replayed = replay_mcap(file, config=part)
+    assert (replayed.config.robot.tread_m, replayed.config.robot.wheel_radius_m) == (0.7, 0.11)
+    assert replayed.calibration == d.pipeline.calibration
+    part.write_text("encoders: {latency_s: 0.1}\n")
+    live, earlier = replay_mcap(file), replay_mcap(file, config=part)
+    assert (earlier.poses[-1].t_ns - live.poses[-1].t_ns) / NS_PER_S == pytest.approx(-0.1, abs=1e-3)
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "other.yaml").write_text(CALIBRATION.replace("a0: [0.1,", "a0: [0.2,"))
+    (folder / "part.yaml").write_text("calibration: {file: other.yaml}\n")
+    replayed = replay_mcap(file, config=folder / "part.yaml")
+    assert replayed.config.calibration.file == str(folder / "other.yaml")
+    assert replayed.digest() != digest(d.poses)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("robot:\n  tread: 0.7\n", r"part.yaml:2: robot.tread: expected one of"),
+        ("encoders: {right: {node: 1}}\n", r"part.yaml:1: encoders.right.node: expected another node"),
+        ("encoders: {counts_per_revolution: null}\n", r"part.yaml:1: encoders.counts_per_revolution: .*cia406 counts"),
+        ("encoders: {latency_s: 0.3}\n", r"part.yaml: encoders.silent_after_s: expected more than a sample's age"),
+    ],
+)
+def test_a_part_that_cannot_be_used_is_refused(tmp_path: Path, text: str, expected: str) -> None:
+    recorded(tmp_path, seconds=1.0)
+    part = tmp_path / "part.yaml"
+    part.write_text(text)
+    with pytest.raises(ConfigError, match=expected):
+        replay_mcap(recordings(tmp_path)[0], config=part)
 
 
 def test_a_file_without_a_configuration_is_refused(tmp_path: Path) -> None:

@@ -137,6 +137,51 @@ def test_times_that_do_not_belong_together_are_refused(
         replay_folder(replace(short, **{which: replace(log, time_s=change(log.time_s))}))
 
 
+@settings(deadline=None, max_examples=10)
+@given(late_ms=st.integers(0, 140), which=st.sampled_from(["wheels", "fog"]))
+def test_late_rows_and_their_stated_latency_are_rows_in_time(
+    short: Recording, tmp_path_factory: pytest.TempPathFactory, late_ms: int, which: str
+) -> None:
+    log = getattr(short, which)
+    late = replace(short, **{which: replace(log, time_s=log.time_s + late_ms / 1000.0)})
+    file = tmp_path_factory.mktemp("late") / "part.yaml"
+    section = {"wheels": "encoders", "fog": "fog"}[which]
+    file.write_text(f"{section}: {{latency_s: {late_ms / 1000.0}}}\n")
+    mended, prompt = replay_folder(late, file), replay_folder(short)
+    assert table(mended) == pytest.approx(table(prompt), abs=1e-6)
+    if late_ms > 20:  # half a millimetre of the way
+        assert table(replay_folder(late))[-1] != pytest.approx(table(prompt)[-1], abs=1e-6)
+
+
+def test_a_latency_that_the_daemon_took_off_is_not_taken_off_again(short: Recording, tmp_path: Path) -> None:
+    believed = configuration(short)
+    before = replace(believed, encoders=replace(believed.encoders, latency_s=0.05))
+    recorded = replace(short, config=before)
+    file = tmp_path / "part.yaml"
+    times_s = {}
+    for latency_s in (0.0, 0.05, 0.12):
+        file.write_text(f"encoders: {{latency_s: {latency_s}}}\n")
+        times_s[latency_s] = table(replay_folder(recorded, file))[0, 0]
+    assert times_s == pytest.approx({0.0: 0.05, 0.05: 0.0, 0.12: -0.07})
+    assert table(replay_folder(recorded))[0, 0] == 0.0
+
+
+def test_after_a_gap_the_table_has_one_pose_a_time(with_gyro: Recording) -> None:
+    log = with_gyro.encoders
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    keep = (log.time_s < 30.0) | (log.time_s > 30.29)  # it ends where a gyro sample ends
+    cut = EncoderLog(log.time_s[keep], log.left_counts[keep], log.right_counts[keep], None, None)
+    replayed = replay_folder(replace(with_gyro, wheels=cut))
+    stamps_ns = [p.t_ns for p in replayed.poses]
+    twice = {t for t in stamps_ns if stamps_ns.count(t) > 1}
+    assert twice, "the drive does not have what this is about"
+    rows = table(replayed)
+    assert (np.diff(rows[:, 0]) > 0.0).all()
+    last = {p.t_ns: (p.x_m, p.y_m, p.heading_rad) for p in replayed.poses}  # of one time: the newest knowledge
+    assert rows[1:, 1:4].tolist() == [list(pose) for pose in last.values()]
+
+
 # ---- samples -------------------------------------------------------------------------------------------------------
 
 

@@ -4,10 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from replay_folders import long_drive, short_drive
+from replay_folders import long_drive, short_drive, write_perfect
 
+from drd.cli import main
+from drd.config import Config
 from drd.schema import ConfigError
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import configuration, with_model
 
@@ -76,6 +78,51 @@ def test_a_configuration_replaces_what_it_states_and_nothing_else(short: Recordi
     assert config.estimation.static_bias.duration_s == 12.0
     assert config.fog.positive == "counterclockwise"
     assert config.robot.max_speed_m_s == 10.0
+
+
+@pytest.mark.parametrize("as_speeds", [True, False])
+def test_any_part_of_a_configuration_will_do(tmp_path: Path, as_speeds: bool) -> None:
+    folder = write_perfect(tmp_path / "drive", gyro=True, as_speeds=as_speeds, legs=((0.0, 0.0, 1.0), (0.5, 0.3, 4.0)))
+    recording, file = read_recording(folder), tmp_path / "part.yaml"
+    believed = configuration(recording)
+
+    def with_part(text: str) -> Config:
+        file.write_text(text)
+        return replay_folder(recording, file).config
+
+    estimation, robot = believed.estimation, believed.robot
+    assert with_part("") == believed
+    narrow = replace(estimation, gate_sigma=3.0)
+    assert with_part("estimation: {gate_sigma: 3}") == replace(believed, estimation=narrow)
+    assert with_part("robot: {tread_m: 0.6}") == replace(believed, robot=replace(robot, tread_m=0.6))
+    assert with_part("robot: {wheel_radius_m: 0.2}") == replace(believed, robot=replace(robot, wheel_radius_m=0.2))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("robot:\n  tread: 0.6\n", r"part.yaml:2: robot.tread: expected one of .*an unknown key"),
+        ("estimation:\n  gate_sigma: wide\n", r"part.yaml:2: estimation.gate_sigma: expected a number .*got 'wide'"),
+        ("encoders: {latency_s: -0.1}\n", r"part.yaml:1: encoders.latency_s: expected a number in s from 0 to 1"),
+        ("encoders: {counts_per_revolution: null}\n", r"part.yaml:1: encoders.counts_per_revolution: .*has counts"),
+        ("fog: {latency_s: 0.4}\n", r"part.yaml: estimation.reorder_s: expected more than a gyro sample's age"),
+        ("fog: {protocol: none}\nestimation: {heading: gyro}\n", r"part.yaml:2: estimation.heading: expected filter"),
+        ("- robot\n", r"expected a section of keys"),
+    ],
+)
+def test_a_part_that_cannot_be_used_is_refused(short: Recording, tmp_path: Path, text: str, expected: str) -> None:
+    file = tmp_path / "part.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=expected):
+        replay_folder(short, file)
+
+
+def test_the_daemon_still_refuses_a_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "part.yaml"
+    file.write_text("robot: {tread_m: 0.6}\n")
+    for command in ("run", "check"):
+        assert main([command, str(file)]) == 2
+        assert "robot.wheel_radius_m: expected a number in m" in capsys.readouterr().err
 
 
 def test_a_configuration_without_gyro_gives_odometry_alone(with_gyro: Recording, tmp_path: Path) -> None:

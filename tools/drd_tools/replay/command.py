@@ -95,7 +95,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
-    add("--config", type=Path, metavar="FILE", help="daemon configuration; what it states replaces the recording's")
+    add(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="daemon configuration or a part; what it states replaces the recording's",
+    )
     add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
     add(
         "--model",

@@ -48,8 +48,9 @@ def replay_folder(recording: Recording, config: Path | None = None, calibration:
     in_use, gyro_calibration = in_force(recording, config, calibration)
     recording = with_configured_model(recording, in_use)
     zero_ns = FIRST_NS - min(int(stamps_ns(time_s[:1], 0)[0]) for time_s in _times(recording))
-    wheels, began_ns, wheel_counters = wheel_samples(recording.encoders, in_use, zero_ns)
-    gyro, gyro_counters = gyro_samples(recording.fog, in_use, zero_ns)
+    wheels_late_ns, gyro_late_ns = _latencies_ns(recording, in_use)
+    wheels, began_ns, wheel_counters = wheel_samples(recording.encoders, in_use, zero_ns - wheels_late_ns)
+    gyro, gyro_counters = gyro_samples(recording.fog, in_use, zero_ns - gyro_late_ns)
     counted = recording.encoders.left_counts is not None
     resolution_m = max(map(abs, metres_per_count(in_use))) if counted else UNCOUNTED_RESOLUTION_M
     estimator = Estimator(in_use, gyro_calibration, resolution_m, compensation(recording, in_use, zero_ns))
@@ -67,6 +68,18 @@ def replay_folder(recording: Recording, config: Path | None = None, calibration:
         recording.sha256 | ({str(recording.model): file_hash(recording.model)} if recording.model else {}),
         [*recording.notes, *(sentences(judge(gyro, wheels, geometry)) if poses else [])],
     )
+
+
+def _latencies_ns(recording: Recording, config: Config) -> tuple[int, int]:
+    """How much earlier than its row a sample was taken, of the wheels and of the gyro.
+
+    The samples that the daemon recorded are rid of the latencies that were in force then: what is left is the
+    difference.
+    """
+    before = recording.config
+    known_s = (0.0, 0.0) if before is None else (before.encoders.latency_s, before.fog.latency_s)
+    late_s = (config.encoders.latency_s - known_s[0], config.fog.latency_s - known_s[1])
+    return round(late_s[0] * NS_PER_S), round(late_s[1] * NS_PER_S)
 
 
 def compensation(recording: Recording, config: Config, zero_ns: int) -> Compensation | None:

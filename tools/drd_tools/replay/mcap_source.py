@@ -13,7 +13,7 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from drd.config import CalibrationFile, Config, ModelFile
-from drd.config_file import load_config
+from drd.config_file import check_estimate, check_layout, load_overlay
 from drd.estimate import estimate_of
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
 from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
@@ -34,9 +34,9 @@ def replay_mcap(
 ) -> Replayed:
     """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
 
-    Configuration, calibration and model are those of the recording, or those in the files given. The notes say what
-    is missing and, unless something else is in force, whether the poses are those of the live run, bit for bit.
-    Raises ConfigError.
+    Configuration, calibration and model are those of the recording, or what the files given state instead. The notes
+    say what is missing and, unless something else is in force, whether the poses are those of the live run, bit for
+    bit. Raises ConfigError.
     """
     last = open_mcap(file)
     earlier, missing = parts_before(last)
@@ -221,12 +221,15 @@ def config_in_force(
 ) -> tuple[Config, Path]:
     """The configuration and where its relative paths start from; `folder` takes the attached files.
 
+    It is the recorded one, and what the file `config` states instead of it; any part of the file may be missing.
     Raises ConfigError.
     """
+    found, base = _attached(recording.attachments, folder, f"{recording.path}, {IN_FORCE}"), folder
     if config is not None:
-        found, base = load_config(config).value, config.parent
-    else:
-        found, base = _attached(recording.attachments, folder, f"{recording.path}, {IN_FORCE}"), folder
+        stated = load_overlay(config, found)
+        check_layout(stated)
+        check_estimate(stated)
+        found = stated.value
     if calibration is not None:
         found = dataclasses.replace(found, calibration=CalibrationFile(file=str(calibration.resolve())))
     if model is not None:

@@ -15,12 +15,11 @@ from drd.config import (
     Estimation,
     Fog,
     Initial,
-    ModelFile,
     Noise,
     Robot,
     StaticBias,
 )
-from drd.config_file import load_config
+from drd.config_file import check_estimate, load_overlay
 from drd.model import Model, check_geometry, load_model
 from drd.nominal import FogSheet, Nominal
 from drd.schema import ConfigError, Loaded
@@ -169,26 +168,31 @@ def _rate_hz(time_s: Any) -> float:
 def in_force(recording: Recording, file: Path | None, calibration: Path | None) -> tuple[Config, Calibration | None]:
     """Configuration and calibration: robot.yaml's, then what the daemon's configuration `file` states instead of it.
 
-    Ports, frames and signs of `file` have no meaning here; a recording without a gyro stays one. Raises ConfigError.
+    Any part of it may be missing. Its ports, frames and signs have no meaning here; a recording without a gyro stays
+    one. Raises ConfigError.
     """
     config = configuration(recording)
     if file is not None:
-        loaded = load_config(file)
-        config = overlay(config, loaded)
-        if recording.encoders.left_counts is not None and config.encoders.counts_per_revolution is None:
-            path = "encoders.counts_per_revolution"
-            raise ConfigError(loaded.place(path), path, "a number, since encoders.csv has counts", "null")
-        if recording.fog is None:
-            output = replace(config.output, publish_on="wheels")
-            config = replace(config, fog=replace(config.fog, protocol="none"), output=output)
-            if config.estimation.heading == "gyro":
-                path, expected = "estimation.heading", "filter, since the recording has no gyro"
-                raise ConfigError(loaded.place(path), path, expected, "'gyro'")
-        if config.model.file is not None:
-            config = replace(config, model=ModelFile(file=str(file.parent / config.model.file)))
-        if config.calibration.file is not None and calibration is None:
-            calibration = file.parent / config.calibration.file
+        config = _overruled(recording, load_overlay(file, config))
+    named = config.calibration.file
+    calibration = calibration or (Path(named) if named is not None else None)
     if calibration is None or config.fog.protocol == "none":
         return config, None
     config = replace(config, calibration=CalibrationFile(file=str(calibration)))
     return config, load_calibration(calibration)
+
+
+def _overruled(recording: Recording, loaded: Loaded[Config]) -> Config:
+    """The configuration that a file has changed, checked against the recording. Raises ConfigError."""
+    config = loaded.value
+    if recording.encoders.left_counts is not None and config.encoders.counts_per_revolution is None:
+        path = "encoders.counts_per_revolution"
+        raise ConfigError(loaded.place(path), path, "a number, since encoders.csv has counts", "null")
+    if recording.fog is None:
+        output = replace(config.output, publish_on="wheels")
+        config = replace(config, fog=replace(config.fog, protocol="none"), output=output)
+        if config.estimation.heading == "gyro":
+            path, expected = "estimation.heading", "filter, since the recording has no gyro"
+            raise ConfigError(loaded.place(path), path, expected, "'gyro'")
+    check_estimate(replace(loaded, value=config))
+    return config
