@@ -157,5 +157,5 @@ def test_every_shared_recording_is_read() -> None:
     for recording in recordings:
         left_rad, right_rad = recording.wheel_angles_rad()
         assert len(left_rad) == len(right_rad) == len(recording.encoders.time_s)
-        assert recording.reference is not None
+        assert (recording.reference is not None) == (recording.folder / "reference.csv").exists()
     assert {recording.encoders.left_counts is None for recording in recordings} == {False, True}
