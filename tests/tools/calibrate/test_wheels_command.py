@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from replay_folders import write_perfect
 from wheel_recordings import RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Truth, write_drive
 
 from drd.cli import main
-from drd.config import Config
+from drd.config import Config, Initial
+from drd.config_file import load_config
 from drd.schema import load
 from drd_tools.calibrate.wheels.umbmark import predict_m
 
@@ -72,6 +74,90 @@ def test_recordings_give_values_figures_files(tmp_path: Path, capsys: pytest.Cap
     html = (output / "report.html").read_text()
     assert html.count("data:image/png") == 2
     assert "test" in html
+
+
+@pytest.mark.parametrize("as_speeds", [True, False])
+def test_lag_and_gyro_noise_are_told_and_run_as_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], as_speeds: bool
+) -> None:
+    folders = [late_drive(tmp_path / f"fit{k}", 0.27, k, as_speeds) for k in range(2)]
+    output = tmp_path / "out"
+    code, out, _ = run(capsys, *folders, "--output", output)
+    assert code == 0
+    assert "lag of the wheels behind the gyro" in out
+    assert "gyro noise at rest" in out
+    html = (output / "report.html").read_text()
+    assert "lag of the wheels behind the gyro" in html
+    assert "gyro noise at rest" in html
+    file = output / "wheels.yaml"
+    text = file.read_text()
+    assert "latency_s: 0.2" in text
+    assert "# against the gyro; sigma 0.0" in text
+    config = loaded_with(file, tmp_path)
+    assert config.encoders.latency_s == pytest.approx(0.27, abs=0.01)
+    assert config.estimation.noise.gyro_deg_per_sqrt_h == pytest.approx(2.0, rel=0.4)
+    assert config.estimation.noise.timing_s < 0.02
+    assert load_config(tmp_path / "merged.yaml")  # as `drd run` reads it, with silences that are longer than the lag
+    late_s = replayed_rms_m(folders[0], None, capsys)
+    assert replayed_rms_m(folders[0], file, capsys) < 0.5 * late_s
+
+
+def late_drive(folder: Path, lag_s: float, seed: int, as_speeds: bool) -> Path:
+    """A tour after half a minute of standstill; the wheels' rows are late, the gyro has a noise of 2 deg/sqrt(h)."""
+    write_perfect(folder, gyro=True, as_speeds=as_speeds, legs=((0.0, 0.0, 40.0 + seed), *TOUR))
+    for name, shift_s, noise in (("encoders", lag_s, 0.0), ("fog", 0.0, 2.0 / 60.0 / np.sqrt(0.1))):
+        lines = (folder / f"{name}.csv").read_text().splitlines()
+        rows = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+        rows[:, 0] += shift_s
+        rows[:, 1] += np.random.default_rng(seed).normal(0.0, 1.0, len(rows)) * noise
+        np.savetxt(folder / f"{name}.csv", rows, "%.12g", ",", header=lines[0], comments="")
+    return folder
+
+
+def replayed_rms_m(folder: Path, config: Path | None, capsys: pytest.CaptureFixture[str]) -> float:
+    """Root mean square distance of the replayed poses from the reference, m."""
+    output = folder.parent / "poses.csv"
+    options = ["--config", str(config)] if config is not None else []
+    assert main(["replay", str(folder), *options, "--start", "reference", "--output", str(output)]) == 0
+    capsys.readouterr()
+    poses, reference = (np.loadtxt(f, delimiter=",", skiprows=1) for f in (output, folder / "reference.csv"))
+    off_m = [np.interp(reference[:, 0], poses[:, 0], poses[:, k]) - reference[:, k] for k in (1, 2)]
+    return float(np.sqrt(np.mean(np.square(off_m)) * 2.0))
+
+
+def test_without_a_gyro_the_lag_is_the_references(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    early, late = (
+        [write_drive(tmp_path / f"{name}{k}", TOUR, replace(TRUTH, time_s=shift_s), k) for k in range(2)]
+        for name, shift_s in (("early", -0.1), ("late", 0.1))
+    )
+    _, out, _ = run(capsys, *late, "--output", tmp_path / "out")
+    assert "lag of the wheels behind the reference" in out
+    assert "whose own delay is taken for none" in out
+    assert loaded_with(tmp_path / "out/wheels.yaml", tmp_path).encoders.latency_s == pytest.approx(0.1, abs=0.02)
+    _, out, _ = run(capsys, *early, "--output", tmp_path / "out")
+    assert "or it is the reference that is late. It is not written." in out
+    assert "latency_s" not in (tmp_path / "out/wheels.yaml").read_text()
+
+
+def test_a_gyro_that_is_late_gets_the_latency_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders = [late_drive(tmp_path / f"fit{k}", -0.3, k, as_speeds=False) for k in range(2)]
+    assert run(capsys, *folders, "--output", tmp_path / "out")[0] == 0
+    config = loaded_with(tmp_path / "out/wheels.yaml", tmp_path)
+    assert config.fog.latency_s == pytest.approx(0.3, abs=0.01)
+    assert config.encoders.latency_s == 0.0
+    assert load_config(tmp_path / "merged.yaml")  # its waiting times go with it
+
+
+def test_one_recording_says_nothing_of_the_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(capsys, write_drive(tmp_path / "a", TOUR, TRUTH), "--output", tmp_path / "one")
+    treads = (1.0, 1.05, 1.1)
+    folders = [write_drive(tmp_path / f"{k}", TOUR, replace(TRUTH, tread=t), k) for k, t in enumerate(treads)]
+    run(capsys, *folders, "--output", tmp_path / "three")
+    one, three = (
+        loaded_with(tmp_path / name / "wheels.yaml", tmp_path).estimation.initial for name in ("one", "three")
+    )
+    assert (one.wheel_scale, one.tread) == (Initial().wheel_scale, Initial().tread)
+    assert three.tread == pytest.approx(0.05 / 1.05, rel=0.4)
 
 
 def test_without_held_out_each_recording_is_held_out_in_turn(
@@ -238,3 +324,19 @@ def test_a_skid_steered_robot_gets_its_effective_tread(tmp_path: Path, capsys: p
     nominal_cm, calibrated_cm = figures_in(out)
     assert calibrated_cm < 0.1 * nominal_cm
     assert loaded_with(tmp_path / "out/wheels.yaml", tmp_path).robot.tread_m > 1.5 * 1.08
+
+
+@pytest.mark.recordings
+def test_what_is_written_for_the_real_robot_improves_its_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of each recording, with a calibration by the others."""
+    folders = shared("warthog_*")
+    gains = []
+    for folder in folders[:2]:
+        others = [other for other in folders if other != folder]
+        run(capsys, *others, "--output", tmp_path / "out")
+        (tmp_path / folder.name).symlink_to(folder)
+        errors_m = [replayed_rms_m(tmp_path / folder.name, c, capsys) for c in (None, tmp_path / "out/wheels.yaml")]
+        gains.append(errors_m[1] / errors_m[0])
+    assert max(gains) < 0.5

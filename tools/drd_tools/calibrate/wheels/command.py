@@ -11,7 +11,9 @@ Measure the wheels: their radii and the effective tread.
 
 1. From recordings that have a reference (motion capture, lidar, surveyed points; it may be sparse): least squares.
    RECORDING is a folder with robot.yaml, encoders.csv and reference.csv, all of one robot and with the reference
-   mounted alike. Drive straights, and turns to both sides, as the robot will be driven.
+   mounted alike. Drive straights, and turns to both sides, as the robot will be driven. With a gyro they also tell
+   how late the wheels are behind it, and its noise while the robot stands (half a minute in all, at least); without
+   one the lag is told against the reference.
 2. From UMBmark: with the nominal wheels, drive a square by odometry alone, five times clockwise and five times
    counter-clockwise, each turn on the spot, all four turns. Each time start at the origin, heading along +x
    (x forward, y left), and measure where the robot stands at the end. RETURNS.csv has a row for each run:
@@ -22,7 +24,7 @@ Measure the wheels: their radii and the effective tread.
 
 It prints the values with their standard deviations, says which of them the data cannot determine, and always how
 well the calibration does on drives that it was not fitted to. DIR gets wheels.yaml (to be merged into the daemon's
-configuration) and report.html with its pictures.
+configuration; `drd replay --config` takes it as it is) and report.html with its pictures.
 """
 EXAMPLES = """\
 examples:

@@ -1,8 +1,9 @@
 """wheels.yaml: a piece of the daemon's configuration, with where its numbers come from."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from drd import __version__
 
@@ -13,14 +14,27 @@ def provenance(inputs: Iterable[str]) -> list[str]:
     return [f"`drd calibrate wheels`, drd {__version__}, {now}", "from", *(f"  {text}" for text in inputs)]
 
 
-def write_snippet(
-    file: Path,
-    robot: dict[str, float],
-    initial: dict[str, float],
-    comments: Iterable[str],
-) -> None:
-    """Write the sections `robot` and `estimation: initial`, to be merged into a configuration. Raises OSError."""
+def write_snippet(file: Path, sections: Mapping[str, Any], comments: Iterable[str]) -> None:
+    """Write keys and values in their sections, to be merged into a configuration. Raises OSError.
+
+    A value is a number, or a number with a comment.
+    """
     lines = [f"# {comment}".rstrip() for comment in comments]
-    lines += ["robot:", *(f"  {name}: {value:.6g}" for name, value in robot.items())]
-    lines += ["estimation:", "  initial:", *(f"    {name}: {value:.2g}" for name, value in initial.items())]
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    file.write_text("\n".join([*lines, *_lines(sections, "")]) + "\n", encoding="utf-8")
+
+
+def _lines(section: Mapping[str, Any], indent: str) -> Iterator[str]:
+    for name, value in section.items():
+        if isinstance(value, Mapping):
+            if value:
+                yield f"{indent}{name}:"
+                yield from _lines(value, indent + "  ")
+            continue
+        number, comment = value if isinstance(value, tuple) else (value, "")
+        yield f"{indent}{name}: {plain(number)}" + (f"  # {comment}" if comment else "")
+
+
+def plain(number: float) -> str:
+    """Six digits without an exponent: other readers of YAML take 5e-05 for a text."""
+    text = f"{number:.6g}"
+    return text if "e" not in text else f"{number:.12f}".rstrip("0")

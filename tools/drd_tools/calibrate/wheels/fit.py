@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 # Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
 # the reference: forward, left (in treads), heading.
 NAMES: Final = ("scale", "difference", "tread", "forward", "left", "heading")
+WHEELS: Final = 3  # so many of them are the wheels'
 PRIOR: Final = np.array([0.1, 0.1, 1.0, 0.1, 0.1, 10.0 * RAD_PER_DEG])
 STEP: Final = np.array([1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-4])
 # Unknowns of each recording: time offset in s, and how far its heading departs from the shared mounting. A lever arm of
@@ -43,7 +44,8 @@ SLIP_M_PER_SQRT_M: Final = Noise().wheel_m_per_sqrt_m
 class WheelFit:
     """Wheels, their standard deviations, and what could be determined.
 
-    `sigma`: of left radius, right radius, tread, relative to the value. `determined`: mean scale, difference, tread;
+    `sigma`: of left radius, right radius, tread, relative to the value; `window_sigma`: the same by the scatter of the
+    windows alone, without what data sheets say of slip. `determined`: mean scale, difference, tread;
     one that is not stays at its nominal. `free_sigma`: of the three where nothing is held, as the prior allows.
     `correlation`: of difference and tread. `disagreement`: standard deviations taken from recording to recording over
     those from window to window, the largest of the three, 0 where there are too few recordings. `mounting`: of the
@@ -52,6 +54,7 @@ class WheelFit:
 
     wheels: Wheels
     sigma: tuple[float, float, float]
+    window_sigma: tuple[float, float, float]
     determined: tuple[bool, bool, bool]
     free_sigma: tuple[float, float, float]
     correlation: float
@@ -134,8 +137,8 @@ def _new_part(drive: Drive) -> _Part:
 
 
 def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tuple[Array, list[Scores]]:
-    """Gauss-Newton with Huber's weights; unknowns that are not `free` stay at 0."""
-    shared = np.where(free, start, 0.0)
+    """Gauss-Newton with Huber's weights; wheels that are not `free` stay at 0, a mounting that is not at its start."""
+    shared = start * (free | (np.arange(len(free)) >= WHEELS))
     scores: list[Scores] = []
     for _ in range(MAX_STEPS):
         scores = []
@@ -156,11 +159,11 @@ def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tup
     return shared, scores
 
 
-def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None) -> WheelFit:
+def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None, mounted: Mounting | None = None) -> WheelFit:
     """Wheels from one or more drives of one robot, by robust least squares over windows.
 
-    `start` is a fit of nearly the same drives, from which the search sets out. Raises ConfigError where the drives are
-    not of one robot.
+    `start` is a fit of nearly the same drives, from which the search sets out. `mounted`: how the reference sits on the
+    robot, where that is known. Raises ConfigError where the drives are not of one robot.
     """
     check_one_robot(drives)
     nominal, parts = drives[0].nominal, [_new_part(drive) for drive in drives]
@@ -168,6 +171,9 @@ def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None) -> WheelF
     if start is not None:
         shared[:3] = _relative(nominal, start.wheels)
         free[:3] = start.determined
+    if mounted is not None:
+        b = nominal.tread_m
+        shared[3:], free[3:] = (mounted.forward_m / b, mounted.left_m / b, mounted.heading_rad), False
     shared, scores = _solve(parts, free, shared)
     free_sigma = _sigmas(scores, free)[0][:3] if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
@@ -237,7 +243,8 @@ def _result(
     M = np.zeros((3, len(shared)))
     M[0, :2], M[1, :2], M[2, 2] = (1.0, -0.5), (1.0, 0.5), 1.0
     value = 1.0 + M @ shared
-    sigma = np.sqrt(np.max([np.diag(M @ V @ M.T) for V in covariances], axis=0)) / value
+    every = np.sqrt([np.diag(M @ V @ M.T) for V in covariances]) / value
+    sigma, by_window = every.max(axis=0), every[0]
     disagreement = 0.0
     if len(parts) >= MANY_RECORDINGS:
         with np.errstate(invalid="ignore"):
@@ -249,6 +256,7 @@ def _result(
     return WheelFit(
         wheels,
         (float(sigma[0]), float(sigma[1]), float(sigma[2])),
+        (float(by_window[0]), float(by_window[1]), float(by_window[2])),
         (bool(free[0]), bool(free[1]), bool(free[2])),
         (float(free_sigma[0]), float(free_sigma[1]), float(free_sigma[2])),
         float(V[1, 2] / pair) if pair else 0.0,

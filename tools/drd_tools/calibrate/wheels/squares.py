@@ -9,8 +9,8 @@ import numpy as np
 from drd.config import Initial
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
-from drd_tools.calibrate.wheels.recordings import aligned
 from drd_tools.calibrate.wheels.report import returns_picture
+from drd_tools.calibrate.wheels.tables import aligned
 from drd_tools.calibrate.wheels.umbmark import (
     Array,
     Estimate,
@@ -124,10 +124,13 @@ def _write(file: Path, output: Path, returns: Returns, result: Umbmark, notes: l
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     source = f"{file.name}: {digest[:16]} (SHA-256)"
     sigma_b = result.tread_m.sigma / result.tread_m.value
+    initial = {"wheel_scale": Initial().wheel_scale, "tread": Initial().tread if math.isnan(sigma_b) else sigma_b}
     write_snippet(
         output / "wheels.yaml",
-        {"left_scale": result.c_l.value, "right_scale": result.c_r.value, "tread_m": result.tread_m.value},
-        {"wheel_scale": Initial().wheel_scale, "tread": Initial().tread if math.isnan(sigma_b) else sigma_b},
+        {
+            "robot": {"left_scale": result.c_l.value, "right_scale": result.c_r.value, "tread_m": result.tread_m.value},
+            "estimation": {"initial": initial},
+        },
         [
             *provenance([source]),
             "The scales are factors on those that were in force while the squares were driven (usually 1).",

@@ -9,6 +9,8 @@ from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.drive import SWEEP_DEG, Drive
 from drd_tools.calibrate.wheels.fit import LIMIT, WheelFit
 from drd_tools.calibrate.wheels.heldout import HeldOut
+from drd_tools.calibrate.wheels.lag import LIMIT_S, Lag
+from drd_tools.calibrate.wheels.rest import FEWEST, Rest
 
 ONE_SIDED = 0.2  # turning to the lesser side, as part of the turning to the other
 LITTLE_TURN_RAD = 0.5 * math.pi
@@ -119,3 +121,54 @@ def _way_of_driving(drives: Sequence[Drive], tests: Sequence[Drive]) -> str:
         f"Of the turning {fitted:.0f} % is on the spot (wheels running against each other) in the fitted recordings, "
         f"{held_out:.0f} % in the held-out ones."
     )
+
+
+def lag_sentences(lag: Lag | None) -> list[str]:
+    """What the lag of the wheels means, or why it is not determined."""
+    if lag is None:
+        return ["lag of the wheels: not determined, no recording has motion and rows dense enough to show it."]
+    if not lag.determined:
+        sigma = "unknown" if math.isinf(lag.sigma_s) else f"{1000 * lag.sigma_s:.0f} ms"
+        return [
+            f"lag of the wheels: not determined, the turns tell it too badly against the {lag.against} (standard "
+            f"deviation {sigma}, the limit is {1000 * LIMIT_S:.0f} ms)."
+        ]
+    said = []
+    if lag.against == "reference":
+        said.append(
+            "lag of the wheels: without a gyro it is told against the reference, whose own delay is taken for none."
+        )
+        if not lag.applies:
+            said.append(
+                "lag of the wheels: it is not clearly more than its uncertainty and what the recordings differ by, or "
+                "it is the reference that is late. It is not written."
+            )
+    said.append(
+        "lag of the wheels: against the stamps of these recordings. Where a latency was taken off when they were made, "
+        "add it."
+    )
+    if lag.hold_s > 0.0:
+        said.append(
+            f"The drive holds a wheel speed for {lag.hold_s:.2f} s: a single reading is older or younger than the lag "
+            f"says by {1000 * lag.hold_s / math.sqrt(12.0):.0f} ms (estimation.noise.timing_s)."
+        )
+    return said
+
+
+def rest_sentences(rest: Rest | None) -> list[str]:
+    """Why the gyro's noise or bias is not determined."""
+    if rest is None:
+        return []
+    if rest.noise_deg_per_sqrt_h is None:
+        return [
+            f"gyro noise: not determined, {rest.standstill_s:.0f} s of standstill are too little; {FEWEST} differences "
+            f"of neighbouring seconds are needed, here are {rest.differences}."
+        ]
+    if rest.bias_deg_s is None:
+        return ["gyro bias: not determined, four recordings that stand for some seconds are needed."]
+    if rest.repeatability_deg_s is None:
+        return [
+            f"gyro bias: its repeatability is not determined, the recordings differ by no more than noise allows "
+            f"({rest.bias_noise_deg_s:.2g} deg/s)."
+        ]
+    return []

@@ -1,0 +1,93 @@
+"""What the wheel calibration writes: the daemon's keys, with what their numbers mean."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+from drd.config import Encoders, Estimation, Fog, Initial
+from drd_tools.calibrate.wheels.drive import Wheels
+from drd_tools.calibrate.wheels.fit import WheelFit
+from drd_tools.calibrate.wheels.found import Found
+from drd_tools.calibrate.wheels.lag import Lag
+from drd_tools.calibrate.wheels.rest import Rest
+
+# So many periods after its time a sample is still no silence: one of them may be lost.
+PERIODS: Final = 2.0
+
+
+def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, float]:
+    """`robot`: the nominal radius, the scale of each wheel, the tread."""
+    return {
+        "wheel_radius_m": nominal.left_radius_m,
+        "left_scale": wheels.left_radius_m / nominal.left_radius_m,
+        "right_scale": wheels.right_radius_m / nominal.right_radius_m,
+        "tread_m": wheels.tread_m,
+    }
+
+
+def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) -> dict[str, float]:
+    """`estimation.initial` of the wheels: what the next drive may depart by. (40)
+
+    That is the sigma with the spread between recordings; the defaults where there is a single recording or a value is
+    not determined; and no less than what `other`, the held-out recordings' own fit, departs by.
+    """
+    w, v = fit.wheels, fit.wheels if other is None else other.wheels
+    departure = [
+        abs(v.left_radius_m / w.left_radius_m - 1),
+        abs(v.right_radius_m / w.right_radius_m - 1),
+        abs(v.tread_m / w.tread_m - 1),
+    ]
+    sigmas = []
+    for sigma, between, default in zip(
+        fit.sigma, apart, (Initial().wheel_scale, Initial().wheel_scale, Initial().tread), strict=True
+    ):
+        sigmas.append(max(sigma, default) if math.isnan(between) else math.hypot(sigma, between))
+    radii = all(f is None or all(f.determined[:2]) for f in (fit, other))
+    is_tread = all(f is None or f.determined[2] for f in (fit, other))
+    return {
+        "wheel_scale": max(*sigmas[:2], *departure[:2]) if radii else max(Initial().wheel_scale, *sigmas[:2]),
+        "tread": max(sigmas[2], departure[2]) if is_tread else max(Initial().tread, sigmas[2]),
+    }
+
+
+def sections(found: Found) -> dict[str, Any]:
+    """All of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
+    initial, noise = _gyro_keys(found.rest)
+    initial = initial_keys(found.fit, found.apart, found.other) | initial
+    lag = found.lag if found.lag is not None and found.lag.applies else None
+    if lag is not None and lag.against == "gyro":
+        noise["timing_s"] = (lag.timing_s, "sigma, spread and hold of the lag together")
+    late, waits = _late_sensor(lag, found) if lag is not None else ({}, {})
+    robot = robot_keys(found.drives[0].nominal, found.fit.wheels)
+    return {"robot": robot, **late, "estimation": {"initial": initial, "noise": noise, **waits}}
+
+
+def _late_sensor(lag: Lag, found: Found) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The late sensor's section, and the keys of `estimation` that go with it."""
+    between = "" if math.isnan(lag.spread_s) else f", between recordings {lag.spread_s:.4f} s"
+    stated = {"latency_s": (abs(lag.lag_s), f"against the {lag.against}; sigma {lag.sigma_s:.4f} s{between}")}
+    if lag.lag_s >= 0.0:
+        longer = _at_least("silent_after_s", lag.lag_s, found.wheels_hz, Encoders().silent_after_s)
+        return {"encoders": stated | longer}, {}
+    longer = _at_least("silent_after_s", -lag.lag_s, found.gyro_hz, Fog().silent_after_s)
+    return {"fog": stated | longer}, _at_least("reorder_s", -lag.lag_s, found.gyro_hz, Estimation().reorder_s)
+
+
+def _at_least(name: str, latency_s: float, rate_hz: float, default_s: float) -> dict[str, Any]:
+    """The key where its default is too short for samples so late."""
+    needed_s = latency_s + PERIODS / rate_hz
+    return {name: (needed_s, "longer than a sample's age")} if needed_s > default_s else {}
+
+
+def _gyro_keys(rest: Rest | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of `estimation.initial` and `estimation.noise` what the gyro's standstills tell."""
+    initial: dict[str, Any] = {}
+    noise: dict[str, Any] = {}
+    if rest is not None and rest.noise_deg_per_sqrt_h is not None:
+        said = f"sigma {rest.noise_sigma:.2g}, {rest.standstill_s:.0f} s of standstill"
+        noise["gyro_deg_per_sqrt_h"] = (rest.noise_deg_per_sqrt_h, said)
+    if rest is not None and rest.bias_deg_s is not None:
+        initial["gyro_bias_deg_s"] = (rest.bias_deg_s, "root mean square of the recordings' biases at rest")
+    if rest is not None and rest.repeatability_deg_s is not None:
+        noise["gyro_bias_repeatability_deg_s"] = (rest.repeatability_deg_s, "between recordings")
+    return initial, noise

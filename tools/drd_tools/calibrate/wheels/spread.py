@@ -1,0 +1,67 @@
+"""How much a value differs from recording to recording, beyond what the noise of each explains."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from drd_tools.calibrate.wheels.drive import Drive
+from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
+
+Array = npt.NDArray[np.float64]
+
+# Halvings of the interval that holds the spread: 2^-40 of its length is left.
+HALVINGS: Final = 40
+
+
+def spread(values: Array, variances: Array) -> float:
+    """Standard deviation between values, shape (n,), whose own variances are known; nan for fewer than two.
+
+    After Paule and Mandel: s is such that sum (value - mean)^2 / (variance + s^2) is n - 1, the mean being weighted
+    alike; 0 where the variances explain all. (40)
+    """
+    count = len(values)
+    if count < 2:
+        return math.nan
+
+    def excess(squared: float) -> float:
+        weights = 1.0 / np.maximum(variances + squared, 1e-300)
+        mean = float(weights @ values / weights.sum())
+        return float(weights @ (values - mean) ** 2) - (count - 1)
+
+    low, high = 0.0, float(np.ptp(values)) ** 2
+    if excess(low) <= 0.0:
+        return 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return math.sqrt(0.5 * (low + high))
+
+
+def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, float]:
+    """Spread of left radius, right radius and tread, relative to `fit`; nan where fewer than two drives tell a value.
+
+    Each drive is fitted by itself, with the mounting of all: it would trade that for radii and tread. One that does not
+    tell a value is no witness for it. Its own noise is what its windows show: slip as on a data sheet is often larger,
+    and would hide how much drives differ.
+    """
+    if len(drives) < 2:
+        return math.nan, math.nan, math.nan
+    alone = [
+        fit_wheels([drive], fit, fit.mounting) for drive in tqdm(drives, desc="by itself", disable=None, leave=False)
+    ]
+    found = []
+    for k, joint in enumerate(_values(fit)):
+        telling = [f for f in alone if (all(f.determined[:2]) if k < 2 else f.determined[2])]
+        ratios = np.array([_values(f)[k] / joint for f in telling])
+        found.append(
+            spread(ratios, np.array([(f.window_sigma[k] * r) ** 2 for f, r in zip(telling, ratios, strict=True)]))
+        )
+    return found[0], found[1], found[2]
+
+
+def _values(fit: WheelFit) -> tuple[float, float, float]:
+    return fit.wheels.left_radius_m, fit.wheels.right_radius_m, fit.wheels.tread_m
