@@ -107,9 +107,9 @@ def test_a_gyro_whose_samples_all_come_too_late_is_told() -> None:
 def test_a_gyro_that_was_away_may_have_another_bias() -> None:
     e = make(ROBOT)
     feed(e, drive(20, stand_s=12.0))
-    before = e.filter.gyro_bias_sigma_rad_s()
+    before = e.filter.sigma(GYRO_BIAS)
     feed(e, (x for x in drive(8, start_s=20.0) if isinstance(x[1], WheelSample) or x[0] > 23.0))
-    after = e.filter.gyro_bias_sigma_rad_s()
+    after = e.filter.sigma(GYRO_BIAS)
     assert math.hypot(before, math.radians(0.002)) * 0.9 < after < 1e-4
 
 

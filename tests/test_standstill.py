@@ -5,11 +5,13 @@ import random
 
 import pytest
 
-from drd.config import Noise, StaticBias
+from drd.config import StaticBias
+from drd.learning import RestNoise
 from drd.samples import CalibratedRate, WheelSample
 from drd.standstill import BiasMeasurement, BiasState, Standstill
 
 S = 1_000_000_000
+STATED = math.radians(0.083 / 60) ** 2  # rad^2/s, the default profile's angle random walk
 
 
 def wheel(t_s: float, left_m: float = 0.0, right_m: float = 0.0, lost_s: float = 0.0) -> WheelSample:
@@ -31,7 +33,7 @@ def test_motion_and_unseen_motion_are_no_standstill() -> None:
 
 
 def measure(still_s: float, rate: float = 1e-3, sigma: float = 0.0, seed: int = 0) -> BiasMeasurement:
-    bias, rng = BiasMeasurement(StaticBias(), Noise()), random.Random(seed)
+    bias, rng = BiasMeasurement(StaticBias(), RestNoise(STATED)), random.Random(seed)
     for i in range(1, 2000):
         t = i * 0.05
         if i % 2 == 0:
@@ -72,7 +74,7 @@ def test_motion_ends_it_and_never_enters_it(still_s: float, state: BiasState) ->
 
 
 def test_a_configured_zero_skips_it_and_a_request_does_not() -> None:
-    bias = BiasMeasurement(StaticBias(duration_s=0.0), Noise())
+    bias = BiasMeasurement(StaticBias(duration_s=0.0), RestNoise(STATED))
     assert bias.state is BiasState.SKIPPED
     assert not bias.active
     bias.restart()

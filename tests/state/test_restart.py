@@ -68,11 +68,11 @@ def test_with_any_step_of_the_wall_clock_the_time_is_not_too_short(
 
 
 CONFIG = f"""\
-robot: {{wheel_radius_m: 0.1, tread_m: {TREAD_M}}}
+robot: {{wheel_radius_m: 0.1, tread_m: {TREAD_M}, drive: differential}}
 encoders: {{counts_per_revolution: 20000}}
 estimation:
   initial: {{position_m: 0.02, heading_deg: 0.573, wheel_scale: 0.003, tread: 0.0102, gyro_scale: 0.004,
-    gyro_bias_deg_s: 0.02}}
+    gyro_bias_deg_s: 0.02, wheel_lag_s: 0}}
 state: {{position_m: 0.3, heading_deg: 4}}
 """
 

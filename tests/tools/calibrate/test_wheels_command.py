@@ -11,7 +11,8 @@ from replay_folders import write_perfect
 from wheel_recordings import RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Truth, write_drive
 
 from drd.cli import main
-from drd.config import Config, Initial
+from drd.config import Config
+from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.config_file import load_config
 from drd.schema import load
 from drd_tools.calibrate.wheels.umbmark import predict_m
@@ -156,7 +157,7 @@ def test_one_recording_says_nothing_of_the_next(tmp_path: Path, capsys: pytest.C
     one, three = (
         loaded_with(tmp_path / name / "wheels.yaml", tmp_path).estimation.initial for name in ("one", "three")
     )
-    assert (one.wheel_scale, one.tread) == (Initial().wheel_scale, Initial().tread)
+    assert (one.wheel_scale, one.tread) == (WHEEL_SCALE, MEASURED_TREAD)
     assert three.tread == pytest.approx(0.05 / 1.05, rel=0.4)
 
 

@@ -17,7 +17,7 @@ def provenance(inputs: Iterable[str]) -> list[str]:
 def write_snippet(file: Path, sections: Mapping[str, Any], comments: Iterable[str]) -> None:
     """Write keys and values in their sections, to be merged into a configuration. Raises OSError.
 
-    A value is a number, or a number with a comment.
+    A value is a number or a word, or either with a comment.
     """
     lines = [f"# {comment}".rstrip() for comment in comments]
     file.write_text("\n".join([*lines, *_lines(sections, "")]) + "\n", encoding="utf-8")
@@ -34,7 +34,9 @@ def _lines(section: Mapping[str, Any], indent: str) -> Iterator[str]:
         yield f"{indent}{name}: {plain(number)}" + (f"  # {comment}" if comment else "")
 
 
-def plain(number: float) -> str:
-    """Six digits without an exponent: other readers of YAML take 5e-05 for a text."""
+def plain(number: float | str) -> str:
+    """A word as it is, of a number six digits without an exponent: other readers of YAML take 5e-05 for a text."""
+    if isinstance(number, str):
+        return number
     text = f"{number:.6g}"
     return text if "e" not in text else f"{number:.12f}".rstrip("0")

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Initial, Noise
+from drd.config import Noise
+from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
@@ -30,7 +31,7 @@ OWN_STEP: Final = np.array([5e-3, 1e-4])
 LIMIT: Final = np.array([0.02, 0.02, 0.10])
 # How well nominal values are known, where they have to serve: each wheel on its own, and the tread.
 BELIEF: Final = np.array(
-    [Initial().wheel_scale / math.sqrt(2.0), Initial().wheel_scale * math.sqrt(2.0), Initial().tread, 0.0, 0.0, 0.0]
+    [WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0]
 )
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-from drd.config import Encoders, Estimation, Fog, Initial
+from drd.config import Encoders, Estimation, Fog
+from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd_tools.calibrate.wheels.drive import Wheels
 from drd_tools.calibrate.wheels.fit import WheelFit
 from drd_tools.calibrate.wheels.found import Found
@@ -13,11 +14,14 @@ from drd_tools.calibrate.wheels.rest import Rest
 
 # So many periods after its time a sample is still no silence: one of them may be lost.
 PERIODS: Final = 2.0
+# An effective tread so much longer than the measured one is a skid-steer robot's. (69)
+SKID_TREAD_RATIO: Final = 1.15
 
 
-def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, float]:
-    """`robot`: the nominal radius, the scale of each wheel, the tread."""
-    return {
+def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, Any]:
+    """`robot`: the nominal radius, the scale of each wheel, the tread; how it steers, where the tread tells."""
+    skids = wheels.tread_m > SKID_TREAD_RATIO * nominal.tread_m
+    return ({"drive": "skid"} if skids else {}) | {
         "wheel_radius_m": nominal.left_radius_m,
         "left_scale": wheels.left_radius_m / nominal.left_radius_m,
         "right_scale": wheels.right_radius_m / nominal.right_radius_m,
@@ -39,14 +43,14 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
     ]
     sigmas = []
     for sigma, between, default in zip(
-        fit.sigma, apart, (Initial().wheel_scale, Initial().wheel_scale, Initial().tread), strict=True
+        fit.sigma, apart, (WHEEL_SCALE, WHEEL_SCALE, MEASURED_TREAD), strict=True
     ):
         sigmas.append(max(sigma, default) if math.isnan(between) else math.hypot(sigma, between))
     radii = all(f is None or all(f.determined[:2]) for f in (fit, other))
     is_tread = all(f is None or f.determined[2] for f in (fit, other))
     return {
-        "wheel_scale": max(*sigmas[:2], *departure[:2]) if radii else max(Initial().wheel_scale, *sigmas[:2]),
-        "tread": max(sigmas[2], departure[2]) if is_tread else max(Initial().tread, sigmas[2]),
+        "wheel_scale": max(*sigmas[:2], *departure[:2]) if radii else max(WHEEL_SCALE, *sigmas[:2]),
+        "tread": max(sigmas[2], departure[2]) if is_tread else max(MEASURED_TREAD, sigmas[2]),
     }
 
 
@@ -55,9 +59,9 @@ def sections(found: Found) -> dict[str, Any]:
     initial, noise = _gyro_keys(found.rest)
     initial = initial_keys(found.fit, found.apart, found.other) | initial
     lag = found.lag if found.lag is not None and found.lag.applies else None
-    if lag is not None and lag.against == "gyro":
-        noise["timing_s"] = (lag.timing_s, "sigma, spread and hold of the lag together")
     late, waits = _late_sensor(lag, found) if lag is not None else ({}, {})
+    if lag is not None and lag.against == "gyro":
+        initial["wheel_lag_s"] = (lag.next_s, "what the lag of another drive may depart by")
     robot = robot_keys(found.drives[0].nominal, found.fit.wheels)
     return {"robot": robot, **late, "estimation": {"initial": initial, "noise": noise, **waits}}
 

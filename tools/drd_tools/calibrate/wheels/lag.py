@@ -69,17 +69,17 @@ class Lag:
         Against a gyro always. A reference has a delay of its own, which may differ from drive to drive: there the
         wheels must be later by clearly more than the lag is unsure and differs.
         """
-        return self.determined and (self.against == "gyro" or self.lag_s > CLEARLY * self._next_s)
+        return self.determined and (self.against == "gyro" or self.lag_s > CLEARLY * self.next_s)
 
     @property
-    def _next_s(self) -> float:
+    def next_s(self) -> float:
         """Standard deviation of the next drive's lag."""
         return math.hypot(self.sigma_s, 0.0 if math.isnan(self.spread_s) else self.spread_s)
 
     @property
     def timing_s(self) -> float:
         """Standard deviation of one reading's lag: sigma, spread, and where in its hold it was read."""
-        return math.hypot(self._next_s, self.hold_s / math.sqrt(12.0))
+        return math.hypot(self.next_s, self.hold_s / math.sqrt(12.0))
 
 
 @dataclass

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drd.config import Initial
+from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
 from drd_tools.calibrate.wheels.report import returns_picture
@@ -124,7 +124,7 @@ def _write(file: Path, output: Path, returns: Returns, result: Umbmark, notes: l
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     source = f"{file.name}: {digest[:16]} (SHA-256)"
     sigma_b = result.tread_m.sigma / result.tread_m.value
-    initial = {"wheel_scale": Initial().wheel_scale, "tread": Initial().tread if math.isnan(sigma_b) else sigma_b}
+    initial = {"wheel_scale": WHEEL_SCALE, "tread": MEASURED_TREAD if math.isnan(sigma_b) else sigma_b}
     write_snippet(
         output / "wheels.yaml",
         {
