@@ -61,11 +61,17 @@ LARGEST_VARIANCE: Final = 1e10
 INDEFINITE: Final = 1e-6
 
 
+def is_stated_skid(config: Config) -> bool:
+    """Whether the configuration says that the wheels slip sideways: by name, or since their turning says nothing."""
+    by_gyro = config.robot.drive == "auto" and config.estimation.heading == "gyro"
+    return config.robot.drive == "skid" or (by_gyro and config.estimation.profile == "physical")
+
+
 def initial_sigmas(config: Config, estimates_gyro_scale: bool) -> Sigmas:
     """Standard deviations of a cold start: as configured, or as usual for what drives and turns so."""
     initial, has_gyro = config.estimation.initial, config.fog.protocol != "none"
     is_physical = config.estimation.profile == "physical"
-    skids, is_auto = config.robot.drive == "skid", config.robot.drive == "auto" and is_physical
+    skids, is_auto = is_stated_skid(config), config.robot.drive == "auto" and is_physical
     wheel_scale, tread, slip_s = initial.wheel_scale, initial.tread, initial.slip_s
     if wheel_scale is None:
         wheel_scale = SKID_SCALE if skids else WHEEL_SCALE

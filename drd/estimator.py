@@ -423,12 +423,18 @@ class Estimator:
         """Back to the origin and the initial uncertainty; the measured bias stays."""
         kf, s = self._track.kf, self.sigmas
         bias, sigma = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS)
-        kf.restart(self._config.robot.tread_m, s)
+        self._begin_anew()
         kf.set_gyro_bias(bias, sigma)
         self.set_pose(0.0, 0.0, 0.0, s.position_m, s.heading_rad)
+
+    def _begin_anew(self) -> None:
+        self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
+        self.wheel_noise = WheelNoise(self.noise, self.wheel_noise.is_learned)
+        self.steering = Steering(self._config, self.wheel_noise)
+        self.wheel_noise.put_into(self._track.kf.noise)
 
     def _recover(self, t_ns: int) -> None:
         """The covariance or the state is not finite: start again where the robot is not known to be."""
         self.counters["resets"] += 1
-        self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
+        self._begin_anew()
         self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)

@@ -1,7 +1,6 @@
 """Bytes and frames in, poses out: the daemon without its ports, publishers and clock. Replay runs this same object."""
 
 import logging
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +13,8 @@ from drd.effects.compensation import Compensation
 from drd.encoders.stream import EncoderStream
 from drd.estimate import Estimate
 from drd.estimator import Estimator
-from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
 from drd.fog.stream import FogStream
+from drd.learned_values import learned_values, steering_text
 from drd.model import Model, check_geometry, load_model
 from drd.samples import CanFrame, GyroSample, Pose, Side, WheelSample
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
@@ -212,14 +211,6 @@ class Pipeline:
 
     def health(self, now_ns: int) -> dict[str, Any]:
         """What the pipeline knows of itself: validity, reasons, rates, temperature, and what the filter has learned."""
-        nominal, P = self.estimator.filter.nominal, self.estimator.filter.P
-        learned = {
-            "gyro_bias_rad_s": (-nominal.gyro_bias_rad_s, GYRO_BIAS),
-            "gyro_scale": (nominal.gyro_scale, GYRO_SCALE),
-            "left_wheel_scale_error": (nominal.scale_left, SCALE_L),
-            "right_wheel_scale_error": (nominal.scale_right, SCALE_R),
-            "tread_m": (nominal.tread_m, TREAD),
-        }
         return {
             "robot": self._config.robot.name,
             "validity": self.reasons.validity.value,
@@ -234,9 +225,7 @@ class Pipeline:
             "fog_rate_hz": self.fog.rate_hz if self.fog is not None else None,
             "fog_temperature_c": self.fog.temperature_c if self.fog is not None else None,
             "bias_measurement": self.estimator.bias.state.value,
-            "learned": {
-                name: {"value": value, "sigma": math.sqrt(max(float(P[i, i]), 0.0))}
-                for name, (value, i) in learned.items()
-            },
+            "drive": steering_text(self.estimator.steering.drive),
+            "learned": learned_values(self.estimator, self._config),
             "counters": self.counters(),
         }

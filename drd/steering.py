@@ -4,7 +4,7 @@ import math
 from typing import Final
 
 from drd.config import Config
-from drd.estimate import SKID_SCALE, SKID_SLIP_S
+from drd.estimate import SKID_SCALE, SKID_SLIP_S, is_stated_skid
 from drd.filter import TREAD, Filter
 from drd.learning import Drive, Learned, WheelNoise
 
@@ -23,7 +23,7 @@ class Steering:
     def __init__(self, config: Config, wheel_noise: WheelNoise):
         self._robot, self._initial, self._wheel_noise = config.robot, config.estimation.initial, wheel_noise
         self.drive, self.scale = Drive.UNKNOWN, 0.0
-        if config.robot.drive == "skid":
+        if is_stated_skid(config):
             self._found_skid()
         elif config.robot.drive == "differential" or config.fog.protocol == "none" or not wheel_noise.is_learned:
             self.drive = Drive.DIFFERENTIAL  # nothing could tell

@@ -88,7 +88,7 @@ class Track:
                 self.no_gyro_s += dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
                     self.rate_rad_s = (wheels.b - wheels.a) / kf.nominal.tread_m
-            elif self.gyro_heading:
+            elif self.gyro_heading and (left_m or right_m):  # wheels that stand are believed
                 kf.anchor_wheels()  # (24)
         else:
             self._unseen(dt_s, blind=gyro is None)

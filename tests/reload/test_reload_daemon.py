@@ -208,6 +208,7 @@ def test_another_geometry_goes_on_from_the_same_pose_and_learns_anew(served: Ser
     pose = served.robot.wait("a pose", lambda _: True)
     learned = served.robot.get("health")["learned"]
     assert learned["tread_m"]["sigma"] > 0.5 * 0.02 * 0.63
+    assert {value["verdict"] for value in learned.values()} <= {LEARNED, NOT_YET, OUTSIDE}
     assert pose["validity"] in ("valid", "degraded")
     time.sleep(1.0)
     served.assert_continuous()
