@@ -61,7 +61,7 @@ class RestNoise:
         self.is_learned = is_learned
         self.stated_rad2_per_s = self.variance_rad2_per_s = stated_rad2_per_s
         self.differences = 0
-        self._sum = 0.0
+        self._sum = self._length_s = 0.0
         self.interrupt()
 
     @property
@@ -97,22 +97,19 @@ class RestNoise:
             if self._last is not None:
                 self._take(self._waiting - self._last)
             self._last, self._waiting = self._waiting, None
-        if self._block_s >= BLOCK_S:
-            self._waiting = self._block_rad / self._block_s
+        if self._block_s > BLOCK_S - 0.5 * interval_s:
+            self._waiting, self._length_s = self._block_rad / self._block_s, self._block_s
             self._block_s = self._block_rad = 0.0
 
     def _take(self, difference_rad_s: float) -> None:
         self.differences += 1
-        self._sum += 0.5 * difference_rad_s * difference_rad_s * BLOCK_S
+        self._sum += 0.5 * difference_rad_s * difference_rad_s * self._length_s
         self._tell()
 
     def _tell(self) -> None:
-        if not self.is_learned:
-            return
-        if not self.differences:
-            return
-        mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
-        self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
+        if self.is_learned and self.differences:
+            mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
+            self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
 
 
 class VarianceFactor:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from sensors import NO_BIAS, ROBOT, T0, S, Sample, drive, feed, final, make
+from sensors import KNOWN, NO_BIAS, ROBOT, T0, S, Sample, drive, feed, final, make
 
 from drd.calibration import Calibration
 from drd.estimator import Estimator
@@ -26,7 +26,7 @@ def test_twenty_poses_a_second_at_the_wheels_times() -> None:
 
 
 def test_perfect_sensors_give_the_path_and_a_growing_bound() -> None:
-    poses = feed(make(), drive(20))
+    poses = feed(make(KNOWN), drive(20))
     assert poses[-1].heading_rad == pytest.approx(0.5 * (1 - math.cos(16.0)), abs=1e-6)
     assert poses[100].position_bound_m < poses[-1].position_bound_m < 0.5
 
@@ -247,7 +247,7 @@ def test_set_pose_and_reset() -> None:
 
 
 def test_a_position_bound_beyond_its_limit_is_invalid() -> None:
-    poses = feed(make(NO_BIAS.replace("{static", "{max_position_bound_m: 0.05, static")), drive(20))
+    poses = feed(make(KNOWN.replace("{static", "{max_position_bound_m: 0.05, static")), drive(20))
     assert poses[0].validity is Validity.VALID
     assert poses[-1].validity is Validity.INVALID
 

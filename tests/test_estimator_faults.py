@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from sensors import NO_BIAS, ROBOT, T0, S, drive, feed, make
+from sensors import KNOWN, NO_BIAS, ROBOT, T0, S, drive, feed, make
 
 from drd.estimator import Estimator
+from drd.filter import GYRO_BIAS
 from drd.samples import GyroSample, Pose, Validity, WheelSample
 from drd.units import DEG_PER_RAD
 
@@ -96,7 +97,7 @@ def test_a_fast_gyro_does_not_flood_while_the_wheels_are_silent() -> None:
 
 
 def test_a_gyro_whose_samples_all_come_too_late_is_told() -> None:
-    e, poses = make(), []
+    e, poses = make(KNOWN), []
     events = [(t + (0.5 if isinstance(s, GyroSample) else 0.0), s) for t, s in drive(20)]
     poses = feed(e, sorted(events, key=lambda event: event[0]))
     assert e.counters["late_gyro"] > 150

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from harness import Robot
 
+from drd.learned_values import LEARNED, NOT_YET, OUTSIDE
+
 pytestmark = pytest.mark.process
 
 # Measured: 0.15 s. The rest is for a machine that is busy with other tests.

@@ -114,6 +114,7 @@ def nees(seed: int, moved: bool) -> tuple[float, float]:
     rng = np.random.default_rng(seed)
     first = pipeline()
     e = first.estimator
+    e.filter.noise = dataclasses.replace(e.noise)  # known, not learned
     truth = Truth(rng, e.filter, e.sigmas, e.noise)
     for i in range(600):
         step(truth, i * STEP_S)
@@ -129,6 +130,7 @@ def nees(seed: int, moved: bool) -> tuple[float, float]:
     truth.gyro_scale += math.sqrt(k.gyro_scale_per_s * off_s) * rng.normal()
     truth.bias += math.sqrt(k.gyro_bias_rad2_s2_per_s * off_s + k.gyro_bias_restart_rad2_s2) * rng.normal()
     truth.kf = restart(state(first), after(off_s))[1].estimator.filter
+    truth.kf.noise = dataclasses.replace(e.noise)
     for i in range(600):
         step(truth, i * STEP_S)
     error = truth.error()

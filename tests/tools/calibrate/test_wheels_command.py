@@ -12,8 +12,8 @@ from wheel_recordings import RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Truth, wri
 
 from drd.cli import main
 from drd.config import Config
-from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.config_file import load_config
+from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.schema import load
 from drd_tools.calibrate.wheels.umbmark import predict_m
 
