@@ -118,8 +118,13 @@ def nees(part: str, error: Array, S: Array) -> Nees:
     """
     z = np.linalg.solve(np.linalg.cholesky(S), error[:, :, None])[:, :, 0]
     n, dof = effective_rows(z), error.shape[1]
-    low, high = stats.chi2.ppf((0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0), n * dof) / n
-    return Nees(part, dof, len(z), n, float(np.mean(np.sum(z * z, axis=1))), float(low), float(high))
+    return Nees(part, dof, len(z), n, float(np.mean(np.sum(z * z, axis=1))), *nees_interval(n, dof))
+
+
+def nees_interval(n: float, dof: int, level: float = LEVEL) -> tuple[float, float]:
+    """Where the average of n independent values of `dof` degrees of freedom lies with the probability `level`."""
+    low, high = stats.chi2.ppf((0.5 - level / 2.0, 0.5 + level / 2.0), n * dof) / n
+    return float(low), float(high)
 
 
 def effective_rows(z: Array) -> float:
@@ -153,8 +158,7 @@ def together(parts: Sequence[Nees]) -> Nees:
     """
     dof, n = parts[0].dof, len(parts) ** 2 / sum(1.0 / p.effective for p in parts)
     average = sum(p.average for p in parts) / len(parts)
-    low, high = stats.chi2.ppf((0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0), n * dof) / n
-    return Nees(parts[0].part, dof, sum(p.rows for p in parts), n, average, float(low), float(high))
+    return Nees(parts[0].part, dof, sum(p.rows for p in parts), n, average, *nees_interval(n, dof))
 
 
 def track_sigmas(S: Array, heading_rad: Array) -> Array:

@@ -6,15 +6,20 @@ from drd.schema import ConfigError
 from drd_tools.evaluate.trajectory import Poses
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
-from drd_tools.replay.result import table
+from drd_tools.replay.result import Replayed, table
 
 
 def replay_poses(folder: Path) -> Poses:
     """What the daemon's own estimator makes of the recording. Raises ConfigError."""
     recording = read_recording(folder)
-    replayed = replay_folder(recording)
+    poses = poses_of(replay_folder(recording), recording.name)
+    if len(poses.time_s) < 2:
+        raise ConfigError(str(folder), "", "a recording that gives at least 2 poses", str(len(poses.time_s)))
+    return poses
+
+
+def poses_of(replayed: Replayed, name: str) -> Poses:
+    """The start and all poses with their covariances."""
     rows = table(replayed)
-    if len(rows) < 2:
-        raise ConfigError(str(folder), "", "a recording that gives at least 2 poses", str(len(rows)))
     covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
-    return Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance, None, replayed.digest())
+    return Poses(name, rows[:, 0], rows[:, 1:4], covariance, None, replayed.digest())

@@ -39,9 +39,19 @@ class Found:
     doubts: Sequence[str]
 
 
-def find(recordings: Sequence[Recording], drives: Sequence[Drive], tests: Sequence[Drive], fit: WheelFit) -> Found:
-    """What `recordings`, whose drives were fitted, say beside the fit, and what the drives `tests` say of it."""
-    figures = [compare(drive, fit) for drive in tests] if tests else leave_one_out(drives, fit)
+def find(
+    recordings: Sequence[Recording],
+    drives: Sequence[Drive],
+    tests: Sequence[Drive],
+    fit: WheelFit,
+    *,
+    judged: bool = True,
+) -> Found:
+    """What `recordings`, whose drives were fitted, say beside the fit, and what the drives `tests` say of it.
+
+    Without `tests` each drive tells about a fit of the others, which takes long for many; not so if not `judged`.
+    """
+    figures = [compare(drive, fit) for drive in tests] if tests else leave_one_out(drives, fit) if judged else []
     other = fit_wheels(tests) if tests else None
     lag, rest = find_lag(recordings), at_rest(recordings)
     gyros = [recording.fog.time_s for recording in recordings if recording.fog is not None]
