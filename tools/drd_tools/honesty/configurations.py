@@ -1,0 +1,95 @@
+"""The estimator in each of its configurations, and the limit that the sensors set."""
+
+import importlib
+import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drd.config import Config
+from drd.samples import Validity
+from drd.units import S_PER_NS
+from drd_tools.calibrate.wheels.drive import Mounting, make_drive
+from drd_tools.calibrate.wheels.file import write_snippet
+from drd_tools.calibrate.wheels.fit import fit_wheels
+from drd_tools.calibrate.wheels.found import find
+from drd_tools.calibrate.wheels.keys import sections
+from drd_tools.evaluate.replayed import poses_of
+from drd_tools.honesty.figures import Estimated, Figures
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.nominal import configuration
+
+DEFAULT, CALIBRATED, PAPER, STATED, LIMIT = "default", "calibrated", "paper", "stated", "limit"
+WHEEL_LAG_S: Final = 0.05
+# Where the limit is computed, once that part is there.
+LIMIT_PACKAGE: Final = "drd_tools.limit"
+
+
+def estimated(recording: Recording, config: Path | None = None) -> Estimated:
+    """What the daemon's estimator makes of the recording, as it stands or with a piece of configuration."""
+    replayed = replay_folder(recording, config)
+    poses = poses_of(replayed, recording.name)
+    at_s = np.array([(pose.t_ns - replayed.zero_ns) * S_PER_NS for pose in replayed.poses])
+    bound_m = np.interp(poses.time_s, at_s, [pose.position_bound_m for pose in replayed.poses])
+    valid = np.array([pose.validity is Validity.VALID for pose in replayed.poses])
+    # The start, which is no pose of the daemon's, is as good as the first one.
+    valid = np.concatenate([np.full(len(poses.time_s) - len(valid), valid[0]), valid])
+    return Estimated(replace(poses, bound_m=bound_m), valid)
+
+
+def with_paper_profile(recording: Recording) -> Recording:
+    """The recording, to be estimated with the paper's Q and R."""
+    config = configuration(recording)
+    return replace(recording, config=replace(config, estimation=replace(config.estimation, profile="paper")))
+
+
+def as_simulated(config: Config) -> Config:
+    """The configuration that states what a simulated robot is drawn from, and no noise that the simulator lacks.
+
+    Two driven wheels; white noise of the wheels' travel and of the gyro, the gyro's bias and its walk. Nothing slips in
+    turns, scales and tread keep still. The uncertainty of the stamps stays: samples are means over intervals, which a
+    lag cuts in two. The lag is that of sensors on one computer: the default's prior, of drives that hold their speeds,
+    would make the gyro late by as much, which no robot shows.
+    """
+    noise = replace(
+        config.estimation.noise,
+        lateral_m_per_sqrt_m=0.0,
+        turn_rad_per_sqrt_rad=0.0,
+        turn_m_per_sqrt_rad=0.0,
+        wheel_scale_per_sqrt_m=0.0,
+        tread_per_sqrt_rad=0.0,
+        gyro_scale_per_sqrt_h=0.0,
+    )
+    robot = replace(config.robot, drive="differential")
+    initial = replace(config.estimation.initial, wheel_lag_s=WHEEL_LAG_S)
+    return replace(config, robot=robot, estimation=replace(config.estimation, noise=noise, initial=initial))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What `drd calibrate wheels` finds in other drives: wheels.yaml, and how the reference sits on the robot."""
+
+    file: Path
+    mounting: Mounting
+
+
+def calibrate(recordings: Sequence[Recording], file: Path) -> Calibration:
+    """Calibrate the wheels on the recordings, and write `file`. Raises ConfigError, OSError."""
+    drives = [make_drive(recording) for recording in recordings]
+    fit = fit_wheels(drives)
+    found = find(recordings, drives, [], fit, judged=False)
+    write_snippet(file, sections(found), [f"from {', '.join(recording.name for recording in recordings)}"])
+    return Calibration(file, fit.mounting)
+
+
+def limit(recording: Recording, config: Config | None = None) -> Figures | None:
+    """What noise as `config` states it (None: as robot.yaml does) allows; None where this cannot be computed yet."""
+    if importlib.util.find_spec(LIMIT_PACKAGE) is None:
+        return None
+    module: Any = importlib.import_module(f"{LIMIT_PACKAGE}.limit")
+    found = module.limit_of(recording, config)
+    return Figures(found.position_rms_m, found.heading_rms_deg, found.drift_percent)

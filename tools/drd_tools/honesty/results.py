@@ -1,0 +1,97 @@
+"""What `make honesty` keeps: the figures of each drive, as JSON."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drd.schema import ConfigError
+from drd_tools.honesty.figures import Figures
+
+FORMAT: Final = "drd-honesty/1"
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """One drive: `world` is "real" or "simulated", `group` the row of the table to which it belongs.
+
+    `figures` by the configuration's or the baseline's name; `nees` of the pose at the end, by the configuration's.
+    """
+
+    world: str
+    group: str
+    drive: str
+    figures: dict[str, Figures]
+    nees: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """All drives of a run. `seeds` of each scenario; `notes`: what is missing, and why."""
+
+    seeds: int
+    judged: list[Judged]
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+    def groups(self, world: str) -> dict[str, list[Judged]]:
+        """The drives of a world by their groups, in the order in which they came."""
+        found: dict[str, list[Judged]] = {}
+        for one in self.judged:
+            if one.world == world:
+                found.setdefault(one.group, []).append(one)
+        return found
+
+    def save(self, file: Path) -> None:
+        """Write JSON. Raises OSError."""
+        file.write_text(json.dumps({"format": FORMAT} | dataclasses.asdict(self), indent=1), encoding="utf-8")
+
+    @staticmethod
+    def load(file: Path) -> "Results":
+        """Read what `save` wrote. Raises ConfigError."""
+        try:
+            content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            if content.pop("format") != FORMAT:
+                raise ValueError
+            judged = [
+                Judged(**one | {"figures": {name: Figures(**f) for name, f in one["figures"].items()}})
+                for one in content.pop("judged")
+            ]
+            return Results(judged=judged, **content)
+        except OSError as error:
+            raise ConfigError(str(file), "", "results of an earlier run", str(error.strerror)) from error
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", "something else") from error
+
+
+def together(figures: Sequence[Figures], world: str) -> Figures:
+    """One row of the table for several drives.
+
+    Simulated: root mean squares over the seeds, since luck decides between nearly equal estimators in a single one.
+    Real: medians, since one drive that went wrong would hide all others. Shares are means over the drives.
+    """
+    middle = np.median if world == "real" else _rms
+
+    def over(name: str, mean: Any) -> float | None:
+        values = [value for one in figures if (value := getattr(one, name)) is not None]
+        return float(mean(values)) if values else None
+
+    position_m, heading_deg = over("position_rms_m", middle), over("heading_rms_deg", middle)
+    assert position_m is not None
+    assert heading_deg is not None
+    return Figures(
+        position_m,
+        heading_deg,
+        over("drift_percent", np.median),
+        over("inside", np.mean),
+        over("bound_m", np.median),
+        over("bound_ratio", np.median),
+        over("valid", np.mean),
+        over("lag_s", np.median) or 0.0,
+    )
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,69 @@
+"""All drives of a run, on as many processes as wanted."""
+
+import functools
+import importlib.util
+import math
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Final
+
+from tqdm import tqdm
+
+from drd_tools.honesty.drives import FOLDS, ROBOTS, SHARED, drives_of, judge_fold
+from drd_tools.honesty.results import Judged, Results
+from drd_tools.honesty.scenarios import MUJOCO, SCENARIOS
+from drd_tools.honesty.simulated import BESIDE, judge_seed
+
+FULL_SEEDS: Final = 300
+# With one process under a minute in all.
+SHORT_SEEDS: Final = 4
+# So many drives of a robot are judged one by one, even in the short form.
+FEW: Final = 5
+
+Task = Callable[[], list[Judged]]
+
+
+def run(seeds: int, *, short: bool, jobs: int, shared: Path = SHARED) -> Results:
+    """Judge all drives. The order of the results does not depend on `jobs`."""
+    notes: list[str] = []
+    tasks = [*_real(short, shared, notes), *_simulated(seeds, 0 if short else BESIDE, notes)]
+    return Results(seeds, [one for judged in _done(tasks, jobs) for one in judged], notes)
+
+
+def _real(short: bool, shared: Path, notes: list[str]) -> Iterator[Task]:
+    """Each fold of each robot; in the short form one fold of a robot with many drives."""
+    for robot in ROBOTS:
+        drives = len(drives_of(robot, shared))
+        if not drives:
+            notes.append(f"{robot}: no recordings beside the checkout (../shared/recordings); its rows are left out.")
+        for fold in range(1 if short and drives > FEW else min(FOLDS, drives)):
+            yield functools.partial(judge_fold, robot, fold, shared)
+
+
+def _simulated(seeds: int, beside: int, notes: list[str]) -> Iterator[Task]:
+    for name, scenario in SCENARIOS.items():
+        for seed in range(max(1, math.ceil(scenario.seeds_share * seeds))):
+            yield functools.partial(_one, name, seed, beside)
+    if importlib.util.find_spec("mujoco") is None:
+        notes.append("MuJoCo is not installed (pip install 'drd[mujoco]'); its rows are left out.")
+        return
+    for seed in range(seeds):
+        yield functools.partial(_one, MUJOCO, seed, beside)
+
+
+def _one(name: str, seed: int, beside: int) -> list[Judged]:
+    return [judge_seed(name, seed, beside)]
+
+
+def _done(tasks: list[Task], jobs: int) -> list[list[Judged]]:
+    shown = functools.partial(tqdm, total=len(tasks), desc="drives", disable=None, smoothing=0.0)
+    if jobs == 1:
+        return [task() for task in shown(tasks)]
+    # A forked child of a process with threads may lock up.
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        futures = [pool.submit(task) for task in tasks]
+        for _ in shown(as_completed(futures)):
+            pass
+        return [future.result() for future in futures]
