@@ -165,9 +165,7 @@ def _number(value: Any, name: str, low: float, high: float) -> float:
 
 def put_into(kf: Filter, estimate: Estimate) -> None:
     """Let the filter go on from the estimate."""
-    kf.nominal = dataclasses.replace(estimate.nominal)
-    kf.set_tread(estimate.nominal.tread_m)
-    np.copyto(kf.P, estimate.P)
+    kf.put(estimate.nominal, estimate.P)
 
 
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
@@ -175,14 +173,17 @@ def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
     n = kf.nominal
     n.scale_right = n.scale_left = 0.0
     kf.set_tread(tread_m)
-    _forget(kf.P, {SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m, SLIP: s.slip_s})
+    known = ((SCALE_R, s.wheel_scale), (SCALE_L, s.wheel_scale), (TREAD, s.tread_m), (SLIP, s.slip_s))
+    for state, sigma in known:
+        kf.forget(state, sigma)
     kf.add_scale_variance(0.0, s.scale_difference)
 
 
 def forget_gyro(kf: Filter, s: Sigmas) -> None:
     """The gyro's scale and bias start anew, the rest stays."""
     kf.nominal.gyro_scale, kf.nominal.gyro_bias_rad_s = 1.0, 0.0
-    _forget(kf.P, {GYRO_SCALE: s.gyro_scale, GYRO_BIAS: s.gyro_bias_rad_s})
+    for state, sigma in ((GYRO_SCALE, s.gyro_scale), (GYRO_BIAS, s.gyro_bias_rad_s)):
+        kf.forget(state, sigma)
 
 
 def _forget(P: Matrix, sigmas: Mapping[int, float]) -> None:

@@ -21,7 +21,7 @@ from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
 from drd.steering import Steering
 from drd.timeline import Segment, Stream
-from drd.track import Track
+from drd.track import MakeTrack, Track, make_track
 from drd.units import NS_PER_S, S_PER_NS
 
 # Ticks further apart mean that the host stood still.
@@ -33,6 +33,7 @@ class Estimator:
 
     `resolution_m`: wheel travel of one encoder count, which decides what a standstill is. `compensation` takes a
     model's effects off the samples, behind the gyro's calibration. `reasons`: those of the estimator to take over from.
+    `new_track` makes the track that the samples go into: one whose filter is watched gives the same poses.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class Estimator:
         resolution_m: float = 1e-4,
         compensation: Compensation | None = None,
         reasons: Reasons | None = None,
+        new_track: MakeTrack = make_track,
     ):
         e = config.estimation
         self._config = config
@@ -50,15 +52,7 @@ class Estimator:
         tread_m = config.robot.tread_m
         self.sigmas = initial_sigmas(config, self.estimates_gyro_scale)
         self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m)
-        self._track, self._preview = (
-            Track(
-                Filter(tread_m, self.sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),
-                config.fog.silent_after_s if self._has_gyro else 0.0,
-                config.robot.max_speed_m_s,
-                e.heading == "gyro",
-            )
-            for _ in range(2)
-        )
+        self._track, self._preview = new_track(config, self.sigmas, noise), make_track(config, self.sigmas, noise)
         self._wheels, self._gyro = Stream(), Stream()
         is_learned = e.profile == "physical"  # the printed Q and R are what they are
         self.rest_noise, self.wheel_noise = RestNoise(noise.gyro_rad2_per_s, is_learned), WheelNoise(noise, is_learned)

@@ -431,6 +431,17 @@ class Filter:
         """Take a tread that no comparison has changed: its error in metres stays what P has."""
         self.nominal.tread_m = self._last_tread_m = tread_m
 
+    def put(self, nominal: Nominal, P: Matrix) -> None:
+        """Take an estimate from elsewhere."""
+        self.nominal = replace(nominal)
+        self.set_tread(nominal.tread_m)
+        np.copyto(self.P, P)
+
+    def forget(self, state: int, sigma: float) -> None:
+        """Nothing is known of a state any more but this standard deviation."""
+        self.P[state, :] = self.P[:, state] = 0.0
+        self.P[state, state] = sigma**2
+
     def sigma(self, state: int) -> float:
         """Standard deviation of one state."""
         return math.sqrt(max(self._p[state * (N + 1)], 0.0))

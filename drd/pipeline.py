@@ -14,9 +14,11 @@ from drd.encoders.stream import EncoderStream
 from drd.estimate import Estimate
 from drd.estimator import Estimator
 from drd.fog.stream import FogStream
+from drd.health import Reasons
 from drd.learned_values import learned_values, steering_text
 from drd.model import Model, check_geometry, load_model
 from drd.samples import CanFrame, GyroSample, Pose, Side, WheelSample
+from drd.track import MakeTrack, make_track
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
 log = logging.getLogger(__name__)
@@ -63,7 +65,7 @@ class Pipeline:
     `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
     configuration start from. `recorder` is handed every call that can change the estimate, in order, and the decoded
     samples: a replay makes the same calls. `recording`: what the model's provenance calls the run, where it is known.
-    Raises ConfigError where a file that the configuration names cannot be used.
+    `new_track`: see Estimator. Raises ConfigError where a file that the configuration names cannot be used.
     """
 
     def __init__(
@@ -73,7 +75,9 @@ class Pipeline:
         on_pose: Callable[[Pose, int], None],
         recorder: Observer | None = None,
         recording: str | None = None,
+        new_track: MakeTrack = make_track,
     ):
+        self._new_track = new_track
         self._config, self._on_pose, self._recorder = config, on_pose, recorder
         file = config.calibration.file
         self.calibration: Calibration | None = load_calibration(base / file) if file else None
@@ -83,7 +87,7 @@ class Pipeline:
         self._compensation = self._make_compensation(recording) if self.model else None
         self.fog = FogStream(config.fog, config.robot.max_acceleration_deg_s2 * RAD_PER_DEG) if has_gyro else None
         self.encoders = EncoderStream(config.encoders, config.robot, base)
-        self.estimator = Estimator(config, self.calibration, self.encoders.resolution_m, self._compensation)
+        self.estimator = self._make_estimator(config, self.calibration)
         self.reasons = self.estimator.reasons
         self.basis = basis_of(config, self.calibration, self.model, self.estimator.estimates_gyro_scale)
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
@@ -96,6 +100,12 @@ class Pipeline:
         for note in self.model_notes:
             log.warning("%s: %s", self._config.model.file, note)
         return Compensation(terms, self._config.robot, self._config.fog.protocol != "none") if terms else None
+
+    def _make_estimator(
+        self, config: Config, calibration: Calibration | None, reasons: Reasons | None = None
+    ) -> Estimator:
+        resolution_m, compensation = self.encoders.resolution_m, self._compensation
+        return Estimator(config, calibration, resolution_m, compensation, reasons, self._new_track)
 
     def resume(self, now_ns: int, estimate: Estimate, bias_known: bool) -> None:
         """Go on from an estimate of before a restart; before the first input. `bias_known`: its bias still holds."""
@@ -121,7 +131,7 @@ class Pipeline:
         same_model &= old.fog.protocol == new.fog.protocol
         if not same_model:
             self._compensation = fresh._compensation
-        estimator = Estimator(new, fresh.calibration, self.encoders.resolution_m, self._compensation, self.reasons)
+        estimator = self._make_estimator(new, fresh.calibration, self.reasons)
         estimator.take_over(self.estimator, not wheels, not gyro, same_model)
         self._config, self.estimator, self.basis = new, estimator, fresh.basis
         self.calibration, self.model, self.model_notes = fresh.calibration, fresh.model, fresh.model_notes

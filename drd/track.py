@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drd.filter import Filter
+from drd.config import Config
+from drd.filter import Filter, Sigmas
+from drd.noise import NoiseProfile
 from drd.timeline import Piece, Segment, Stream, pieces
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.units import NS_PER_S, S_PER_NS
@@ -103,3 +105,19 @@ class Track:
             self.blind_s += dt_s
         else:
             self.kf.anchor_wheels()  # (24)
+
+
+def make_track(
+    config: Config, sigmas: Sigmas, noise: NoiseProfile, filter_type: Callable[..., Filter] = Filter
+) -> Track:
+    """A track that has not begun, with a filter of its own, as the configuration asks for it."""
+    e = config.estimation
+    return Track(
+        filter_type(config.robot.tread_m, sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),
+        config.fog.silent_after_s if config.fog.protocol != "none" else 0.0,
+        config.robot.max_speed_m_s,
+        e.heading == "gyro",
+    )
+
+
+MakeTrack = Callable[[Config, Sigmas, NoiseProfile], Track]

@@ -19,6 +19,7 @@ from drd.estimator import Estimator
 from drd.fog.stream import OVER_RANGE
 from drd.samples import GyroSample, Pose, WheelSample
 from drd.schema import ConfigError
+from drd.track import MakeTrack, make_track
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd.wiring.judge import Geometry, judge
 from drd.wiring.table import sentences
@@ -40,10 +41,16 @@ LONGEST_GAP_S: Final = 86_400.0
 ZERO_WITHIN_S: Final = 60.0
 
 
-def replay_folder(recording: Recording, config: Path | None = None, calibration: Path | None = None) -> Replayed:
+def replay_folder(
+    recording: Recording,
+    config: Path | None = None,
+    calibration: Path | None = None,
+    new_track: MakeTrack = make_track,
+) -> Replayed:
     """Estimate from a recording folder that was read. Raises ConfigError.
 
-    In force is what robot.yaml stands for, see `nominal`, overruled by what the two files state.
+    In force is what robot.yaml stands for, see `nominal`, overruled by what the two files state. `new_track`: see
+    Estimator.
     """
     in_use, gyro_calibration = in_force(recording, config, calibration)
     recording = with_configured_model(recording, in_use)
@@ -53,7 +60,8 @@ def replay_folder(recording: Recording, config: Path | None = None, calibration:
     gyro, gyro_counters = gyro_samples(recording.fog, in_use, zero_ns - gyro_late_ns)
     counted = recording.encoders.left_counts is not None
     resolution_m = max(map(abs, metres_per_count(in_use))) if counted else UNCOUNTED_RESOLUTION_M
-    estimator = Estimator(in_use, gyro_calibration, resolution_m, compensation(recording, in_use, zero_ns))
+    removal = compensation(recording, in_use, zero_ns)
+    estimator = Estimator(in_use, gyro_calibration, resolution_m, removal, new_track=new_track)
     poses = run(estimator, gyro, wheels)
     geometry = Geometry(in_use.robot.tread_m, resolution_m, in_use.fog.protocol != "none")
     return Replayed(

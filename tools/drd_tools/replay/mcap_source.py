@@ -20,6 +20,7 @@ from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
 from drd.schema import ConfigError, loads
+from drd.track import MakeTrack, make_track
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
@@ -30,7 +31,12 @@ SET_POSE: Final = ("x_m", "y_m", "heading_rad", "sigma_m", "sigma_rad")
 
 
 def replay_mcap(
-    file: Path, *, config: Path | None = None, calibration: Path | None = None, model: Path | None = None
+    file: Path,
+    *,
+    config: Path | None = None,
+    calibration: Path | None = None,
+    model: Path | None = None,
+    new_track: MakeTrack = make_track,
 ) -> Replayed:
     """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
 
@@ -47,7 +53,8 @@ def replay_mcap(
     replay, kept = _Replay(changed), Samples()
     with tempfile.TemporaryDirectory() as folder:
         in_force, base = config_in_force(last, Path(folder), config, calibration, model)
-        pipeline = Pipeline(in_force, base, replay.on_pose, kept, file.stem if model is not None else None)
+        name = file.stem if model is not None else None
+        pipeline = Pipeline(in_force, base, replay.on_pose, kept, name, new_track)
     replay.run(pipeline, parts)
     counters = pipeline.counters()
     began = last.information.get("started_monotonic_ns", "")
