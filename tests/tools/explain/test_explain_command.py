@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,15 @@ import pytest
 from recorded_drive import drive, recordings
 from replay_folders import STANDING, write_perfect
 
-import drd.estimator
-from drd.filter import Filter
 from drd.schema import ConfigError
-from drd.track import Track
 from drd_tools.evaluate.trajectory import read_reference
 from drd_tools.explain import causes
 from drd_tools.explain.analysis import explain
+from drd_tools.explain.causes import GROUPS
 from drd_tools.explain.command import main
 from drd_tools.explain.source import open_source
 from drd_tools.explain.stretch import Stretch
-from drd_tools.explain.tap import tapped
+from drd_tools.explain.tap import tapped_track
 from drd_tools.explain.text import fits
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
@@ -30,13 +29,15 @@ SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A perfect drive, and a robot.yaml whose tread is 1.5 % too large."""
-    made = write_perfect(tmp_path_factory.mktemp("explain") / "drive", gyro=True, bias_deg_s=0.05, legs=STANDING[:8])
+    """A perfect drive, and a robot.yaml whose wheels are 0.4 % too large, which no gyro can tell."""
+    made = write_perfect(
+        tmp_path_factory.mktemp("explain") / "drive", gyro=True, bias_deg_s=0.05, legs=(*STANDING[:8], (0.0, 0.0, 3.0))
+    )
     robot = made / "robot.yaml"
-    text = robot.read_text().replace("tread_m: 0.5", "tread_m: 0.5075")
+    text = robot.read_text().replace("radius_m: 0.1,", "radius_m: 0.1004,")
     text = text.replace("position_sigma_m: 0.0001", "position_sigma_m: 0.002")
     robot.write_text(text.replace("heading_sigma_deg: 0.001", "heading_sigma_deg: 0.05"))
-    assert "0.5075" in robot.read_text()
+    assert "0.1004" in robot.read_text()
     assert "0.002" in robot.read_text()
     return made
 
@@ -52,7 +53,7 @@ def copy_without_reference(folder: Path, target: Path) -> Path:
     return target
 
 
-def test_the_cause_of_a_wrong_tread_is_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_cause_of_a_wrong_radius_is_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(folder), "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     actual = results(tmp_path / "out")["actual"]
@@ -60,10 +61,10 @@ def test_the_cause_of_a_wrong_tread_is_named(folder: Path, tmp_path: Path, capsy
     total_m = sum(part["position_m"] for part in actual["parts"])
     assert total_m == pytest.approx(np.hypot(actual["along_m"], actual["across_m"]), rel=1e-3)
     assert sum(p["heading_deg"] for p in actual["parts"]) == pytest.approx(actual["heading_deg"], abs=1e-4)
-    assert max(parts, key=lambda name: parts[name]["position_m"]) == "tread"
-    assert parts["tread"]["position_m"] > 0.5 * total_m
+    assert max(parts, key=lambda name: parts[name]["position_m"]) == "wheel scales"
+    assert parts["wheel scales"]["position_m"] > 0.5 * total_m
     assert "within the budget" in told
-    assert "Most likely tread brought" in told
+    assert "Most likely wheel scales brought" in told
     for name in ("report.html", "budget.png", "parts.png"):
         assert (tmp_path / "out" / name).stat().st_size > 10_000
 
@@ -96,7 +97,9 @@ def test_a_stretch_begins_with_no_error_of_the_pose_and_what_was_learned(folder:
     explanation = explain(source, 30.0, 40.0, None)
     assert (explanation.from_s, explanation.to_s) == (30.0, 40.0)
     whole = explain(source, None, 40.0, None)
-    assert np.sum(explanation.heading_deg2[0]) == 0.0
+    first = dict(zip(GROUPS, explanation.heading_deg2[0], strict=True))
+    assert first["latency"] > 0.0  # of the two poses' own times
+    assert sum(first.values()) == pytest.approx(first["latency"], rel=1e-9)
     assert explanation.total.heading_deg > 0.0
     assert explanation.way_m < whole.way_m
 
@@ -104,12 +107,9 @@ def test_a_stretch_begins_with_no_error_of_the_pose_and_what_was_learned(folder:
 def test_the_replay_is_not_changed_by_being_explained(folder: Path) -> None:
     recording = read_recording(folder)
     stretch = Stretch(0, None, None)
-    with tapped(stretch):
-        replayed = replay_folder(recording)
+    replayed = replay_folder(recording, new_track=partial(tapped_track, stretch))
     assert replayed.digest() == replay_folder(recording).digest()
-    with pytest.raises(ConfigError), tapped(stretch):
-        raise ConfigError("", "", "", "")
-    assert (vars(drd.estimator)["Filter"], vars(drd.estimator)["Track"]) == (Filter, Track)
+    assert len(stretch.table()) > len(replayed.poses)
 
 
 def test_holes_in_both_sensors_are_mirrored(folder: Path, tmp_path: Path) -> None:
@@ -121,11 +121,10 @@ def test_holes_in_both_sensors_are_mirrored(folder: Path, tmp_path: Path) -> Non
         kept = [s for s in lines[1:] if not any(low < float(s.split(",")[0]) < high for low, high in gaps)]
         (holes / name).write_text("\n".join([lines[0], *kept]) + "\n")
     stretch = Stretch(0, None, None)
-    with tapped(stretch):
-        replay_folder(read_recording(holes))
+    replay_folder(read_recording(holes), new_track=partial(tapped_track, stretch))
     assert stretch.clock is not None
     P = stretch.clock.kf.P
-    sigma = np.sqrt(np.diag(P))
+    sigma = np.sqrt(np.maximum(np.diag(P), 1e-30))  # a robot that does not skid has no sideways slip
     assert np.abs((stretch.budget.P.sum(axis=0) - P) / np.outer(sigma, sigma)).max() < 1e-6
     for cause in (causes.NOT_SEEN, causes.BIAS_SILENCE):
         assert stretch.budget.P[cause].max() > 0.0
@@ -167,7 +166,7 @@ def test_an_error_beyond_the_budget_is_not_shared_out(
     drifting = tmp_path / "drifting"
     shutil.copytree(folder, drifting)
     rows = np.loadtxt(drifting / "fog.csv", delimiter=",", skiprows=1)
-    rows[(rows[:, 0] > 20.0) & (rows[:, 0] < 21.0), 1] += 20.0  # deg/s
+    rows[(rows[:, 0] > 20.0) & (rows[:, 0] < 21.0), 1] += 60.0  # deg/s
     np.savetxt(drifting / "fog.csv", rows, "%.9g", ",", header="time_s,rate_deg_s", comments="")
     assert main([str(drifting)]) == 0
     told = capsys.readouterr().out
@@ -196,7 +195,7 @@ def test_mcap_with_commands_and_a_lost_port(tmp_path: Path, capsys: pytest.Captu
 def test_no_gyro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(write_perfect(tmp_path / "drive", gyro=False))]) == 0
     told = capsys.readouterr().out
-    assert "No part in it: gyro noise, gyro bias, gyro scale, calibration, latency, motion not seen" in told
+    assert "No part in it: gyro noise, gyro bias, gyro scale, calibration, sideways slip, motion not seen" in told
     assert "If the gyro were" not in told
 
 
@@ -238,14 +237,11 @@ def test_saved_results_that_are_none_are_refused(tmp_path: Path, content: str) -
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize(("name", "known"), [("case_016", "tread"), ("case_009", None)])
-def test_trials_whose_answer_is_known(name: str, known: str | None) -> None:
-    """A wrong tread (016) is found; a gyro that is late (009) is no cause that the filter knows."""
-    folder = SHARED / "trials" / name
+def test_a_trial_whose_cause_the_filter_estimates() -> None:
+    """A tread that is 7 % wrong: the budget covers what the filter leaves of it."""
+    folder = SHARED / "trials" / "case_016"
     if not folder.exists():
         pytest.skip("the shared recordings are not here")
     actual = explain(open_source(folder, None, None, None), None, 150.0, read_reference(folder)).actual
     assert actual is not None
-    assert fits(actual) == (known is not None)
-    if known is not None:
-        assert max(actual.parts, key=lambda part: part.position_m).group == known
+    assert fits(actual)

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from drd.config import Noise
-from drd.filter import Filter, Outcome, Sigmas
+from drd.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
 from drd.noise import make_noise
 from drd.track import Track
 from drd_tools.explain.causes import GROUPS, by_group
@@ -20,6 +20,7 @@ from drd_tools.explain.tap import TappedFilter
 Array = npt.NDArray[np.float64]
 
 TREAD_M, STEP_S, STEPS, SEEDS = 0.588, 0.05, 500, 40
+POSE = [X, Y, GYRO_HEADING]
 BEGIN_S = 10.0  # errors count from the pose there
 SIGMAS = Sigmas(
     position_m=0.0, heading_rad=0.0, wheel_scale=0.003, tread_m=0.01, gyro_scale=0.004, gyro_bias_rad_s=4e-4
@@ -36,7 +37,7 @@ def drive(kf: Filter, clock: SimpleNamespace, cause: str, random: np.random.Gene
     bias = -on["gyro bias"] * SIGMAS.gyro_bias_rad_s * random.normal()
     x = y = heading = 0.0
     n = kf.nominal
-    true, estimated = [[x, y, heading]], [[n.x_m, n.y_m, n.heading_rad]]
+    true, estimated = [[x, y, heading]], [[n.x_m, n.y_m, kf.heading_rad]]
     for step in range(STEPS):
         clock.t_ns = round(step * STEP_S * 1e9)
         rate = 0.5 * math.sin(0.35 * step * STEP_S) + 0.2
@@ -64,7 +65,7 @@ def drive(kf: Filter, clock: SimpleNamespace, cause: str, random: np.random.Gene
         gyro_scale += on["gyro scale"] * math.sqrt(NOISE.gyro_scale_per_s * STEP_S) * random.normal()
         bias += on["gyro bias"] * math.sqrt(NOISE.gyro_bias_rad2_s2_per_s * STEP_S) * random.normal()
         true.append([x, y, heading])
-        estimated.append([n.x_m, n.y_m, n.heading_rad])
+        estimated.append([n.x_m, n.y_m, kf.heading_rad])
     return np.array(true), np.array(estimated)
 
 
@@ -86,7 +87,7 @@ def budget() -> Array:
     angle = estimated[round(BEGIN_S / STEP_S), 2]
     c, s = math.cos(angle), math.sin(angle)
     T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turned: Array = T @ by_group(stretch.budget.P[:, :3, :3]) @ T.T
+    turned: Array = T @ by_group(stretch.budget.P[:, POSE][:, :, POSE]) @ T.T
     return turned
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
-from drd_tools.explain.causes import GROUPS
+from drd_tools.explain.causes import CAUSES, GROUPS, SKID_SCALE
 from drd_tools.explain.results import Actual, Part
 from drd_tools.explain.stretch import Stretch
 
@@ -39,7 +39,7 @@ def actual_error(stretch: Stretch, reference: Reference, keep_s: tuple[float, ..
     """At the end, and on the way where the reference says how good it is: otherwise its noise would pass for drift."""
     table, followed = stretch.table(), stretch.budget.parts
     assert followed is not None
-    mean, covariance = followed.kept_mean, followed.kept_covariance
+    mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, stretch.kept_ways)
     kept_s = np.minimum(keep_s[: len(mean)], table[-1, 0])
     if not (reference.position_sigma_m > 0.0 and reference.heading_sigma_rad > 0.0):
         rows = 3 * mean.shape[1]
@@ -77,6 +77,13 @@ def actual_error(stretch: Stretch, reference: Reference, keep_s: tuple[float, ..
         error_m=np.hypot(drawn[:, 0], drawn[:, 1]).tolist(),
         error_deg=(drawn[:, 2] * DEG_PER_RAD).tolist(),
     )
+
+
+def with_unknown_way(covariance: Array, ways: list[Array]) -> Array:
+    """The kept parts' covariance, with what the scale of all ways adds while the drive is not known. (69)"""
+    ways_m = np.zeros((len(ways), len(GROUPS), 3))
+    ways_m[:, GROUPS.index(CAUSES[SKID_SCALE].group)] = ways
+    return covariance + np.outer(ways_m, ways_m)
 
 
 def _parts(course: Attribution, error: Array) -> tuple[list[Part], list[list[str]]]:

@@ -5,18 +5,17 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.filter import GYRO_HEADING, HEADING, Matrix, N
+from drd.filter import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
 from drd_tools.explain.causes import CAUSES
 from drd_tools.explain.parts import Parts
 
 COUNT: Final = len(CAUSES)
-POSE: Final = slice(0, 3)  # x, y, heading in the error state
 
 
 class Budget:
-    """P_i of each cause, shape (causes, 9, 9), in the filter's units.
+    """P_i of each cause, shape (causes, N, N), in the filter's units.
 
-    `delay`: the error state, shape (9,), that a gyro which is late by a constant time brings; a mean, not a variance.
+    `delay`: the error state, shape (N,), that a gyro which is late by a constant time brings; a mean, not a variance.
     `parts`: followed too where it is wanted, for what an actual error is due to.
     """
 
@@ -27,7 +26,7 @@ class Budget:
         self._T: Matrix = np.zeros((COUNT, N, N))
 
     def predict(self, FT: Matrix, Q: Matrix, delay_rad: float) -> None:
-        """`FT` (9, 9) is F transposed, `Q` (causes, 9, 9); `delay_rad`: what the delay adds to the gyro's heading."""
+        """`FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: what the delay adds to the gyro's heading."""
         self._move(FT)  # (47)
         self.P += Q
         self.delay[GYRO_HEADING] += delay_rad
@@ -35,7 +34,7 @@ class Budget:
             self.parts.predict(FT, Q)
 
     def update(self, K: Matrix, R: npt.NDArray[np.float64], z: float) -> None:
-        """`K` (9,) is the filter's own gain, `R` (causes,) the variance of the comparison `z` by cause. (47)"""
+        """`K` (N,) is the filter's own gain, `R` (causes,) the variance of the comparison `z` by cause. (47)"""
         P = self.P
         HP = P[:, HEADING] - P[:, GYRO_HEADING]
         HPH = HP[:, HEADING] - HP[:, GYRO_HEADING]
@@ -70,11 +69,24 @@ class Budget:
         if self.parts is not None:
             self.parts.add(cause, i, j, covariance)
 
-    def rebase(self) -> None:
-        """From now on errors count from the pose of this moment. (48)"""
+    def add_matrix(self, cause: int, covariance: Matrix) -> None:
+        """One cause's covariance grows by `covariance` (N, N)."""
+        for i in range(N):
+            for j in range(N):
+                if covariance[i, j]:
+                    self.add(cause, i, j, float(covariance[i, j]))
+
+    def rebase(self, pose_heading: int, velocity: Matrix) -> None:
+        """From now on errors count from the published pose of this moment. (48)
+
+        `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (65)
+        """
         FT = np.eye(N)
-        FT[:, POSE] = 0.0
-        FT[HEADING, GYRO_HEADING] = -1.0
+        other = GYRO_HEADING if pose_heading == HEADING else HEADING
+        FT[:, [X, Y, pose_heading]] = 0.0
+        FT[pose_heading, other] = -1.0
+        FT[WHEEL_LAG, [X, Y, pose_heading]] = -velocity
+        FT[WHEEL_LAG, other] = -velocity[2]
         self._move(FT)
         if self.parts is not None:
             self.parts.move(FT)

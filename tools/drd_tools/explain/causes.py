@@ -25,23 +25,30 @@ CAUSES: Final = (
     Cause("calibration", "what it leaves of the rate's error"),
     Cause("wheel scales", "at the start"),
     Cause("wheel scales", "walk"),
+    Cause("wheel scales", "skid steering"),
     Cause("tread", "at the start"),
     Cause("tread", "walk"),
+    Cause("wheel lag", "at the start"),
+    Cause("wheel lag", "walk"),
     Cause("slip noise", "each wheel's travel"),
     Cause("slip noise", "heading, in turns"),
     Cause("slip noise", "position, in turns"),
     Cause("slip noise", "sideways"),
     Cause("slip noise", "wheels and gyro disagreed"),
+    Cause("sideways slip", "in proportion to speed and yaw rate"),
     Cause("latency", "the sensors' times against each other"),
+    Cause("latency", "the wheels' time, at changes of speed"),
     Cause("quantisation", "floor of the comparison of the headings"),
     Cause("quantisation", "encoder counts"),
     Cause("motion not seen", "silent sensors"),
     Cause("start pose", "as configured or set"),
+    Cause("before a restart", "all that was known then"),
 )
 (
     GYRO_NOISE, BIAS_START, BIAS_WALK, BIAS_SILENCE, GYRO_SCALE_START, GYRO_SCALE_WALK, CALIBRATION,
-    WHEEL_SCALE_START, WHEEL_SCALE_WALK, TREAD_START, TREAD_WALK, SLIP_TRAVEL, SLIP_HEADING, SLIP_POSITION,
-    SLIP_SIDEWAYS, SLIP_FOUND, TIMING, COMPARISON, COUNTS, NOT_SEEN, START_POSE,
+    WHEEL_SCALE_START, WHEEL_SCALE_WALK, SKID_SCALE, TREAD_START, TREAD_WALK, LAG_START, LAG_WALK,
+    SLIP_TRAVEL, SLIP_HEADING, SLIP_POSITION, SLIP_SIDEWAYS, SLIP_FOUND, SIDEWAYS_SLIP, TIMING, JITTER, COMPARISON,
+    COUNTS, NOT_SEEN, START_POSE, HANDED_OVER,
 ) = range(len(CAUSES))  # fmt: skip
 GROUPS: Final = tuple(dict.fromkeys(cause.group for cause in CAUSES))
 
@@ -54,13 +61,17 @@ HELP: Final = {
     "calibration": "more rates and temperatures in `drd calibrate gyro`, and temperatures inside its range",
     "wheel scales": "`drd calibrate wheels`, which gives the scales and how well they are known",
     "tread": "`drd calibrate wheels` with turns to both sides, on the ground where the robot drives",
+    "wheel lag": "turns with quick changes of rate, which show it; or the drive's lag, where it is known, as a latency "
+    "with a smaller estimation.initial.wheel_lag_s",
     "slip noise": "no calibration: gentler turns and accelerations, better ground; or, if the robot slips less than "
     "estimation.noise says, a smaller number there",
+    "sideways slip": "no sensor tells it: gentler turns; or estimation.initial.slip_s, once a reference has shown it",
     "latency": "time stamps nearer to the measurement: a low-latency serial port (udev rule), a smaller "
     "estimation.noise.timing_s once it is measured",
     "quantisation": "encoders with more counts, a gyro with a finer resolution (estimation.noise.comparison_deg)",
     "motion not seen": "sensors that are not silent: see the reasons in `drd replay` and the health",
     "start pose": "a start pose that is better known (estimation.initial, or the sigmas of drd/set_pose)",
+    "before a restart": "drd/set_pose at a place that is known",
 }
 
 

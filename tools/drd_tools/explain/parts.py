@@ -20,7 +20,7 @@ GROUP_OF: Final = [GROUPS.index(cause.group) for cause in CAUSES]
 
 
 class Parts:
-    """Mean of each group's part of the error state, shape (groups, 9), and the covariance of all with all.
+    """Mean of each group's part of the error state, shape (groups, N), and the covariance of all with all.
 
     `kept_mean` (n, groups, 3) and `kept_covariance` (3 n groups, 3 n groups) are those of the poses that were kept.
     """
@@ -33,12 +33,12 @@ class Parts:
         self._kept: Matrix = np.zeros((0, COUNT * N))  # covariance of what was kept with the parts now
 
     def predict(self, FT: Matrix, Q: Matrix) -> None:
-        """`FT` (9, 9), `Q` (causes, 9, 9). (49)"""
+        """`FT` (N, N), `Q` (causes, N, N). (49)"""
         self.move(FT)
         self._add_blocks(np.add.reduceat(Q, FIRST, axis=0))
 
     def update(self, K: Array, R: Array, z: float) -> None:
-        """A comparison z was accepted: it is fed back with the gain `K` (9,), and it says something. (49)"""
+        """A comparison z was accepted: it is fed back with the gain `K` (N,), and it says something. (49)"""
         R = np.add.reduceat(R, FIRST)
         MT = np.eye(N)
         MT[HEADING] -= K
@@ -77,13 +77,13 @@ class Parts:
         at = GROUP_OF[cause] * N
         self.covariance[at + i, at + j] += covariance
 
-    def keep(self) -> None:
-        """Remember the parts of the pose at this moment."""
-        pose = [N * group + axis for group in range(COUNT) for axis in range(3)]
-        old = self._kept[:, pose]
-        self.kept_covariance = np.block([[self.kept_covariance, old], [old.T, self.covariance[np.ix_(pose, pose)]]])
-        self.kept_mean = np.concatenate([self.kept_mean, self.mean[None, :, :3]])
-        self._kept = np.concatenate([self._kept, self.covariance[pose]])
+    def keep(self, J: Matrix) -> None:
+        """Remember the parts of the pose at this moment; `J` (3, N): the pose's error of the error state."""
+        picked = np.kron(np.eye(COUNT), J)
+        now, old = picked @ self.covariance, self._kept @ picked.T
+        self.kept_covariance = np.block([[self.kept_covariance, old], [old.T, now @ picked.T]])
+        self.kept_mean = np.concatenate([self.kept_mean, (self.mean @ J.T)[None]])
+        self._kept = np.concatenate([self._kept, now])
 
     def _add_blocks(self, blocks: Array) -> None:
         groups = np.arange(COUNT)

@@ -26,7 +26,10 @@ from drd_tools.report.style import (  # fmt: skip
 COLORS: Final = dict(
     zip(
         GROUPS,
-        (SKY, "#004D7A", BLUE, "#7FD1B9", GREEN, VERMILION, ORANGE, PURPLE, "#F0E442", INK, GREY),
+        (
+            *(SKY, "#004D7A", BLUE, "#7FD1B9", GREEN, VERMILION, "#8C564B"),
+            *(ORANGE, "#E7969C", PURPLE, "#F0E442", INK, GREY, "#C7C7C7"),
+        ),
         strict=True,
     )
 )

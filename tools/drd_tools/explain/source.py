@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from drd_tools.explain.stretch import Stretch
-from drd_tools.explain.tap import tapped
+from drd_tools.explain.tap import tapped_track
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.folder_source import FIRST_NS, replay_folder, stamps_ns
@@ -18,22 +18,24 @@ from drd_tools.replay.result import Replayed
 
 @dataclass(frozen=True)
 class Source:
-    """Its time 0 on the filter's clock, first and last time of its wheels (infinite: not known yet), its replay."""
+    """The recording's time 0 on the filter's clock, its wheels' first and last time (infinite: not known yet).
+
+    `replay` makes the poses.
+    """
 
     path: Path
     zero_ns: int
     first_s: float
     last_s: float
     has_reference: bool
-    replay: Callable[[], Replayed]
+    replay: Callable[..., Replayed]
 
     def run(self, stretch: Stretch) -> Replayed:
         """Replay, telling `stretch` each step of the filter. Raises ConfigError."""
-        with tapped(stretch):
-            replayed = self.replay()
+        replayed = self.replay(new_track=partial(tapped_track, stretch))
         assert replayed.zero_ns == self.zero_ns
         if stretch.clock is not None:
-            stretch.finish(stretch.clock.kf.nominal)
+            stretch.finish(stretch.clock.kf)
         return replayed
 
 

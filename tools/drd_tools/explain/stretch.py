@@ -2,15 +2,18 @@
 
 import math
 from array import array
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.filter import Matrix, Nominal
+from drd.filter import WHEEL_LAG, Filter, Matrix, N, X, Y
+from drd.steering import Steering
 from drd.track import Track
+from drd.uncertainty import UNSEEN_ACCELERATION_M_S2
 from drd.units import NS_PER_S, S_PER_NS
-from drd_tools.explain.budget import POSE, Budget
-from drd_tools.explain.causes import COUNTS
+from drd_tools.explain.budget import Budget
+from drd_tools.explain.causes import COUNTS, JITTER, NOT_SEEN, SKID_SCALE
 from drd_tools.explain.parts import Parts
 
 SNAPSHOTS: Final = 1200  # twice as many as are drawn at least
@@ -40,10 +43,13 @@ class Stretch:
     def __init__(self, zero_ns: int, from_s: float | None, to_s: float | None, keep_s: tuple[float, ...] = ()):
         self.budget = Budget(Parts() if keep_s else None)
         self.clock: Track | None = None
+        self.steering: Steering | None = None  # knows how badly the scale of all ways is known
+        self.begin_steering: Callable[[], Steering] | None = None
         self.delay_s = DELAY_S
         self.reading_m2 = 0.0  # of the wheels between two counts
         self.snapshots: list[Snapshot] = []
-        self.poses = array("d")  # time_s, x_m, y_m, heading_rad of each step
+        self.poses = array("d")  # time_s, x_m, y_m, heading_rad of each step, as published
+        self.kept_ways: list[Matrix] = []  # (3,), what one sigma of the unknown scale does to each kept pose
         self.set_at_s: list[float] = []  # times in the stretch at which a pose was set from outside
         self.done = self.begun = False
         self._zero_ns = zero_ns
@@ -53,6 +59,7 @@ class Stretch:
         self._kept = 0
         self._interval_ns, self._next_ns = round(FIRST_INTERVAL_S * NS_PER_S), 0
         self._way_m = 0.0
+        self._from_m = (0.0, 0.0)
 
     def _ns(self, time_s: float) -> int:
         return round(time_s * NS_PER_S) + self._zero_ns
@@ -61,35 +68,41 @@ class Stretch:
         """The filter's poses, shape (n, 4): time_s, x_m, y_m, heading_rad."""
         return np.array(self.poses).reshape(-1, 4)
 
-    def before_step(self, nominal: Nominal) -> None:
+    def before_step(self, kf: Filter) -> None:
         """The step that ended is complete, with its comparison: look at it before the next one begins."""
         assert self.clock is not None
         t_ns = self.clock.t_ns
         time_s = (t_ns - self._zero_ns) * S_PER_NS
-        self.poses.extend((time_s, nominal.x_m, nominal.y_m, nominal.heading_rad))
+        velocity, lag_s = self._velocity(kf), self._lag_s
+        turn_rad = velocity[2] * lag_s
+        c, s = math.cos(-0.5 * turn_rad), math.sin(-0.5 * turn_rad)  # the way goes along the middle of the turn
+        lead = lag_s * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ velocity
+        pose = np.array((kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad)) + lead
+        self.poses.extend((time_s, *pose.tolist()))
         if self.done:
             return
         if not self.begun and (self._from_ns is None or t_ns >= self._from_ns):
             self.begun, self._way_m = True, 0.0
             if self._from_ns is not None:
-                self.budget.rebase()
+                self.budget.rebase(kf.pose_heading, velocity)
+                self._from_m = (kf.nominal.x_m, kf.nominal.y_m)
         if not self.begun:
             return
         while self._kept < len(self._keep_ns) and t_ns >= self._keep_ns[self._kept]:
-            self._keep()
+            self._keep(kf, velocity)
         at_end = self._to_ns is not None and t_ns >= self._to_ns
         if t_ns >= self._next_ns or at_end:
             self._next_ns = t_ns + self._interval_ns
-            self._snapshot(time_s, nominal)
+            self._snapshot(time_s, kf, velocity)
         self.done = at_end
 
-    def finish(self, nominal: Nominal) -> None:
+    def finish(self, kf: Filter) -> None:
         """The recording has ended."""
         if self.clock is not None and self.clock.t_ns and not self.done:
             self._next_ns = 0
-            self.before_step(nominal)
+            self.before_step(kf)
             if self.begun and self._kept < len(self._keep_ns):  # the last pose comes a little later than the last step
-                self._keep()
+                self._keep(kf, self._velocity(kf))
 
     def moved(self, dx_m: float, dy_m: float) -> None:
         """The way of one step, without the filter's corrections."""
@@ -100,16 +113,47 @@ class Stretch:
         if self.clock is not None and self.begun:
             self.set_at_s.append((self.clock.t_ns - self._zero_ns) * S_PER_NS)
 
-    def _keep(self) -> None:
+    @property
+    def _lag_s(self) -> float:
+        return max(getattr(self.clock, "lag_ns", 0), 0) * S_PER_NS
+
+    def _velocity(self, kf: Filter) -> Matrix:
+        """Of x, y and heading, by which the published pose is ahead of the filter's for each second of lag. (65)"""
+        speed_m_s, rate_rad_s = getattr(self.clock, "speed_m_s", 0.0), getattr(self.clock, "rate_rad_s", 0.0)
+        heading_rad = kf.heading_rad + rate_rad_s * self._lag_s
+        return np.array((speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad), rate_rad_s))
+
+    def _unknown_way(self, kf: Filter) -> Matrix:
+        """What one sigma of the scale of all ways, beyond P's, does to the pose. (69)"""
+        scale, n = self.steering.scale if self.steering is not None else 0.0, kf.nominal
+        from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
+        return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
+
+    def _keep(self, kf: Filter, velocity: Matrix) -> None:
         assert self.budget.parts is not None
-        self.budget.parts.keep()
+        self.budget.parts.keep(published(kf, velocity))
+        self.kept_ways.append(self._unknown_way(kf))
         self._kept += 1
 
-    def _snapshot(self, time_s: float, nominal: Nominal) -> None:
-        covariance = self.budget.P[:, POSE, POSE].copy()
-        covariance[COUNTS, XY, XY] += self.reading_m2 * (1.0 if self._from_ns is None else 2.0)  # (26)
-        delay = self.budget.delay[POSE].copy()
-        self.snapshots.append(Snapshot(time_s, self._way_m, nominal.heading_rad, covariance, delay))
+    def _snapshot(self, time_s: float, kf: Filter, velocity: Matrix) -> None:
+        J, way = published(kf, velocity), self._unknown_way(kf)
+        covariance = J @ self.budget.P @ J.T
+        readings = 1.0 if self._from_ns is None else 2.0  # (26)
+        unseen_m = 0.5 * UNSEEN_ACCELERATION_M_S2 * self._lag_s**2
+        covariance[COUNTS, XY, XY] += self.reading_m2 * readings
+        covariance[NOT_SEEN, XY, XY] += unseen_m**2 * readings
+        covariance[JITTER] += kf.noise.jitter_s2 * np.outer(velocity, velocity) * readings
+        covariance[SKID_SCALE] += np.outer(way, way)
+        delay = J @ self.budget.delay
+        self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))
         if len(self.snapshots) > SNAPSHOTS:
             del self.snapshots[1::2]
             self._interval_ns *= 2
+
+
+def published(kf: Filter, velocity: Matrix) -> Matrix:
+    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead. (65)"""
+    J = np.zeros((3, N))
+    J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0
+    J[:, WHEEL_LAG] = velocity
+    return J

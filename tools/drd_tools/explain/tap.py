@@ -1,12 +1,10 @@
 """The daemon's own filter, with every step of it repeated on the budget."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-import drd.estimator
+from drd.config import Config
 from drd.filter import (
     GYRO_BIAS,
     GYRO_HEADING,
@@ -15,48 +13,66 @@ from drd.filter import (
     HH,
     SCALE_L,
     SCALE_R,
+    SLIP,
     TREAD,
+    WHEEL_LAG,
     XX,
     YY,
     Filter,
     Matrix,
     N,
+    Nominal,
     Outcome,
     Sigmas,
     X,
     Y,
     _elements,
 )
+from drd.learning import Drive, WheelNoise
 from drd.noise import NoiseProfile
-from drd.track import Track
+from drd.steering import Steering
+from drd.track import Track, make_track
 from drd_tools.explain import causes
 from drd_tools.explain.budget import COUNT
 from drd_tools.explain.process_noise import Step, fill
 from drd_tools.explain.stretch import Stretch
 
+START_OF = {
+    SCALE_R: causes.WHEEL_SCALE_START,
+    SCALE_L: causes.WHEEL_SCALE_START,
+    TREAD: causes.TREAD_START,
+    GYRO_SCALE: causes.GYRO_SCALE_START,
+    GYRO_BIAS: causes.BIAS_START,
+    SLIP: causes.SIDEWAYS_SLIP,
+}
 
-@contextmanager
-def tapped(stretch: Stretch) -> Iterator[None]:
-    """The first estimator that is made inside has a filter that tells `stretch` its steps.
 
-    The daemon's code has no hook for it, so the names of the two classes are exchanged where the estimator finds them.
-    """
+def tapped_track(stretch: Stretch, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
+    """A track as the estimator's own, whose filter tells `stretch` its steps."""
+    stretch.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
+    stretch.steering = stretch.begin_steering()
 
-    def make_filter(*args: Any) -> Filter:
-        # The estimator's first filter is the track's; its second one only looks ahead.
-        return Filter(*args) if stretch.clock is not None else TappedFilter(stretch, *args)
+    # One that is to take over from another goes on with the other's budget, see copy_from.
+    is_first = stretch.clock is None
 
-    def make_track(kf: Filter, *args: Any) -> Track:
-        track = Track(kf, *args)
-        if isinstance(kf, TappedFilter):
-            stretch.clock = track
-        return track
+    def tapped(*args: Any) -> TappedFilter:
+        return TappedFilter(stretch, *args, is_told=is_first)
 
-    vars(drd.estimator).update(Filter=make_filter, Track=make_track)
-    try:
-        yield
-    finally:
-        vars(drd.estimator).update(Filter=Filter, Track=Track)
+    stretch.clock = make_track(config, sigmas, noise, tapped)
+    return stretch.clock
+
+
+class _Told(Filter):
+    """What steering looks at, which nothing that it says changes: the filter is told by the estimator's own."""
+
+    def __init__(self, kf: Filter):
+        self.nominal, self._p = kf.nominal, kf._p
+
+    def add_scale_variance(self, common: float, difference: float) -> None:
+        """Nothing."""
+
+    def add_slip_variance(self, variance_s2: float) -> None:
+        """Nothing."""
 
 
 class TappedFilter(Filter):
@@ -68,10 +84,10 @@ class TappedFilter(Filter):
         tread_m: float,
         sigmas: Sigmas,
         noise: NoiseProfile,
-        gate_sigma: float = 5.0,
-        midpoint: bool = True,
+        *args: Any,
+        is_told: bool = True,
     ):
-        self._stretch, self._budget = stretch, stretch.budget
+        self._stretch, self._budget, self._watches = stretch, stretch.budget, is_told
         self._Q_causes: Matrix = np.zeros((COUNT, N, N))
         self._q_causes = _elements(self._Q_causes)
         self._R = np.zeros(COUNT)
@@ -80,15 +96,27 @@ class TappedFilter(Filter):
         stretch.reading_m2 = noise.count_m2
         self._rate_rad_s: float | None = None
         self._unseen = False
-        super().__init__(tread_m, sigmas, noise, gate_sigma, midpoint)
+        super().__init__(tread_m, sigmas, noise, *args)
+
+    @property
+    def _is_told(self) -> bool:
+        return self._watches and not self._stretch.done
+
+    def copy_from(self, other: Filter) -> None:
+        """As the filter's: goes on in another's place, also where that one was watched."""
+        super().copy_from(other)
+        self._watches = True
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """As the filter's; each standard deviation is a cause of its own."""
+        if self._is_told:
+            self._budget.forget(*range(N))
+            if self._stretch.begin_steering is not None:
+                self._stretch.steering = self._stretch.begin_steering()
         super().restart(tread_m, s)
         self._rate_rad_s = None
-        if self._stretch.done:
+        if not self._is_told:
             return
-        self._budget.forget(*range(N))
         for cause, i, sigma in (
             (causes.START_POSE, X, s.position_m),
             (causes.START_POSE, Y, s.position_m),
@@ -97,6 +125,8 @@ class TappedFilter(Filter):
             (causes.TREAD_START, TREAD, s.tread_m),
             (causes.GYRO_SCALE_START, GYRO_SCALE, s.gyro_scale),
             (causes.BIAS_START, GYRO_BIAS, s.gyro_bias_rad_s),
+            (causes.LAG_START, WHEEL_LAG, s.wheel_lag_s),
+            (causes.SIDEWAYS_SLIP, SLIP, s.slip_s),
         ):
             self._budget.add(cause, i, i, sigma**2)
         for i in (HEADING, GYRO_HEADING):
@@ -108,13 +138,13 @@ class TappedFilter(Filter):
     ) -> None:
         """As the filter's."""
         self._unseen = False
-        self._stretch.before_step(self.nominal)
+        self._stretch.before_step(self)
         n = self.nominal
         x_m, y_m = n.x_m, n.y_m
         super().predict(dt_s, left_m, right_m, rate_rad_s, *args, **kwargs)
         self._stretch.moved(n.x_m - x_m, n.y_m - y_m)
         before, self._rate_rad_s = self._rate_rad_s, rate_rad_s
-        if not self._stretch.done:
+        if self._is_told:
             change = 0.0 if before is None or rate_rad_s is None else n.gyro_scale * (rate_rad_s - before)
             self._budget.predict(self._FT, self._Q_causes, -self._stretch.delay_s * change)
 
@@ -130,31 +160,34 @@ class TappedFilter(Filter):
         bend: float,
     ) -> None:
         super()._process_noise(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend)
-        if not self._stretch.done:
-            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, self.nominal.tread_m)
-            fill(self._q_causes, self._noise, step, self._estimate_gyro_scale)
+        if self._is_told:
+            tread_m = self.nominal.tread_m
+            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, tread_m, self._jitter)
+            fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
     def update(self, rate_rad_s: float) -> Outcome:
         """As the filter's."""
         PH = self.P[HEADING] - self.P[GYRO_HEADING]
         outcome = super().update(rate_rad_s)
-        if outcome is Outcome.ACCEPTED and not self._stretch.done:
-            self._R[causes.TIMING] = self._noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
+        if outcome is Outcome.ACCEPTED and self._is_told:
+            self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
             self._budget.update(PH / self.S, self._R, self.z)  # (17)
+            if (steering := self._stretch.steering) is not None and steering.drive is Drive.UNKNOWN:
+                steering.watch(_Told(self))
         return outcome
 
     def anchor_gyro(self) -> None:
         """As the filter's."""
         super().anchor_gyro()
         self._unseen = False
-        if not self._stretch.done:
+        if self._is_told:
             self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
         """As the filter's."""
         super().anchor_wheels()
         self._unseen = False
-        if not self._stretch.done:
+        if self._is_told:
             self._budget.copy_error(GYRO_HEADING, HEADING)
 
     def add_position_variance(self, variance_m2: float) -> None:
@@ -162,7 +195,7 @@ class TappedFilter(Filter):
         xx, yy = self._p[XX], self._p[YY]
         super().add_position_variance(variance_m2)
         self._unseen = True
-        if not self._stretch.done:
+        if self._is_told:
             self._budget.add(causes.NOT_SEEN, X, X, self._p[XX] - xx)
             self._budget.add(causes.NOT_SEEN, Y, Y, self._p[YY] - yy)
 
@@ -171,7 +204,7 @@ class TappedFilter(Filter):
         hh = self._p[HH]
         super().add_heading_variance(variance_rad2, both)
         cause = causes.NOT_SEEN if self._unseen and both else causes.SLIP_FOUND
-        if not self._stretch.done:
+        if self._is_told:
             for i in (HEADING, GYRO_HEADING) if both else (HEADING,):
                 for j in (HEADING, GYRO_HEADING) if both else (HEADING,):
                     self._budget.add(cause, i, j, self._p[HH] - hh)
@@ -179,24 +212,51 @@ class TappedFilter(Filter):
     def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
         """As the filter's."""
         super().add_gyro_bias_variance(variance_rad2_s2)
-        if not self._stretch.done:
+        if self._is_told:
             self._budget.add(causes.BIAS_SILENCE, GYRO_BIAS, GYRO_BIAS, variance_rad2_s2)
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
         """As the filter's."""
         super().set_pose(x_m, y_m, heading_rad, covariance)
-        if self._stretch.done:
+        if not self._is_told:
             return
         self._stretch.pose_was_set()
         self._budget.forget(X, Y, HEADING, GYRO_HEADING)
         for i in (X, Y, HEADING):
             for j in (X, Y, HEADING):
-                self._budget.add(causes.START_POSE, i, j, float(covariance[i, j]))
+                self._budget.add(causes.START_POSE, i, j, float(self.P[i, j]))
         self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
         """As the filter's."""
         super().set_gyro_bias(bias_rad_s, sigma_rad_s)
-        if not self._stretch.done:
+        if self._is_told:
             self._budget.forget(GYRO_BIAS)
             self._budget.add(causes.BIAS_START, GYRO_BIAS, GYRO_BIAS, sigma_rad_s**2)
+
+    def add_scale_variance(self, common: float, difference: float) -> None:
+        """As the filter's: the wheels skid."""
+        before = self.P.copy()
+        super().add_scale_variance(common, difference)
+        if self._is_told:
+            self._budget.add_matrix(causes.SKID_SCALE, self.P - before)
+
+    def add_slip_variance(self, variance_s2: float) -> None:
+        """As the filter's."""
+        super().add_slip_variance(variance_s2)
+        if self._is_told:
+            self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
+
+    def put(self, nominal: Nominal, P: Matrix) -> None:
+        """As the filter's: which cause brought what is not known of an estimate from elsewhere."""
+        super().put(nominal, P)
+        if self._is_told:
+            self._budget.forget(*range(N))
+            self._budget.add_matrix(causes.HANDED_OVER, P)
+
+    def forget(self, state: int, sigma: float) -> None:
+        """As the filter's."""
+        super().forget(state, sigma)
+        if self._is_told:
+            self._budget.forget(state)
+            self._budget.add(START_OF[state], state, state, sigma**2)
