@@ -11,6 +11,7 @@ from drd.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS
 from drd_tools.evaluate.compare import compare
 from drd_tools.evaluate.judge import judge
+from drd_tools.evaluate.limits import limit_for
 from drd_tools.evaluate.report import print_runs, write_report
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.evaluate.trajectory import Poses, Reference, read_poses, read_reference
@@ -19,6 +20,9 @@ from drd_tools.report.saved import FILE
 DESCRIPTION = """\
 Judge poses against a reference: error at the end and of the return, absolute and relative trajectory error, drift in
 per cent (KITTI, on segments scaled to the path), heading drift in deg/h, and consistency (NEES, with its bounds).
+Beside them stands the smallest error that any estimator could have on that recording (the posterior Cramer-Rao bound),
+and what would lower it most, where the recording is at hand: as the input, as the one that the JSON beside POSES.csv
+names, or as the reference's folder.
 
 POSES.csv has time_s,x_m,y_m,heading_deg and, if known, the covariance xx_m2,xy_m2,xh_m_rad,yy_m2,yh_m_rad,hh_rad2
 (and position_bound_99_m), as `drd replay` writes it. --reference names a recording folder, or a CSV with
@@ -148,6 +152,7 @@ def _evaluate(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> li
                 metres=metres,
                 max_gap_s=chosen.max_gap,
                 closed_within_m=chosen.closed_within,
+                limit=limit_for(path, reference_path),
             )
         )
     return runs

@@ -13,7 +13,7 @@ from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.report.page import Page
 
 DRAWN: Final = 6  # references whose pictures are drawn
-MEDIAN_HEADER: Final = ("evaluation", *text.SUMMARY_HEADER[1:-1])
+MEDIAN_HEADER: Final = ("evaluation", *text.SUMMARY_HEADER[1:8])
 Labelled = tuple[str, Run]
 
 

@@ -12,6 +12,7 @@ from drd_tools.evaluate.heading import heading_drift
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift, relative_by_time, turned
 from drd_tools.evaluate.results import Run, Series
 from drd_tools.evaluate.trajectory import Pairs, Poses, Reference, associate
+from drd_tools.limit.limit import Limit
 
 DRAWN_ROWS: Final = 2000
 TRACK: Final = np.array((1.0, 1.0, DEG_PER_RAD))
@@ -25,8 +26,11 @@ def judge(
     metres: float = 0.0,
     max_gap_s: float = 1.0,
     closed_within_m: float | None = None,
+    limit: Limit | None = None,
 ) -> Run:
-    """Associate, align and measure. Raises ConfigError where the two have too little in common."""
+    """Associate, align and measure; `limit` is the recording's bound. Raises ConfigError where the two have too little
+    in common.
+    """
     pairs = associate(poses, reference, max_gap_s)
     aligned, alignment = align(pairs, kind, metres)
     drift, by_length = kitti_drift(pairs)
@@ -54,6 +58,7 @@ def judge(
         consistency=consistency(aligned, alignment, reference),
         windows=error_growth(pairs, reference),
         series=_series(aligned, alignment, reference),
+        limit=limit,
     )
 
 

@@ -9,6 +9,7 @@ from tqdm import tqdm
 from drd_tools.evaluate import text
 from drd_tools.evaluate.pictures import drivers_picture, error_picture, path_picture
 from drd_tools.evaluate.results import Evaluation, Run
+from drd_tools.limit import text as limit_text
 from drd_tools.report.page import Page
 
 
@@ -65,6 +66,9 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
         page.table(text.TIME_HEADER, text.relative_rows(run.by_time), "Relative error over intervals of time")
     if run.consistency.nees:
         page.table(text.NEES_HEADER, text.nees_rows(run.consistency.nees), "Consistency")
+    if run.limit is not None:
+        page.table(limit_text.SHARES_HEADER, limit_text.share_rows(run.limit), limit_text.CAPTION)
+        page.table(limit_text.CHANGES_HEADER, limit_text.change_rows(run.limit), limit_text.CHANGES_CAPTION)
     page.text(f"Poses sha256 {run.poses_sha256[:16]}, reference sha256 {run.reference_sha256[:16]}.")
     return files
 

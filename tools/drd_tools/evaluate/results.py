@@ -15,6 +15,7 @@ from drd_tools.evaluate.consistency import Consistency
 from drd_tools.evaluate.drivers import Windows
 from drd_tools.evaluate.heading import HeadingDrift
 from drd_tools.evaluate.metrics import Absolute, Drift, EndError, Relative
+from drd_tools.limit.limit import Limit
 from drd_tools.report.saved import load, save
 
 Array = npt.NDArray[np.float64]
@@ -65,6 +66,7 @@ class Run:
     consistency: Consistency
     windows: Windows
     series: Series
+    limit: Limit | None = None  # of the recording, where it is known
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ from typing import Final
 from drd_tools.evaluate.consistency import PARTS, Nees, together
 from drd_tools.evaluate.metrics import Relative
 from drd_tools.evaluate.results import Run
+from drd_tools.limit import text as limit_text
 
 SUMMARY_HEADER: Final = (
     "run", "path / m", "end / m", "return / m", "ATE / m", "heading ATE / deg", "drift / %", "heading drift / deg/h",
-    "NEES of 3",
+    "NEES of 3", "limit / m", "limit drift / %",
 )  # fmt: skip
 LENGTH_HEADER: Final = ("length / m", "segments", "rmse / m", "rmse / deg", "mean / %", "mean / deg/m")
 TIME_HEADER: Final = ("duration / s", "segments", "rmse / m", "rmse / deg")
@@ -23,7 +24,9 @@ def summary_rows(runs: Sequence[Run]) -> list[list[str]]:
     for run in runs:
         nees = next((n for n in run.consistency.nees if n.part == "pose"), None)
         cells = [f"{v:.3g}" if v is not None else UNKNOWN for v in main_figures(run)]
-        rows.append([run.name, *cells, UNKNOWN if nees is None else f"{nees.average:.3g} ({nees.verdict})"])
+        cells.append(UNKNOWN if nees is None else f"{nees.average:.3g} ({nees.verdict})")
+        bound = (None, None) if run.limit is None else (run.limit.position_rms_m, run.limit.drift_percent)
+        rows.append([run.name, *cells, *(UNKNOWN if v is None else f"{v:.2g}" for v in bound)])
     return rows
 
 
@@ -47,8 +50,9 @@ def sentences(run: Run) -> Iterator[str]:
     yield from _end(run)
     a = run.absolute
     yield (
-        f"Absolute trajectory error: {_m(a.position_rmse_m)} rmse, {_m(a.position_mean_m)} mean, "
-        f"{_m(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg rmse, "
+        f"Absolute trajectory error: {_m(a.position_rmse_m)} rmse{_limit(run, 'position_rms_m')}, "
+        f"{_m(a.position_mean_m)} mean, {_m(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg "
+        f"rmse{_limit(run, 'heading_rms_deg')}, "
         f"{a.heading_max_deg:.3g} deg at most."
     )
     if run.drift is None:
@@ -57,11 +61,23 @@ def sentences(run: Run) -> Iterator[str]:
     else:
         d = run.drift
         yield (
-            f"Drift (KITTI): {d.percent:.3g} % and {d.deg_per_m:.3g} deg/m, mean of {d.segments} overlapping segments "
-            f"of {d.shortest_m:.3g} to {d.longest_m:.3g} m (10 to 80 % of the path, where the reference has rows)."
+            f"Drift (KITTI): {d.percent:.3g} %{_limit(run, 'drift_percent')} and {d.deg_per_m:.3g} deg/m, mean of "
+            f"{d.segments} overlapping segments of {d.shortest_m:.3g} to {d.longest_m:.3g} m (10 to 80 % of the path, "
+            "where the reference has rows)."
         )
     yield _heading(run)
     yield from _consistency(run)
+    if run.limit is not None:
+        yield from limit_text.sentences(run.limit)
+
+
+def _limit(run: Run, name: str) -> str:
+    """The bound beside an error; empty where there is none."""
+    if run.limit is None:
+        return ""
+    value = float(getattr(run.limit, name))
+    unit = "%" if name == "drift_percent" else "deg"
+    return f" (limit {_m(value) if name.endswith('_m') else f'{value:.2g} {unit}'})"
 
 
 def _basis(run: Run) -> Iterator[str]:
@@ -81,8 +97,9 @@ def _end(run: Run) -> Iterator[str]:
     e = run.end
     share = "" if e.share_of_path is None else f", {100.0 * e.share_of_path:.3g} % of the path"
     yield (
-        f"Error at the end ({e.time_s:.1f} s): {_m(e.position_m)}{share} (along {_m(e.along_m, '+')}, "
-        f"to the left {_m(e.cross_m, '+')}), heading {e.heading_deg:+.3g} deg."
+        f"Error at the end ({e.time_s:.1f} s): {_m(e.position_m)}{_limit(run, 'end_m')}{share} (along "
+        f"{_m(e.along_m, '+')}, to the left {_m(e.cross_m, '+')}), heading {e.heading_deg:+.3g} "
+        f"deg{_limit(run, 'end_deg')}."
     )
     if e.return_m is None or e.return_heading_deg is None:
         yield f"Return position error: none, as the path ends {_m(e.reference_to_start_m)} from its start."

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from drd.schema import ConfigError
@@ -25,6 +26,9 @@ With --from S or a reference, errors count from the pose at the stretch's beginn
 
 A reference (the folder's reference.csv, or --reference) shows the actual error: whether the budget covers it, and if so
 which causes brought it most likely, by the error's course and by what the comparisons of the two headings showed.
+
+Last stands the smallest error that any estimator could have on the whole recording (the posterior Cramer-Rao bound),
+with the geometry known, and what would lower it most.
 """
 EXAMPLES = """\
 examples:
@@ -68,7 +72,11 @@ def main(argv: list[str]) -> int:
 
 def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
     source = open_source(chosen.recording, chosen.config, chosen.calibration, chosen.model)
-    return explain(source, chosen.begin, chosen.to, _reference(chosen, parser, source.has_reference))
+    explanation = explain(source, chosen.begin, chosen.to, _reference(chosen, parser, source.has_reference))
+    try:
+        return replace(explanation, limit=source.limit())
+    except ConfigError as error:
+        return replace(explanation, notes=[*explanation.notes, f"No limit: {error}"])
 
 
 def _reference(chosen: argparse.Namespace, parser: argparse.ArgumentParser, has_own: bool) -> Reference | None:

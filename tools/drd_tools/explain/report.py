@@ -5,6 +5,7 @@ from pathlib import Path
 from drd_tools.explain import text
 from drd_tools.explain.pictures import budget_picture, parts_picture
 from drd_tools.explain.results import Explanation
+from drd_tools.limit import text as limit_text
 from drd_tools.report.page import Page
 
 
@@ -58,6 +59,10 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
             page.text(f"Not told apart by this error (where one is larger the other is smaller): {pairs}.")
     else:
         (folder / "parts.png").unlink(missing_ok=True)  # of an earlier explanation
+    if e.limit is not None:
+        page.heading("The limit")
+        page.table(limit_text.SHARES_HEADER, limit_text.share_rows(e.limit), limit_text.CAPTION)
+        page.table(limit_text.CHANGES_HEADER, limit_text.change_rows(e.limit), limit_text.CHANGES_CAPTION)
     page.heading("What it was made from")
     for note in e.notes:
         page.text(note)

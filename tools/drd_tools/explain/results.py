@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from drd_tools.limit.limit import Change, Limit, Share
 from drd_tools.report.saved import load, save
 
 FORMAT: Final = "drd-explanation/1"
@@ -102,6 +103,7 @@ class Explanation:
     way_series_m: list[float]
     position_m2: list[list[float]]
     heading_deg2: list[list[float]]
+    limit: Limit | None = None  # of the whole recording
 
     def save(self, folder: Path) -> None:
         """Write results.json. Raises OSError."""
@@ -121,6 +123,10 @@ def _revived(content: dict[str, Any]) -> Explanation:
     if (actual := content["actual"]) is not None:
         actual["parts"] = [Part(**part) for part in actual["parts"]]
         content["actual"] = Actual(**actual)
+    if (limit := content.get("limit")) is not None:
+        limit["by_cause"] = [Share(**share) for share in limit["by_cause"]]
+        limit["changes"] = [Change(**change) for change in limit["changes"]]
+        content["limit"] = Limit(**limit)
     explanation = Explanation(**content)
     shape = {len(row) for rows in (explanation.position_m2, explanation.heading_deg2) for row in rows}
     lengths = {len(explanation.position_m2), len(explanation.heading_deg2), len(explanation.time_s)}

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import tapped_track
+from drd_tools.limit.limit import Limit, limit_of
+from drd_tools.recordings.daemon_log import read_daemon_log
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.folder_source import FIRST_NS, replay_folder, stamps_ns
 from drd_tools.replay.mcap_source import replay_mcap
-from drd_tools.replay.nominal import with_model
+from drd_tools.replay.nominal import in_force, with_model
 from drd_tools.replay.result import Replayed
 
 
@@ -20,7 +22,7 @@ from drd_tools.replay.result import Replayed
 class Source:
     """The recording's time 0 on the filter's clock, its wheels' first and last time (infinite: not known yet).
 
-    `replay` makes the poses.
+    `replay` makes the poses, `limit` the smallest error that any estimator could have.
     """
 
     path: Path
@@ -29,6 +31,7 @@ class Source:
     last_s: float
     has_reference: bool
     replay: Callable[..., Replayed]
+    limit: Callable[[], Limit]
 
     def run(self, stretch: Stretch) -> Replayed:
         """Replay, telling `stretch` each step of the filter. Raises ConfigError."""
@@ -45,7 +48,7 @@ def open_source(path: Path, config: Path | None, calibration: Path | None, model
         began = open_mcap(path).information.get("started_monotonic_ns", "")
         zero_ns = int(began) if began.isdecimal() else 0
         replay = partial(replay_mcap, path, config=config, calibration=calibration, model=model)
-        return Source(path, zero_ns, -math.inf, math.inf, False, replay)
+        return Source(path, zero_ns, -math.inf, math.inf, False, replay, lambda: limit_of(read_daemon_log(path)))
     recording = read_recording(path)
     if model is not None:
         recording = with_model(recording, model)
@@ -59,4 +62,5 @@ def open_source(path: Path, config: Path | None, calibration: Path | None, model
         float(recording.encoders.time_s[-1]),
         reference is not None and len(reference.time_s) > 1,
         partial(replay_folder, recording, config, calibration),
+        lambda: limit_of(recording, in_force(recording, config, None)[0]),
     )

@@ -6,6 +6,7 @@ from typing import Final
 
 from drd_tools.explain.causes import HELP
 from drd_tools.explain.results import Actual, Explanation, Line, Part
+from drd_tools.limit import text as limit_text
 
 HEADER: Final = (
     "cause", "along / m", "across / m", "position / m", "% of var.", "heading / deg", "% of var.",
@@ -31,6 +32,8 @@ def lead(e: Explanation) -> Iterator[str]:
     yield from _help(e)
     if e.actual is not None:
         yield from _verdict(e.actual)
+    if e.limit is not None:
+        yield from limit_text.sentences(e.limit)
 
 
 def _largest(e: Explanation) -> str:

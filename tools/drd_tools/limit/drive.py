@@ -1,0 +1,114 @@
+"""A drive as blocks of time along which the bound is computed, and the noise that its replay has learned."""
+
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.config import Config
+from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
+from drd.estimator import Estimator
+from drd.filter import Filter, Sigmas
+from drd.noise import NoiseProfile
+from drd.schema import ConfigError
+from drd.track import Track, make_track
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import FIRST_NS, gyro_samples, metres_per_count, run, stamps_ns, wheel_samples
+
+Array = npt.NDArray[np.float64]
+
+# Linear steps as long as that are exact enough: a turn of 0.1 rad bends a chord by 0.04 %; at rest only the bias moves.
+MOVING_S: Final = 0.25
+STANDING_S: Final = 1.0
+TURN_RAD: Final = 0.1
+
+
+class Block(NamedTuple):
+    """What the robot does in one piece of time. Travel is without the scale errors that were learned."""
+
+    dt_s: float
+    left_m: float
+    right_m: float
+    turn_rad: float
+
+    @property
+    def is_rest(self) -> bool:
+        """Whether both wheels stand, which leaves the wheels' heading without noise."""
+        return self.left_m == 0.0 and self.right_m == 0.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Blocks in order of time. `gyro_hz` is 0 without a gyro; `noise`: as learned on the way."""
+
+    blocks: list[Block]
+    tread_m: float
+    gyro_hz: float
+    noise: NoiseProfile
+    resolution_m: float
+
+    @property
+    def way_m(self) -> float:
+        """The length of the way."""
+        return sum(0.5 * abs(b.left_m + b.right_m) for b in self.blocks)
+
+
+class _Watched(Filter):
+    """Keeps what each step was given, and what it turned the pose's heading by."""
+
+    def __init__(self, *args: Any):
+        self.steps: list[Block] = []
+        super().__init__(*args)
+
+    def predict(self, dt_s: float, left_m: float, right_m: float, *args: Any, **kwargs: Any) -> None:
+        """As the filter's."""
+        before_rad = self.heading_rad
+        super().predict(dt_s, left_m, right_m, *args, **kwargs)
+        self.steps.append(Block(dt_s, left_m, right_m, self.heading_rad - before_rad))
+
+
+def replayed_drive(recording: Recording, config: Config) -> Drive:
+    """The drive as the daemon's own estimator sees it. Raises ConfigError where nothing can be replayed."""
+    zero_ns = FIRST_NS - int(stamps_ns(recording.encoders.time_s[:1], 0)[0])
+    wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
+    gyro, _ = gyro_samples(recording.fog, config, zero_ns)
+    counted = recording.encoders.left_counts is not None
+    resolution_m = max(map(abs, metres_per_count(config))) if counted else UNCOUNTED_RESOLUTION_M
+    watched: list[_Watched] = []
+
+    def new_track(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
+        def watch(*args: Any) -> _Watched:
+            watched.append(_Watched(*args))
+            return watched[-1]
+
+        return make_track(config, sigmas, noise, watch)
+
+    run(Estimator(config, None, resolution_m, new_track=new_track), [s for s in gyro if s.t_ns > 0], wheels)
+    kf = watched[0]
+    if not kf.steps:
+        raise ConfigError(str(recording.folder), "", "a recording that gives poses", "none")
+    n = kf.nominal
+    right, left = 1.0 - n.scale_right, 1.0 - n.scale_left
+    steps = [Block(s.dt_s, left * s.left_m, right * s.right_m, s.turn_rad) for s in kf.steps]
+    gyro_hz = config.fog.rate_hz if gyro else 0.0
+    return Drive(blocks_of(steps), n.tread_m, gyro_hz, kf.noise, resolution_m if counted else 0.0)
+
+
+def blocks_of(steps: list[Block]) -> list[Block]:
+    """Steps added up to blocks, none of which holds both rest and motion. At rest there is no turn."""
+    blocks: list[Block] = []
+    for step in steps:
+        s = step._replace(turn_rad=0.0) if step.is_rest else step
+        last = blocks[-1] if blocks else None
+        longest_s = STANDING_S if s.is_rest else MOVING_S
+        if (
+            last is None
+            or last.is_rest != s.is_rest
+            or last.dt_s + s.dt_s > longest_s
+            or abs(last.turn_rad + s.turn_rad) > TURN_RAD
+        ):
+            blocks.append(s)
+        else:
+            blocks[-1] = Block(*(a + b for a, b in zip(last, s, strict=True)))
+    return blocks
