@@ -38,7 +38,7 @@ def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
     """By the recording's own files: the data sheet where it was simulated or states everything, else as measured."""
     if recording.nominal.encoders.slip_noise_m_per_sqrt_m is not None:
         return Known(*_sheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
-    noise, how = drive.noise, "as learned on the way"
+    noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
     if not drive.gyro_hz:
         noise = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)
         factor = slip_factor(recording, drive, noise)
@@ -47,7 +47,7 @@ def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
     noise = replace(noise, comparison_rad2=max(noise.comparison_rad2, FINEST_RAD2))
     start = initial_sigmas(config, True)
     if recording.reference is not None and len(recording.reference.time_s) > 1:
-        return Known(noise, fixed(start), f"noise {how}, geometry known from the reference")
+        return Known(noise, fixed(start), f"noise {how}, geometry taken as known")
     return Known(noise, start, f"noise {how}, geometry as configured, for want of a reference")
 
 
