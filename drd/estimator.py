@@ -53,9 +53,13 @@ class Estimator:
         self.sigmas = initial_sigmas(config, self.estimates_gyro_scale)
         self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m)
         self._track, self._preview = new_track(config, self.sigmas, noise), make_track(config, self.sigmas, noise)
+        self._preview.kf.noise = self._track.kf.noise  # what is learned of it holds for both
         self._wheels, self._gyro = Stream(), Stream()
         is_learned = e.profile == "physical"  # the printed Q and R are what they are
-        self.rest_noise, self.wheel_noise = RestNoise(noise.gyro_rad2_per_s, is_learned), WheelNoise(noise, is_learned)
+        self.rest_noise, self.wheel_noise = (
+            RestNoise(noise.gyro_rad2_per_s, is_learned),
+            WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential"),
+        )
         self.steering = Steering(config, self.wheel_noise)
         self.wheel_noise.put_into(self._track.kf.noise)
         self.bias = BiasMeasurement(e.static_bias, self.rest_noise)
@@ -214,7 +218,7 @@ class Estimator:
             return
         end_ns = self._silence.wheels_ns
         if self._has_gyro and not self.bias.active:
-            wait_ns = self._reorder_ns + self._corrections.further_wait_ns
+            wait_ns = self._reorder_ns + self._corrections.further_wait_ns + max(0, -self._track.lag_ns)
             end_ns = max(min(end_ns, self._gyro.end_ns + self._track.lag_ns), end_ns - wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
         self._track.run(self._wheels, self._gyro, end_ns, self._compare)
@@ -423,7 +427,7 @@ class Estimator:
 
     def _begin_anew(self) -> None:
         self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
-        self.wheel_noise = WheelNoise(self.noise, self.wheel_noise.is_learned)
+        self.wheel_noise = self.wheel_noise.anew()
         self.steering = Steering(self._config, self.wheel_noise)
         self.wheel_noise.put_into(self._track.kf.noise)
 

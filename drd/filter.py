@@ -129,6 +129,7 @@ class Filter:
         self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
+        self._estimate_lag = 1.0 if sigmas.wheel_lag_s > 0.0 else 0.0
         self._updates = 0
         self._FT: Matrix = np.eye(N)
         self._Q: Matrix = np.zeros((N, N))
@@ -323,7 +324,7 @@ class Filter:
         q[GG] = (k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma) * dt_s  # (21)
         q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
         q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
-        q[TT] = k.wheel_lag_s2_per_s * dt_s
+        q[TT] = k.wheel_lag_s2_per_s * dt_s * self._estimate_lag
 
     def update(self, rate_rad_s: float) -> Outcome:
         """Compare the two headings, gate, correct all states and feed the correction back.
@@ -403,6 +404,10 @@ class Filter:
         g.fill(0.0)
         g[SCALE_R], g[SCALE_L] = 0.5, -0.5
         self.P += difference**2 * np.outer(g, g)
+
+    def add_tread_variance(self, variance_m2: float) -> None:
+        """The effective tread may be another from now on."""
+        self._p[DD] += variance_m2
 
     def add_slip_variance(self, variance_s2: float) -> None:
         """The robot may slip sideways from now on. (68)"""

@@ -162,12 +162,19 @@ class WheelNoise:
     """Noise of the wheels' way, of their turning and of their time, as the comparisons show it; put into the filter's
     noise."""
 
-    def __init__(self, noise: NoiseProfile, is_learned: bool = True):
-        self.is_learned, self.stated = is_learned, noise
+    def __init__(self, noise: NoiseProfile, is_learned: bool = True, is_known: bool = False):
+        """`is_known`: how the robot steers, so that what is stated is believed from the first."""
+        self.is_learned, self.stated, self._made_of = is_learned, noise, (noise, is_learned, is_known)
         self._waiting: deque[tuple[float, ...]] = deque()
-        self.way = VarianceFactor(noise.wheel_m2_per_m, *WAY)
-        self.turn = VarianceFactor(noise.turn_rad2_per_rad, *TURN)
-        self.jitter = VarianceFactor(noise.jitter_s2, *JITTER)
+        stated = (noise.wheel_m2_per_m, noise.turn_rad2_per_rad, noise.jitter_s2)
+        self.way, self.turn, self.jitter = (
+            VarianceFactor(variance, 0.0 if is_known else first, largest)
+            for variance, (first, largest) in zip(stated, (WAY, TURN, JITTER), strict=True)
+        )
+
+    def anew(self) -> "WheelNoise":
+        """The same before anything was learned."""
+        return WheelNoise(*self._made_of)
 
     @property
     def is_known(self) -> bool:
