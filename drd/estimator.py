@@ -13,7 +13,7 @@ from drd.effects.compensation import Compensation
 from drd.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
 from drd.filter import GYRO_BIAS, Filter
 from drd.health import Reasons
-from drd.learning import Drive, Learned, RestNoise, WheelNoise
+from drd.learning import Learned, RestNoise, WheelNoise
 from drd.noise import make_noise
 from drd.pose_maker import NO_LEAD, Lead, PoseMaker, led
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
@@ -238,7 +238,7 @@ class Estimator:
             self.rest_noise.interrupt()
             if track.gyro_heading:
                 return
-        if not self._agreement.update(track, t_ns, self.steering.drive is not Drive.UNKNOWN):
+        if not self._agreement.update(track, t_ns, self.steering.drive):
             self._recover(t_ns)
         else:
             # Slip that the gate found is no noise, and must not pass for it.

@@ -8,6 +8,7 @@ from sensors import NO_BIAS, T0, S, drive, feed, make
 from drd.agreement import Agreement
 from drd.filter import HEADING_UNKNOWN_RAD2
 from drd.health import Reasons
+from drd.learning import Drive
 from drd.samples import GyroSample, WheelSample
 
 
@@ -23,7 +24,7 @@ def test_a_lasting_disagreement_releases_the_wheels_and_loses_nothing(unseen_rad
     counters = dict.fromkeys(("rejected", "released", "accepted", "not_finite"), 0)
     agreement = Agreement(3, Reasons(), counters)
     for i in range(4):
-        assert agreement.update(track, T0 + i * S)
+        assert agreement.update(track, T0 + i * S, Drive.DIFFERENTIAL)
     assert counters == {"rejected": 3, "released": 1, "accepted": 2, "not_finite": 0}
     assert kf.nominal.heading_rad == pytest.approx(kf.nominal.gyro_heading_rad, abs=0.02)
 
