@@ -297,7 +297,7 @@ class Initial:
     )
     slip_s: float | None = key(
         None,
-        "Sideways slip: the body's speed to its side over speed times yaw rate; null = 0, and 0.2 for skid steering",
+        "Sideways slip: the body's speed to its side over speed times yaw rate; null = 0, and 0.25 for skid steering",
         "s",
         low=0,
         high=5,

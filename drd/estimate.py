@@ -55,7 +55,7 @@ MEASURED_TREAD: Final = 0.02
 # and the body slips outwards by -0.4 to 0 s times speed and yaw rate.
 EFFECTIVE_TREAD: Final = 0.5
 SKID_SCALE: Final = 0.04
-SKID_SLIP_S: Final = 0.2
+SKID_SLIP_S: Final = 0.25
 LARGEST_VARIANCE: Final = 1e10
 # Rounding leaves the correlations of a live filter indefinite by less.
 INDEFINITE: Final = 1e-6

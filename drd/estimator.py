@@ -218,7 +218,7 @@ class Estimator:
             return
         end_ns = self._silence.wheels_ns
         if self._has_gyro and not self.bias.active:
-            wait_ns = self._reorder_ns + self._corrections.further_wait_ns + max(0, -self._track.lag_ns)
+            wait_ns = self._reorder_ns + self._corrections.further_wait_ns
             end_ns = max(min(end_ns, self._gyro.end_ns + self._track.lag_ns), end_ns - wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
         self._track.run(self._wheels, self._gyro, end_ns, self._compare)
@@ -273,7 +273,7 @@ class Estimator:
 
     def _lead(self, track: Track) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
-        kf, lag_ns = track.kf, max(track.lag_ns, 0) if self._gyro.segments else 0
+        kf, lag_ns = track.kf, track.lag_ns if self._gyro.segments else 0
         lag_s = lag_ns * S_PER_NS
         reading_rad = self._gyro.integral(track.t_ns - lag_ns, track.t_ns) if lag_ns else 0.0
         turn_rad = kf.nominal.gyro_scale * reading_rad + kf.nominal.gyro_bias_rad_s * lag_s

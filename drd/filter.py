@@ -354,6 +354,8 @@ class Filter:
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
+        if n.wheel_lag_s < 0.0:
+            self._forbid_lead()
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
@@ -363,6 +365,21 @@ class Filter:
             np.add(P, self._PT, T)
             np.multiply(T, 0.5, P)
         return Outcome.ACCEPTED
+
+    def _forbid_lead(self) -> None:
+        """No wheel tells what the robot will do: the likeliest state with a lag of 0 takes the place of a negative. (65)"""
+        n, column = self.nominal, self.P[WHEEL_LAG].tolist()
+        k = n.wheel_lag_s / column[WHEEL_LAG]
+        n.x_m -= column[X] * k
+        n.y_m -= column[Y] * k
+        n.heading_rad -= column[HEADING] * k
+        n.scale_right += column[SCALE_R] * k
+        n.scale_left += column[SCALE_L] * k
+        n.tread_m -= column[TREAD] * k
+        n.gyro_heading_rad -= column[GYRO_HEADING] * k
+        n.gyro_scale -= column[GYRO_SCALE] * k
+        n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
+        n.wheel_lag_s = 0.0
 
     def anchor_gyro(self) -> None:
         """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""

@@ -22,6 +22,10 @@ class ConfigError(Exception):
         super().__init__(f"{where}: {path or '(top level)'}: expected {expected}, got {got}")
         self.where, self.path, self.expected, self.got = where, path, expected, got
 
+    def __reduce__(self) -> tuple[type["ConfigError"], tuple[str, str, str, str]]:
+        """From one process to another: the text alone would not make it again."""
+        return ConfigError, (self.where, self.path, self.expected, self.got)
+
 
 @dataclass(frozen=True)
 class Key:

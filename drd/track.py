@@ -10,8 +10,8 @@ from drd.timeline import Piece, Segment, Stream, pieces
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.units import NS_PER_S, S_PER_NS
 
-# No drive that works has a longer lag, no gyro's filter a longer delay; what is estimated beyond is something else.
-LATEST_S, EARLIEST_S = 0.5, -0.1
+# No drive that works has a longer lag; one that is estimated longer is something else.
+LATEST_S = 0.5
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ class Track:
     @property
     def lag_ns(self) -> int:
         """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (65)"""
-        return round(min(max(self.kf.nominal.wheel_lag_s, EARLIEST_S), LATEST_S) * NS_PER_S)
+        return round(min(self.kf.nominal.wheel_lag_s, LATEST_S) * NS_PER_S)
 
     def _step(self, piece: Piece) -> None:
         kf, wheels, gyro = self.kf, piece.wheels, piece.gyro

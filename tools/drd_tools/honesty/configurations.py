@@ -1,11 +1,9 @@
 """The estimator in each of its configurations, and the limit that the sensors set."""
 
-import importlib
-import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,14 +17,13 @@ from drd_tools.calibrate.wheels.found import find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.evaluate.replayed import poses_of
 from drd_tools.honesty.figures import Estimated, Figures
+from drd_tools.limit.limit import limit_of
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import configuration
 
 DEFAULT, CALIBRATED, PAPER, STATED, LIMIT = "default", "calibrated", "paper", "stated", "limit"
 WHEEL_LAG_S: Final = 0.05
-# Where the limit is computed, once that part is there.
-LIMIT_PACKAGE: Final = "drd_tools.limit"
 
 
 def estimated(recording: Recording, config: Path | None = None) -> Estimated:
@@ -86,10 +83,7 @@ def calibrate(recordings: Sequence[Recording], file: Path) -> Calibration:
     return Calibration(file, fit.mounting)
 
 
-def limit(recording: Recording, config: Config | None = None) -> Figures | None:
-    """What noise as `config` states it (None: as robot.yaml does) allows; None where this cannot be computed yet."""
-    if importlib.util.find_spec(LIMIT_PACKAGE) is None:
-        return None
-    module: Any = importlib.import_module(f"{LIMIT_PACKAGE}.limit")
-    found = module.limit_of(recording, config)
+def limit(recording: Recording, config: Config | None = None) -> Figures:
+    """What noise as `config` states it (None: as robot.yaml does) allows."""
+    found = limit_of(recording, config)
     return Figures(found.position_rms_m, found.heading_rms_deg, found.drift_percent)

@@ -96,5 +96,4 @@ def all_figures(
     found[c.PAPER] = c.estimated(c.with_paper_profile(recording))
     found |= {name: Estimated(poses) for name, poses in baselines(recording).items()}
     figures = {name: figures_of(one, yardstick) for name, one in found.items()}
-    limit = c.limit(recording, true_noise)
-    return figures if limit is None else figures | {c.LIMIT: limit}
+    return figures | {c.LIMIT: c.limit(recording, true_noise)}

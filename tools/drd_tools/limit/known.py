@@ -36,7 +36,7 @@ class Known:
 
 def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
     """By the recording's own files: the data sheet where it was simulated or states everything, else as measured."""
-    if recording.nominal.encoders.slip_noise_m_per_sqrt_m is not None:
+    if recording.nominal.encoders.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
         return Known(*_sheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
     noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
     if not drive.gyro_hz:
@@ -72,6 +72,12 @@ def _sheet(recording: Recording, config: Config, drive: Drive) -> tuple[NoisePro
     )
     start = fixed(initial_sigmas(config, True))
     return noise, replace(start, gyro_bias_rad_s=start.gyro_bias_rad_s * gyro)
+
+
+def _is_of_contacts(recording: Recording) -> bool:
+    """Whether slip and tread came from contact physics: its robot.yaml states none of what emerged."""
+    truth = recording.folder / TRUTH
+    return truth.is_file() and "world: mujoco" in truth.read_text(encoding="utf-8", errors="replace")
 
 
 def _conditions(recording: Recording) -> tuple[float, float, float]:

@@ -30,9 +30,7 @@ OWN_STEP: Final = np.array([5e-3, 1e-4])
 # A value whose standard deviation is larger than this is not determined: a tape measure does better.
 LIMIT: Final = np.array([0.02, 0.02, 0.10])
 # How well nominal values are known, where they have to serve: each wheel on its own, and the tread.
-BELIEF: Final = np.array(
-    [WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0]
-)
+BELIEF: Final = np.array([WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0])
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation

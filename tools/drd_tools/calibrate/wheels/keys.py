@@ -42,9 +42,7 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
         abs(v.tread_m / w.tread_m - 1),
     ]
     sigmas = []
-    for sigma, between, default in zip(
-        fit.sigma, apart, (WHEEL_SCALE, WHEEL_SCALE, MEASURED_TREAD), strict=True
-    ):
+    for sigma, between, default in zip(fit.sigma, apart, (WHEEL_SCALE, WHEEL_SCALE, MEASURED_TREAD), strict=True):
         sigmas.append(max(sigma, default) if math.isnan(between) else math.hypot(sigma, between))
     radii = all(f is None or all(f.determined[:2]) for f in (fit, other))
     is_tread = all(f is None or f.determined[2] for f in (fit, other))
