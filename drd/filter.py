@@ -367,7 +367,7 @@ class Filter:
         return Outcome.ACCEPTED
 
     def _forbid_lead(self) -> None:
-        """No wheel tells what the robot will do: the likeliest state with a lag of 0 takes the place of a negative. (65)"""
+        """No wheel tells what the robot will do: in place of a negative lag, the likeliest state with 0. (65)"""
         n, column = self.nominal, self.P[WHEEL_LAG].tolist()
         k = n.wheel_lag_s / column[WHEEL_LAG]
         n.x_m -= column[X] * k

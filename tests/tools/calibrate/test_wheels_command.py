@@ -67,8 +67,8 @@ def test_recordings_give_values_figures_files(tmp_path: Path, capsys: pytest.Cap
     assert config.robot.left_scale == pytest.approx(1.006, abs=0.003)
     assert config.robot.right_scale == pytest.approx(0.995, abs=0.003)
     assert config.robot.tread_m == pytest.approx(1.04 * TREAD_M, rel=0.005)
-    assert 0.0 < config.estimation.initial.wheel_scale < 0.003
-    assert 0.0 < config.estimation.initial.tread < 0.01
+    assert 0.0 < (config.estimation.initial.wheel_scale or 0.0) < 0.003
+    assert 0.0 < (config.estimation.initial.tread or 0.0) < 0.01
     text = (output / "wheels.yaml").read_text()
     assert "fit0: robot.yaml " in text
     assert "drd " in text
@@ -316,7 +316,7 @@ def test_circles_of_the_real_robot_are_no_full_model_of_its_squares(
     assert "ask for another tread" in out
     assert "on the spot" in out
     # What the filter starts with has to cover the squares' tread, 0.5 % away, not the fit's sigma.
-    assert loaded_with(tmp_path / "out/wheels.yaml", tmp_path).estimation.initial.tread > 0.003
+    assert (loaded_with(tmp_path / "out/wheels.yaml", tmp_path).estimation.initial.tread or 0.0) > 0.003
 
 
 @pytest.mark.recordings

@@ -191,9 +191,10 @@ def test_every_effect_of_the_catalogue_shows_in_what_it_acts_on(effect: Effect) 
     np.testing.assert_array_equal(plain.truth.heading_rad, changed.truth.heading_rad)
 
 
-@pytest.mark.parametrize(("mission", "bound_m"), [("square-cw", 0.002), ("field", 0.002), ("slalom", 0.008),
-                                                   ("warehouse", 0.006), ("spins", 0.001)])  # fmt: skip
+@pytest.mark.parametrize(("mission", "bound_m"), [("square-cw", 0.002), ("field", 0.002), ("slalom", 0.016),
+                                                   ("warehouse", 0.012), ("spins", 0.001)])  # fmt: skip
 def test_the_replay_of_a_perfect_drive_is_the_true_path(mission: str, bound_m: float) -> None:
+    """Up to some milliseconds of lag that is not there, found in samples of 50 and 100 ms, times the speed."""
     truth = make_truth(make_drive(mission, 200.0))
     rows = table(replay_folder(simulate(truth, DEFAULT, (), PERFECT).recording))
     off = [np.interp(rows[:, 0], truth.time_s, true) - got
