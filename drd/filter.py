@@ -224,8 +224,12 @@ class Filter:
         left_m, right_m = abs(per_left) * D, abs(per_right) * D
         bend = 0.0 if along_gyro else h * U
         self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
+        self._propagate()
+
+    def _propagate(self) -> None:
+        """The covariance after a step. (18)"""
         P, T = self.P, self._T
-        self._F.dot(P, T)  # (18)
+        self._F.dot(P, T)
         T.dot(self._FT, P)
         P += self._Q
 
