@@ -4,7 +4,7 @@ It knows no clock, no sensor and no logger, never raises on data, and returns a 
 """
 
 import math
-from collections.abc import MutableSequence
+from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, cast
@@ -36,9 +36,10 @@ N: Final = 11
 X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
 (H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
 (G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
-(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, _) = (i * (N + 1) for i in range(N))
+(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
 XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
+RL = SCALE_R * N + SCALE_L
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
 RATE_ERROR_CORRELATION_S: Final = 20.0
@@ -140,7 +141,10 @@ class Filter:
         self._F, self._PT = self._FT.T, self.P.T
         self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
         self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
+        self._ones = np.ones(N * N)
+        self._P_vector = self.P.reshape(-1)
         self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
+        self.flat_P: Sequence[float] = self._p
         self.restart(tread_m, sigmas)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
@@ -442,12 +446,17 @@ class Filter:
     def is_finite(self) -> bool:
         """True while pose and covariance are numbers."""
         n = self.nominal
-        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self.P.sum())
+        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
 
     def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
         """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
         p, h = self._p, self.pose_heading
         return p[XX], p[XY], p[X * N + h], p[YY], p[Y * N + h], p[h * (N + 1)]
+
+    def lag_covariance(self) -> tuple[float, float, float, float]:
+        """Of the wheels' lag with the pose's x, y and heading, and its variance."""
+        p, lag = self._p, WHEEL_LAG * N
+        return p[lag + X], p[lag + Y], p[lag + self.pose_heading], p[TT]
 
     @property
     def heading_rad(self) -> float:

@@ -83,13 +83,13 @@ class _Propagation(Filter):
         pass
 
     @property
-    def F(self) -> Matrix:
-        """The transition of the last step."""
+    def transition(self) -> Matrix:
+        """F of the last step."""
         return self._F
 
     @property
-    def Q(self) -> Matrix:
-        """The noise of the last step."""
+    def step_noise(self) -> Matrix:
+        """Q of the last step."""
         return self._Q
 
     def know(self, P: Matrix) -> None:
@@ -105,7 +105,7 @@ class _FilterPy:
         self.motion: _Propagation = _filter(_Propagation, sigmas)
         self.noise = make_noise("physical", Noise(), TREAD_M)
         self.kf: Any = KalmanFilter(dim_x=N, dim_z=1)
-        self.kf.F, self.kf.Q = self.motion.F, self.motion.Q
+        self.kf.F, self.kf.Q = self.motion.transition, self.motion.step_noise
         self.kf.H[0, HEADING], self.kf.H[0, GYRO_HEADING] = 1.0, -1.0
         self.z: Matrix = np.zeros((1, 1))
         self.restart()
