@@ -287,7 +287,7 @@ class Filter:
         return abs(per_left) * D, abs(per_right) * D
 
     def _rows_along_wheels(
-        self, dt_s: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
+        self, _: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
     ) -> tuple[float, float]:
         """As `_rows_along_gyro`, for a way along the wheels' heading. (13)"""
         f, D = self._f, self.nominal.tread_m
