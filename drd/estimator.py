@@ -15,7 +15,7 @@ from drd.filter import GYRO_BIAS, Filter
 from drd.health import Reasons
 from drd.learning import Learned, RestNoise, WheelNoise
 from drd.noise import make_noise
-from drd.pose_maker import NO_LEAD, Lead, PoseMaker, led
+from drd.pose_maker import Lead, PoseMaker, led
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.silence import Silence
 from drd.standstill import BiasMeasurement, BiasState, Standstill
@@ -78,6 +78,8 @@ class Estimator:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
         self._tick_ns = self._pose_ns = self._gyro_pose_ns = 0
+        self._pose_period_ns = 0.9 / config.encoders.rate_hz * NS_PER_S
+        self._silent_after_ns = config.encoders.silent_after_s * NS_PER_S
         self._wheel_interval_s, self._gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
         if not self._has_gyro:
             self.bias.state = BiasState.SKIPPED
@@ -104,7 +106,7 @@ class Estimator:
         self._watch(now_ns)
         silent = self._silence.wheels(now_ns)
         # A gyro may be much faster than poses are wanted.
-        soon = now_ns - self._gyro_pose_ns < 0.9 / self._config.encoders.rate_hz * NS_PER_S
+        soon = now_ns - self._gyro_pose_ns < self._pose_period_ns
         if not self._track.t_ns or soon or not (silent or self._config.output.publish_on == "gyro"):
             return None
         self._gyro_pose_ns = now_ns
@@ -150,8 +152,7 @@ class Estimator:
         self._watch(now_ns)
         self._advance(now_ns)
         newest_ns = max(self._silence.wheels_ns, self._silence.gyro_ns if self._track.t_ns else 0)
-        silent = now_ns - newest_ns >= self._config.encoders.silent_after_s * NS_PER_S
-        return self._pose(now_ns) if silent else None
+        return self._pose(now_ns) if now_ns - newest_ns >= self._silent_after_ns else None
 
     def _heading_rad(self, t_ns: int) -> float:
         track = self._track
@@ -214,16 +215,19 @@ class Estimator:
 
         `now_ns`: the wheels have had their time, too, if they are that much older.
         """
-        if not self._track.t_ns:
+        track = self._track
+        if not track.t_ns:
             return
-        end_ns = self._silence.wheels_ns
+        end_ns, lag_ns = self._silence.wheels_ns, track.lag_ns
         if self._has_gyro and not self.bias.active:
             wait_ns = self._reorder_ns + self._corrections.further_wait_ns
-            end_ns = max(min(end_ns, self._gyro.end_ns + self._track.lag_ns), end_ns - wait_ns)
+            end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns), end_ns - wait_ns)
         end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
-        self._track.run(self._wheels, self._gyro, end_ns, self._compare)
-        self._wheels.drop_until(self._track.t_ns)
-        self._gyro.drop_until(self._track.t_ns - self._track.lag_ns)
+        if end_ns <= track.t_ns and self._gyro.used_ns == track.t_ns - lag_ns:
+            return  # as in most ticks: there is nothing new
+        track.run(self._wheels, self._gyro, end_ns, self._compare)
+        self._wheels.drop_until(track.t_ns)
+        self._gyro.drop_until(track.t_ns - track.lag_ns)
 
     def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
         """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
@@ -249,14 +253,14 @@ class Estimator:
 
     def _watch(self, now_ns: int) -> None:
         """Turn silence and spread into reasons."""
-        reasons, minimum_s = self.reasons, self._config.estimation.static_bias.minimum_s
         self._silence.watch(now_ns)
-        if self.bias.active and not reasons.has("bias"):
+        is_told = self.reasons.has("bias")
+        if self.bias.active and not is_told:
             self._tell_bias(now_ns)
-        if self.bias.state is BiasState.SHORT and reasons.has("bias"):
-            learned = self._track.kf.sigma(GYRO_BIAS) < 2.0 * self.bias.sigma_after_rad_s(minimum_s)
-            if learned:
-                reasons.clear("bias")
+        elif is_told and self.bias.state is BiasState.SHORT:
+            minimum_s = self._config.estimation.static_bias.minimum_s
+            if self._track.kf.sigma(GYRO_BIAS) < 2.0 * self.bias.sigma_after_rad_s(minimum_s):
+                self.reasons.clear("bias")
 
     def _pose(self, t_ns: int) -> Pose:
         """The pose at `t_ns`, or at the last one's time where that is newer."""
@@ -268,15 +272,16 @@ class Estimator:
         self.counters["poses"] += 1
         with_gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
         gyro_interval_s = self._gyro_interval_s if with_gyro else None
-        lead = self._lead(preview) if with_gyro else NO_LEAD._replace(scale=self.steering.scale)
+        lead = self._lead(preview) if with_gyro else Lead(0.0, 0.0, 0.0, self.steering.scale)
         return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
 
     def _lead(self, track: Track) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
-        kf, lag_ns = track.kf, track.lag_ns if self._gyro.segments else 0
-        lag_s = lag_ns * S_PER_NS
-        reading_rad = self._gyro.integral(track.t_ns - lag_ns, track.t_ns) if lag_ns else 0.0
-        turn_rad = kf.nominal.gyro_scale * reading_rad + kf.nominal.gyro_bias_rad_s * lag_s
+        lag_ns = track.lag_ns
+        if lag_ns <= 0 or not self._gyro.segments:
+            return Lead(0.0, 0.0, 0.0, self.steering.scale)
+        n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
+        turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
         return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale)
 
     def _look_ahead(self, t_ns: int) -> Track:

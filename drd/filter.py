@@ -4,9 +4,10 @@ It knows no clock, no sensor and no logger, never raises on data, and returns a 
 """
 
 import math
-from collections.abc import MutableSequence
+from collections.abc import MutableSequence, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import cos, sin
 from typing import Final, cast
 
 import numpy as np
@@ -36,9 +37,10 @@ N: Final = 11
 X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
 (H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
 (G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
-(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, _) = (i * (N + 1) for i in range(N))
+(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
 XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
+RL = SCALE_R * N + SCALE_L
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
 RATE_ERROR_CORRELATION_S: Final = 20.0
@@ -131,23 +133,32 @@ class Filter:
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
         self._estimate_lag = 1.0 if sigmas.wheel_lag_s > 0.0 else 0.0
         self._updates = 0
-        self._FT: Matrix = np.eye(N)
-        self._Q: Matrix = np.zeros((N, N))
+        # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q.
+        self._FT_and_I: Matrix = np.zeros((2 * N, N))
+        self._PFT_and_Q: Matrix = np.zeros((2 * N, N))
         self._T: Matrix = np.zeros((N, N))
         self._PH: Matrix = np.zeros(N)
         self._sigma: Matrix = np.zeros(())  # sqrt(S); numpy takes an array's element faster than a float
         self._gate2 = gate_sigma**2
         # Views, made once.
+        self._FT, self._F_and_I = self._FT_and_I[:N], self._FT_and_I.T
+        self._PFT, self._Q = self._PFT_and_Q[:N], self._PFT_and_Q[N:]
         self._F, self._PT = self._FT.T, self.P.T
         self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
         self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
+        self._ones = np.ones(N * N)
+        self._P_vector = self.P.reshape(-1)
         self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
+        self.flat_P: Sequence[float] = self._p
         self.restart(tread_m, sigmas)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
         self.nominal = Nominal(tread_m)
         self._last_tread_m = tread_m
+        # What stays in F from step to step.
+        self._FT_and_I[:N] = self._FT_and_I[N:] = np.eye(N)
+        self._F_along_gyro = self._F_has_gyro = self._F_has_lag = False
         self.P.fill(0.0)
         diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
                     s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s, s.wheel_lag_s, s.slip_s)  # fmt: skip
@@ -183,87 +194,129 @@ class Filter:
         `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own way to its
         left, which no sensor tells.
         """
-        n, k, h, f = self.nominal, self.noise, self._half, self._f
+        n = self.nominal
         D = n.tread_m
         U_R, U_L = (1.0 - n.scale_right) * right_m, (1.0 - n.scale_left) * left_m
         U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
         along_gyro = self._along_gyro and rate_rad_s is not None
+        if along_gyro != self._F_along_gyro:
+            self._clear_rows(along_gyro)
+        middle = n.heading_rad + self._half * turn
+        n.heading_rad += turn  # (7)
         if rate_rad_s is None:
-            f[G_SCALE] = f[G_BIAS] = f[G_LAG] = 0.0
-            middle = n.heading_rad + h * turn
-            n.heading_rad += turn  # (7)
+            lag = 0.0
+            if self._F_has_gyro:
+                self._clear_gyro()
         else:
             gyro_turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
-            middle = n.gyro_heading_rad + h * gyro_turn if along_gyro else n.heading_rad + h * turn
-            n.heading_rad += turn  # (7)
+            if along_gyro:
+                middle = n.gyro_heading_rad + self._half * gyro_turn
             n.gyro_heading_rad += gyro_turn  # (11)
             turn = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
-            # The reading that a gyro without noise would give for this turn. (12)
-            f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
-            f[G_BIAS] = dt_s
-            # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
-            change = turn / dt_s - self.rate_rad_s
-            if change * change * dt_s > CHANGE_SIGMAS2 * k.gyro_rad2_per_s:
-                self.rate_rad_s += change
-                f[G_LAG] = -change  # (65)
-            else:
-                f[G_LAG] = 0.0
-        c, s = math.cos(middle), math.sin(middle)
+            lag = self._gyro_row(dt_s, turn)
+        c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
         left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
-        jumps = (left_m_s - self._left_m_s) ** 2 + (right_m_s - self._right_m_s) ** 2
+        left_jump, right_jump = left_m_s - self._left_m_s, right_m_s - self._right_m_s
         self._left_m_s, self._right_m_s = left_m_s, right_m_s
-        self._jitter = k.jitter_s2 * (jumps / (D * D) + f[G_LAG] * f[G_LAG])  # (20)
-        drift = U * turn / dt_s  # (68)
-        f[X_SLIP], f[Y_SLIP] = -drift * s, drift * c
-        lateral_m += n.slip_s * drift
+        jumps = left_jump * left_jump + right_jump * right_jump
+        self._jitter = self.noise.jitter_s2 * (jumps / (D * D) + lag * lag)  # (20)
+        if self._p[VV]:  # nobody who does not slip pays for it
+            drift = U * turn / dt_s  # (68)
+            self._f[X_SLIP], self._f[Y_SLIP] = -drift * s, drift * c
+            lateral_m += n.slip_s * drift
         if lateral_m:
             step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
         n.x_m += step_x  # (7)
         n.y_m += step_y  # (7)
-        per_right, per_left = self._jacobian(U, turn, step_x, step_y, c, s, along_gyro)
-        left_m, right_m = abs(per_left) * D, abs(per_right) * D
-        bend = 0.0 if along_gyro else h * U
+        rows = self._rows_along_gyro if along_gyro else self._rows_along_wheels
+        left_m, right_m = rows(dt_s, U, turn, step_x, step_y, c, s)
+        bend = 0.0 if along_gyro else self._half * U
         self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
-        P, T = self.P, self._T
-        self._F.dot(P, T)  # (18)
-        T.dot(self._FT, P)
-        P += self._Q
+        self._propagate()
 
-    def _jacobian(
-        self, U: float, turn: float, step_x: float, step_y: float, c: float, s: float, along_gyro: bool
+    def _propagate(self) -> None:
+        """The covariance after a step. (18)"""
+        P = self.P
+        P.dot(self._FT, self._PFT)
+        self._F_and_I.dot(self._PFT_and_Q, P)
+
+    def _gyro_row(self, dt_s: float, turn: float) -> float:
+        """What the gyro's reading makes of F. Returns what an error of the lag turns."""
+        n, f = self.nominal, self._f
+        # The reading that a gyro without noise would give for this turn. (12)
+        f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
+        f[G_BIAS] = dt_s
+        self._F_has_gyro = True
+        # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
+        change = turn / dt_s - self.rate_rad_s
+        if change * change * dt_s > CHANGE_SIGMAS2 * self.noise.gyro_rad2_per_s:
+            self.rate_rad_s += change
+            f[G_LAG] = -change  # (65)
+            self._F_has_lag = True
+            return -change
+        if self._F_has_lag:
+            self._F_has_lag = False
+            f[G_LAG] = f[X_LAG] = f[Y_LAG] = 0.0
+        return 0.0
+
+    def _rows_along_gyro(
+        self, dt_s: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
     ) -> tuple[float, float]:
         """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (13)
 
-        `arm` is half the tread, `bend` the midpoint's share. Returns what a right and a left scale error turns.
+        `arm` is half the tread, `bend` the midpoint's share. Returns the ways that the left and the right wheel have
+        gone for this turn.
         """
-        f, h, D = self._f, self._half, self.nominal.tread_m
-        half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
-        per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
-        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -h * step_y, h * step_x
+        f, D = self._f, self.nominal.tread_m
+        half_turn, treads = 0.5 * turn, U / D
+        per_right, per_left = half_turn + treads, half_turn - treads
+        arm = 0.5 * D
+        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -self._half * step_y, self._half * step_x
         # The relative error of the tread stays, not that in metres: then scales and tread, all too large alike, remain
         # the direction of which no comparison tells, whatever the tread is estimated to be meanwhile. (29)
         f[DD], self._last_tread_m = D / self._last_tread_m, D
-        f[H_SCALE_R] = per_right
-        f[H_SCALE_L] = per_left
-        f[H_TREAD] = per_tread
-        if along_gyro:
-            f[X_GYRO], f[Y_GYRO] = -step_y, step_x
-            f[X_GYRO_SCALE], f[Y_GYRO_SCALE] = bend_x * f[G_SCALE], bend_y * f[G_SCALE]
-            f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * f[G_BIAS], bend_y * f[G_BIAS]
+        f[H_SCALE_R], f[H_SCALE_L], f[H_TREAD] = per_right, per_left, -turn / D
+        f[X_GYRO], f[Y_GYRO] = -step_y, step_x
+        g_scale = f[G_SCALE]
+        f[X_GYRO_SCALE], f[Y_GYRO_SCALE] = bend_x * g_scale, bend_y * g_scale
+        f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * dt_s, bend_y * dt_s
+        if self._F_has_lag:
             f[X_LAG], f[Y_LAG] = bend_x * f[G_LAG], bend_y * f[G_LAG]
-            f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = bend_x = bend_y = 0.0
+        f[X_SCALE_R], f[Y_SCALE_R] = per_right * arm_x, per_right * arm_y
+        f[X_SCALE_L], f[Y_SCALE_L] = -per_left * arm_x, -per_left * arm_y
+        return abs(per_left) * D, abs(per_right) * D
+
+    def _rows_along_wheels(
+        self, _: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
+    ) -> tuple[float, float]:
+        """As `_rows_along_gyro`, for a way along the wheels' heading. (13)"""
+        f, D = self._f, self.nominal.tread_m
+        half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
+        per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
+        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -self._half * step_y, self._half * step_x
+        f[DD], self._last_tread_m = D / self._last_tread_m, D
+        f[H_SCALE_R], f[H_SCALE_L], f[H_TREAD] = per_right, per_left, per_tread
+        f[X_HEADING], f[Y_HEADING] = -step_y, step_x
+        f[X_TREAD], f[Y_TREAD] = per_tread * bend_x, per_tread * bend_y
+        f[X_SCALE_R], f[Y_SCALE_R] = per_right * (bend_x + arm_x), per_right * (bend_y + arm_y)
+        f[X_SCALE_L], f[Y_SCALE_L] = per_left * (bend_x - arm_x), per_left * (bend_y - arm_y)
+        return abs(per_left) * D, abs(per_right) * D
+
+    def _clear_rows(self, along_gyro: bool) -> None:
+        """The way goes along the other heading from now on: in F it depends on the one that it has left no more."""
+        f, self._F_along_gyro = self._f, along_gyro
+        if along_gyro:
+            f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = 0.0
         else:
-            f[X_HEADING], f[Y_HEADING] = -step_y, step_x
-            f[X_TREAD], f[Y_TREAD] = per_tread * bend_x, per_tread * bend_y
-            if self._along_gyro:
-                f[X_GYRO] = f[Y_GYRO] = f[X_GYRO_SCALE] = f[Y_GYRO_SCALE] = 0.0
-                f[X_GYRO_BIAS] = f[Y_GYRO_BIAS] = f[X_LAG] = f[Y_LAG] = 0.0
-        f[X_SCALE_R] = per_right * (bend_x + arm_x)
-        f[Y_SCALE_R] = per_right * (bend_y + arm_y)
-        f[X_SCALE_L] = per_left * (bend_x - arm_x)
-        f[Y_SCALE_L] = per_left * (bend_y - arm_y)
-        return per_right, per_left
+            f[X_GYRO] = f[Y_GYRO] = f[X_GYRO_SCALE] = f[Y_GYRO_SCALE] = 0.0
+            f[X_GYRO_BIAS] = f[Y_GYRO_BIAS] = f[X_LAG] = f[Y_LAG] = 0.0
+
+    def _clear_gyro(self) -> None:
+        """There is no gyro from now on: in F its heading depends on nothing."""
+        f = self._f
+        f[G_SCALE] = f[G_BIAS] = f[G_LAG] = 0.0
+        self._F_has_gyro = self._F_has_lag = False
 
     def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
         """The step's turn from both sensors, each weighted by its variance: where F is taken. (29)
@@ -272,7 +325,8 @@ class Filter:
         """
         if not way_m:
             return wheels_rad
-        k, p, D2 = self.noise, self._p, self.nominal.tread_m**2
+        k, p, D = self.noise, self._p, self.nominal.tread_m
+        D2 = D * D
         of_wheels = k.wheel_m2_per_m * way_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
         of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
         of_gyro = (k.gyro_rad2_per_s + p[BB] * dt_s) * dt_s
@@ -306,17 +360,23 @@ class Filter:
         self.way_rad2 += way
         self.turn_rad2 += turn
         self.jitter_rad2 += self._jitter
-        sideways_heading = bend * heading
-        forward, sideways = 0.25 * both, bend * sideways_heading + side
-        forward_heading = 0.5 * (right - left) / D
-        forward_sideways = forward_heading * bend
+        forward, forward_heading = 0.25 * both, 0.5 * (right - left) / D
         c2, s2, cs = c * c, s * s, c * s
-        cross = 2.0 * forward_sideways * cs
-        q[XX] = forward * c2 + sideways * s2 - cross + anywhere
-        q[YY] = forward * s2 + sideways * c2 + cross + anywhere
-        q[XY] = q[YX] = (forward - sideways) * cs + forward_sideways * (c2 - s2)
-        q[XH] = q[HX] = forward_heading * c - sideways_heading * s
-        q[YH] = q[HY] = forward_heading * s + sideways_heading * c
+        if bend:
+            sideways_heading, forward_sideways = bend * heading, forward_heading * bend
+            sideways = bend * sideways_heading + side
+            cross = 2.0 * forward_sideways * cs
+            q[XX] = forward * c2 + sideways * s2 - cross + anywhere
+            q[YY] = forward * s2 + sideways * c2 + cross + anywhere
+            q[XY] = q[YX] = (forward - sideways) * cs + forward_sideways * (c2 - s2)
+            q[XH] = q[HX] = forward_heading * c - sideways_heading * s
+            q[YH] = q[HY] = forward_heading * s + sideways_heading * c
+        else:
+            q[XX] = forward * c2 + side * s2 + anywhere
+            q[YY] = forward * s2 + side * c2 + anywhere
+            q[XY] = q[YX] = (forward - side) * cs
+            q[XH] = q[HX] = forward_heading * c
+            q[YH] = q[HY] = forward_heading * s
         q[HH] = heading
         q[RR] = k.wheel_scale_per_m * right_m + scale
         q[LL] = k.wheel_scale_per_m * left_m + scale
@@ -471,12 +531,17 @@ class Filter:
     def is_finite(self) -> bool:
         """True while pose and covariance are numbers."""
         n = self.nominal
-        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self.P.sum())
+        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
 
     def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
         """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
         p, h = self._p, self.pose_heading
         return p[XX], p[XY], p[X * N + h], p[YY], p[Y * N + h], p[h * (N + 1)]
+
+    def lag_covariance(self) -> tuple[float, float, float, float]:
+        """Of the wheels' lag with the pose's x, y and heading, and its variance."""
+        p, lag = self._p, WHEEL_LAG * N
+        return p[lag + X], p[lag + Y], p[lag + self.pose_heading], p[TT]
 
     @property
     def heading_rad(self) -> float:

@@ -27,10 +27,10 @@ class Reasons:
 
     def update(self, source: str, text: str | None, now_ns: int, severity: Validity = Validity.DEGRADED) -> None:
         """Set, or clear where `text` is None."""
-        if text is None:
-            self.clear(source)
-        else:
+        if text is not None:
             self.set(source, text, now_ns, severity)
+        elif source in self._active:
+            self.clear(source)
 
     def _summarise(self) -> None:
         self._tuple = tuple(reason for reason, _ in self._active.values())

@@ -20,6 +20,8 @@ class Silence:
         self.wheels_ns = 0
         # The wheels were silent for so long that the pose was invalid; only a pose from outside mends that.
         self.was_lost = False
+        # Until then there is nothing to tell, as long as the samples only go on.
+        self._calm_until_ns = 0
 
     def begin(self, now_ns: int) -> None:
         """Something was heard or time passed: waiting counts from the first such moment."""
@@ -35,7 +37,10 @@ class Silence:
 
     def watch(self, now_ns: int) -> None:
         """Turn silence into reasons."""
+        if now_ns < self._calm_until_ns and not self.was_lost:
+            return
         reasons = self._reasons
+        self._calm_until_ns = 0
         if self._has_gyro:
             text = "no gyro samples: heading from the wheels alone" if self.gyro(now_ns) else None
             reasons.update("fog", text, now_ns)
@@ -50,3 +55,7 @@ class Silence:
             reasons.clear("encoders")
             if self.was_lost:
                 reasons.set("position", "motion was not seen for long: only set_pose or reset end this", now_ns)
+            self._calm_until_ns = self.wheels_ns + self._wheels_limit_ns
+            if self._has_gyro:
+                last_ns = self.gyro_ns or self._first_ns
+                self._calm_until_ns = min(self._calm_until_ns, last_ns + self._gyro_limit_ns)

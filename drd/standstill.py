@@ -50,7 +50,10 @@ class Standstill:
 
 
 class BiasMeasurement:
-    """Averages calibrated rates that the encoders have confirmed as standstill. (27)"""
+    """Averages calibrated rates that the encoders have confirmed as standstill. (27)
+
+    `active`: the gyro's samples are needed here.
+    """
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
         self._config, self.rest_noise = static_bias, rest_noise
@@ -63,9 +66,14 @@ class BiasMeasurement:
             self.state = BiasState.SKIPPED
 
     @property
-    def active(self) -> bool:
-        """True while the gyro's samples are needed here."""
-        return self.state is BiasState.WAITING or self.state is BiasState.MEASURING
+    def state(self) -> BiasState:
+        """Where the measurement stands."""
+        return self._state
+
+    @state.setter
+    def state(self, state: BiasState) -> None:
+        self._state = state
+        self.active = state is BiasState.WAITING or state is BiasState.MEASURING
 
     def restart(self) -> None:
         """Begin (again), also when the configuration skips the measurement before the mission."""

@@ -86,25 +86,25 @@ def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int, lag_ns: int
     The gyro's segments are taken `lag_ns` later, as late as the wheels are. Where that has grown since the last call,
     the first of them begins earlier: the robot's turn was seen without a hole.
     """
-    t_ns, i, j = start_ns, 0, 0
-    w, g = wheels.segments, gyro.segments
+    t_ns, seen_ns = start_ns, gyro.used_ns + lag_ns
+    w, g = iter(wheels.segments), iter(gyro.segments)
+    wheel, rate = next(w, None), next(g, None)
     while t_ns < end_ns:
-        while i < len(w) and w[i].end_ns <= t_ns:
-            i += 1
-        while j < len(g) and g[j].end_ns + lag_ns <= t_ns:
-            j += 1
-        wheel, rate, until_ns = None, None, end_ns
-        if i < len(w):
-            wheel, until_ns = _covering(w[i], w[i].start_ns, w[i].end_ns, t_ns, until_ns)
-        if j < len(g):
-            start_ns = g[j].start_ns if g[j].start_ns > gyro.used_ns else t_ns - lag_ns
-            rate, until_ns = _covering(g[j], start_ns + lag_ns, g[j].end_ns + lag_ns, t_ns, until_ns)
-        yield Piece(t_ns, until_ns, wheel, rate)
+        while wheel is not None and wheel.end_ns <= t_ns:
+            wheel = next(w, None)
+        while rate is not None and rate.end_ns + lag_ns <= t_ns:
+            rate = next(g, None)
+        covering, turning, until_ns = wheel, rate, end_ns
+        # No min and no max: this runs for each step of the filter, and a call costs more than the comparison.
+        if wheel is not None:
+            edge_ns = wheel.end_ns
+            if wheel.start_ns > t_ns:
+                covering, edge_ns = None, wheel.start_ns
+            until_ns = edge_ns if edge_ns < until_ns else until_ns
+        if rate is not None:
+            edge_ns, begin_ns = rate.end_ns + lag_ns, rate.start_ns + lag_ns
+            if begin_ns > t_ns and begin_ns > seen_ns:
+                turning, edge_ns = None, begin_ns
+            until_ns = edge_ns if edge_ns < until_ns else until_ns
+        yield Piece(t_ns, until_ns, covering, turning)
         t_ns = until_ns
-
-
-def _covering(segment: Segment, start_ns: int, end_ns: int, t_ns: int, until_ns: int) -> tuple[Segment | None, int]:
-    """The segment if it covers `t_ns`, and where its cover begins or ends at the latest."""
-    if start_ns > t_ns:
-        return None, min(until_ns, start_ns)
-    return segment, min(until_ns, end_ns)

@@ -12,6 +12,7 @@ from drd.units import NS_PER_S, S_PER_NS
 
 # No drive that works has a longer lag; one that is estimated longer is something else.
 LATEST_S = 0.5
+STILL = Segment(0, 0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -33,6 +34,8 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     no_gyro_s: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
+    _lag_s: float = 0.0  # of `lag_ns`
+    _lag_ns: int = 0
     # The wheels' heading stands rejected by this much, and is not yet released.
     rejected_rad: float = 0.0
 
@@ -56,41 +59,48 @@ class Track:
         lag_ns = self.lag_ns
         for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns):
             self._step(piece)
-            self.t_ns = piece.end_ns
-            if on_gyro_end and piece.wheels and piece.gyro and piece.end_ns == piece.gyro.end_ns + lag_ns:
-                if piece.gyro.end_ns <= self._compared_ns:
+            _, self.t_ns, wheel, rate = piece
+            if on_gyro_end and wheel and rate and self.t_ns == rate.end_ns + lag_ns:
+                if rate.end_ns <= self._compared_ns:
                     continue  # the lag has become shorter meanwhile
-                self._compared_ns = piece.gyro.end_ns
-                on_gyro_end(piece.end_ns, piece.wheels, piece.gyro)
+                self._compared_ns = rate.end_ns
+                on_gyro_end(self.t_ns, wheel, rate)
 
     @property
     def lag_ns(self) -> int:
         """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (65)"""
-        return round(min(self.kf.nominal.wheel_lag_s, LATEST_S) * NS_PER_S)
+        lag_s = self.kf.nominal.wheel_lag_s
+        if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
+            self._lag_s = lag_s
+            self._lag_ns = round(min(lag_s, LATEST_S) * NS_PER_S)
+        return self._lag_ns
 
     def _step(self, piece: Piece) -> None:
-        kf, wheels, gyro = self.kf, piece.wheels, piece.gyro
-        dt_s = (piece.end_ns - piece.start_ns) * S_PER_NS
+        start_ns, end_ns, wheels, gyro = piece
+        kf, dt_s = self.kf, (end_ns - start_ns) * S_PER_NS
         if wheels and not gyro and self.rejected_rad:
             # Without this the hole would copy a slipped heading onto the gyro's, and the slip would never be found.
             kf.anchor_wheels()
             kf.add_heading_variance(self.rejected_rad**2, both=True)
             self.rejected_rad = 0.0
-        left_m, right_m = (wheels.a * dt_s, wheels.b * dt_s) if wheels else (0.0, 0.0)
-        lateral_m = wheels.c * dt_s if wheels else 0.0
-        kf.predict(dt_s, left_m, right_m, gyro.a if gyro else None, gyro.b if gyro else 0.0, lateral_m)
+        _, _, left_m_s, right_m_s, lateral_m_s = wheels or STILL
+        _, _, rate_rad_s, sigma_rad_s, _ = gyro or STILL
+        kf.predict(
+            dt_s, left_m_s * dt_s, right_m_s * dt_s, rate_rad_s if gyro else None, sigma_rad_s, lateral_m_s * dt_s
+        )
         if gyro:
-            self.rate_rad_s = kf.nominal.gyro_scale * gyro.a + kf.nominal.gyro_bias_rad_s
+            n = kf.nominal
+            self.rate_rad_s = n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s
             self.no_gyro_s = 0.0
         if wheels:
             self.unseen_s = self.blind_s = 0.0
-            self.speed_m_s = 0.5 * (wheels.a + wheels.b)
+            self.speed_m_s = 0.5 * (left_m_s + right_m_s)
             if not gyro:
                 kf.anchor_gyro()  # (24)
                 self.no_gyro_s += dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
-                    self.rate_rad_s = (wheels.b - wheels.a) / kf.nominal.tread_m
-            elif self.gyro_heading and (left_m or right_m):  # wheels that stand are believed
+                    self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
+            elif self.gyro_heading and (left_m_s or right_m_s):  # wheels that stand are believed
                 kf.anchor_wheels()  # (24)
         else:
             self._unseen(dt_s, blind=gyro is None)

@@ -2,7 +2,7 @@
 
 import math
 
-from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, X, Y
+from drd.filter import BB, DD, LL, RL, RR, SS, Filter
 from drd.noise import NoiseProfile
 
 # How much a robot that is not seen may accelerate and turn. (25)
@@ -37,12 +37,12 @@ def covariance_after(
     standard deviation of the scale of all ways beyond P's. (65), (69)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
-    k, n, lag = kf.noise, kf.nominal, kf.P[WHEEL_LAG].tolist()
+    k, n = kf.noise, kf.nominal
+    lx, ly, lh, lag = kf.lag_covariance()
     unseen = 0.5 * UNSEEN_ACCELERATION_M_S2 * lag_s * lag_s
     reading = k.count_m2 + unseen * unseen
-    variance = lag[WHEEL_LAG] + k.jitter_s2
+    variance = lag + k.jitter_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
-    lx, ly, lh = lag[X], lag[Y], lag[kf.pose_heading]
     gx, gy = scale * (n.x_m - n.origin_x_m), scale * (n.y_m - n.origin_y_m)
     return (
         xx + 2.0 * vx * lx + vx * vx * variance + reading + gx * gx,
@@ -56,22 +56,22 @@ def covariance_after(
 
 def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:
     """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (30)"""
-    P = kf.P
     travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
     count = noise.count_m2 / interval_s**2
     timing = 2.0 * noise.timing_s2 / interval_s**2  # both ends of the interval
-    scale = 0.25 * float(P[SCALE_R, SCALE_R] + P[SCALE_L, SCALE_L] + 2.0 * P[SCALE_R, SCALE_L])
+    p = kf.flat_P
+    scale = 0.25 * (p[RR] + p[LL] + 2.0 * p[RL])
     return math.sqrt(max(travel + count + (scale + timing) * speed_m_s * speed_m_s, 0.0))
 
 
 def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:
     """Of the mean yaw rate over the sample of `interval_s` that it came from, a gyro's or the wheels'. (30)"""
-    P, rate2 = kf.P, rate_rad_s * rate_rad_s
+    p, rate2 = kf.flat_P, rate_rad_s * rate_rad_s
     if gyro:
-        variance = noise.gyro_rad2_per_s / interval_s + float(P[GYRO_BIAS, GYRO_BIAS])
-        variance += rate2 * float(P[GYRO_SCALE, GYRO_SCALE])
+        variance = noise.gyro_rad2_per_s / interval_s + p[BB]
+        variance += rate2 * p[SS]
     else:
         variance = noise.turn_rad2_per_rad * abs(rate_rad_s) / interval_s
         variance += 4.0 * noise.count_m2 / (interval_s * kf.nominal.tread_m) ** 2
-        variance += rate2 * float(P[TREAD, TREAD]) / kf.nominal.tread_m**2
+        variance += rate2 * p[DD] / kf.nominal.tread_m**2
     return math.sqrt(max(variance, 0.0))

@@ -92,7 +92,6 @@ def test_the_budget_is_the_published_covariance(folder: Path, tmp_path: Path) ->
     assert np.sum(explanation.position_m2[-1]) == pytest.approx(explanation.total.position_m**2, rel=1e-4)
 
 
-@pytest.mark.xfail(strict=True, reason="the look-ahead publishes with the stated jitter, the track has the learned one")
 def test_the_budget_is_the_published_covariance_in_motion(tmp_path: Path) -> None:
     made = write_perfect(tmp_path / "drive", gyro=True, bias_deg_s=0.05, legs=STANDING[:8])
     (made / "reference.csv").unlink()

@@ -9,7 +9,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from drd.config import Noise
-from drd.filter import GYRO_HEADING, HEADING, Filter, Matrix, N, Nominal, Outcome, Sigmas
+from drd.filter import BB, DD, GYRO_BIAS, GYRO_HEADING, HEADING, TREAD, Filter, Matrix, N, Nominal, Outcome, Sigmas
 from drd.noise import make_noise
 from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.bench.timing import compare
@@ -18,8 +18,16 @@ TREAD_M: Final = 0.6
 STEP_S: Final = 0.05
 LEFT_M, RIGHT_M, RATE_RAD_S = 0.02, 0.03, 0.335
 SIGMAS: Final = Sigmas(
-    position_m=0.02, heading_rad=0.01, wheel_scale=0.003, tread_m=0.006, gyro_scale=0.004, gyro_bias_rad_s=2e-4
+    position_m=0.02,
+    heading_rad=0.01,
+    wheel_scale=0.003,
+    tread_m=0.006,
+    gyro_scale=0.004,
+    gyro_bias_rad_s=2e-4,
+    wheel_lag_s=0.02,
 )
+# With every state in play, so that what both compute is compared in all of them.
+CHECKED_SIGMAS: Final = dataclasses.replace(SIGMAS, slip_s=0.1)
 CYCLES_PER_PAIR: Final = 200
 CHECKED_CYCLES: Final = 200
 TOLERANCE: Final = 1e-9
@@ -34,7 +42,7 @@ def run(quick: bool) -> Report:
     constant = compare(ours.cycles, bare.cycles, pairs)
     us = 1e6 / CYCLES_PER_PAIR
     return Report(
-        "filter: two predictions, one update with gate, feedback; 9 states",
+        "filter: two predictions, one update with gate, feedback; 11 states",
         "how many times longer FilterPy takes; 'bare' gets constant matrices free and feeds nothing back",
         (
             Figure("drd, whole cycle", whole.first_s * us, "us"),
@@ -44,15 +52,15 @@ def run(quick: bool) -> Report:
     )
 
 
-def _filter(kind: type[Filter] = Filter) -> Any:
-    return kind(TREAD_M, SIGMAS, make_noise("physical", Noise(), TREAD_M))
+def _filter(kind: type[Filter], sigmas: Sigmas) -> Any:
+    return kind(TREAD_M, sigmas, make_noise("physical", Noise(), TREAD_M))
 
 
 class _Drd:
     """The daemon's filter."""
 
-    def __init__(self) -> None:
-        self.kf: Filter = _filter()
+    def __init__(self, sigmas: Sigmas = SIGMAS) -> None:
+        self.kf: Filter = _filter(Filter, sigmas)
 
     def cycles(self) -> None:
         kf = self.kf
@@ -65,47 +73,49 @@ class _Drd:
             raise Refused("filter: the gate closed, and a rejected update is no whole cycle")
 
 
-class _NoProduct:
-    """Stands for a matrix whose products somebody else computes."""
-
-    def dot(self, *_: object) -> None:
-        pass
-
-
 class _Propagation(Filter):
     """drd's own propagation of the nominal, F and Q without the covariance's products.
 
     FilterPy's steps are charged for all this does, since F and Q depend on the motion.
     """
 
-    def restart(self, tread_m: float, s: Sigmas) -> None:
-        if not hasattr(self, "F"):
-            self.F, self.Q, self.start_P = self._F, self._Q, self.P
-        self.P = self.start_P
-        super().restart(tread_m, s)
-        without: Any = _NoProduct()
-        nothing: Any = 0.0
-        self._F = self._T = without
-        self.P = self._Q = nothing
+    def _propagate(self) -> None:
+        pass
+
+    @property
+    def transition(self) -> Matrix:
+        """F of the last step."""
+        return self._F
+
+    @property
+    def step_noise(self) -> Matrix:
+        """Q of the last step."""
+        return self._Q
+
+    def know(self, P: Matrix) -> None:
+        """Take over what F and Q depend on of the covariance."""
+        self._p[DD], self._p[BB] = P[TREAD, TREAD], P[GYRO_BIAS, GYRO_BIAS]
 
 
 class _FilterPy:
     """FilterPy doing all that drd's filter does, except for the gate."""
 
-    def __init__(self) -> None:
-        self.motion: _Propagation = _filter(_Propagation)
+    def __init__(self, sigmas: Sigmas = SIGMAS) -> None:
+        self.sigmas = sigmas
+        self.motion: _Propagation = _filter(_Propagation, sigmas)
         self.noise = make_noise("physical", Noise(), TREAD_M)
         self.kf: Any = KalmanFilter(dim_x=N, dim_z=1)
-        self.kf.F, self.kf.Q = self.motion.F, self.motion.Q
+        self.kf.F, self.kf.Q = self.motion.transition, self.motion.step_noise
         self.kf.H[0, HEADING], self.kf.H[0, GYRO_HEADING] = 1.0, -1.0
         self.z: Matrix = np.zeros((1, 1))
         self.restart()
 
     def restart(self) -> None:
-        self.motion.restart(TREAD_M, SIGMAS)
-        self.kf.P, self.kf.x = self.motion.start_P.copy(), np.zeros((N, 1))
+        self.motion.restart(TREAD_M, self.sigmas)
+        self.kf.P, self.kf.x = self.motion.P.copy(), np.zeros((N, 1))
 
     def predict(self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float) -> None:
+        self.motion.know(self.kf.P)
         self.motion.predict(dt_s, left_m, right_m, rate_rad_s)
         self.kf.predict()
 
@@ -114,7 +124,10 @@ class _FilterPy:
         self.z[0, 0] = n.heading_rad - n.gyro_heading_rad
         kf.R[0, 0] = k.comparison_rad2 + k.timing_s2 * rate_rad_s * rate_rad_s
         kf.update(self.z)
-        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias = kf.x.ravel().tolist()
+        # Sideways slip, the last, is never corrected.
+        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = (
+            kf.x.ravel().tolist()
+        )
         n.x_m -= x
         n.y_m -= y
         n.heading_rad -= heading
@@ -124,6 +137,7 @@ class _FilterPy:
         n.gyro_heading_rad -= gyro_heading
         n.gyro_scale -= gyro_scale
         n.gyro_bias_rad_s -= gyro_bias
+        n.wheel_lag_s -= lag
         kf.x.fill(0.0)
 
     def cycles(self) -> None:
@@ -157,7 +171,7 @@ class _BareFilterPy:
 
 def _check_agreement() -> None:
     """Both compute the same covariance and the same corrections on a winding path. Raises Refused."""
-    ours, theirs = _Drd().kf, _FilterPy()
+    ours, theirs = _Drd(CHECKED_SIGMAS).kf, _FilterPy(CHECKED_SIGMAS)
     errors = []
     for i in range(1, CHECKED_CYCLES):
         rate, travel_m = 0.5 * math.sin(0.1 * i), 0.05 * math.cos(0.03 * i)
@@ -181,5 +195,7 @@ def _check_agreement() -> None:
 
 
 def _states(nominal: Nominal) -> Matrix:
-    """The nine quantities that the error state corrects."""
-    return np.array(dataclasses.astuple(nominal))
+    """The quantities that the error state stands for, in its order."""
+    n = nominal
+    heading, gyro = (n.heading_rad, n.scale_right, n.scale_left, n.tread_m), (n.gyro_heading_rad, n.gyro_scale)
+    return np.array((n.x_m, n.y_m, *heading, *gyro, n.gyro_bias_rad_s, n.wheel_lag_s, n.slip_s))

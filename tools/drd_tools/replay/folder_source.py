@@ -1,9 +1,6 @@
 """Replay of the neutral recording folder: its rows as the samples that the daemon would have made of them."""
 
-import gc
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,6 +21,7 @@ from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd.wiring.judge import Geometry, judge
 from drd.wiring.table import sentences
 from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, file_hash
+from drd_tools.replay.memory import no_garbage
 from drd_tools.replay.nominal import in_force, with_configured_model
 from drd_tools.replay.result import Replayed
 
@@ -199,7 +197,7 @@ def run(estimator: Estimator, gyro: list[GyroSample], wheels: list[WheelSample])
     poses: list[Pose] = []
     keep, add_gyro, add_wheels, tick = poses.append, estimator.add_gyro, estimator.add_wheels, estimator.tick
     next_ns = samples[0].t_ns if samples else 0
-    with _no_garbage():
+    with no_garbage():
         for sample in tqdm(samples, "replay", unit=" samples", disable=None, leave=False, delay=1.0):
             while next_ns < sample[0]:
                 if (pose := tick(next_ns)) is not None:
@@ -213,15 +211,3 @@ def run(estimator: Estimator, gyro: list[GyroSample], wheels: list[WheelSample])
 
 def _time(sample: GyroSample | WheelSample) -> int:
     return sample.t_ns
-
-
-@contextmanager
-def _no_garbage() -> Iterator[None]:
-    """No garbage collection: thousands of poses are kept, none of them in a cycle, and looking at them again costs."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()

@@ -1,12 +1,13 @@
 """Replay of the daemon's recording: the same calls of the same pipeline, in the same order."""
 
-import base64
+import binascii
 import dataclasses
 import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from drd.track import MakeTrack, make_track
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
+from drd_tools.replay.memory import no_garbage
 from drd_tools.replay.result import BITS, Replayed
 
 NUMBERS: Final = 1 << 32
@@ -55,7 +57,8 @@ def replay_mcap(
         in_force, base = config_in_force(last, Path(folder), config, calibration, model)
         name = file.stem if model is not None else None
         pipeline = Pipeline(in_force, base, replay.on_pose, kept, name, new_track)
-    replay.run(pipeline, parts)
+    with no_garbage():
+        replay.run(pipeline, parts)
     counters = pipeline.counters()
     began = last.information.get("started_monotonic_ns", "")
     wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
@@ -120,14 +123,12 @@ class _Replay:
     def _in_order(self, parts: Sequence[McapFile]) -> Iterator[Recorded]:
         """All messages, while holes in their numbers are counted."""
         number = None
-        with tqdm(desc="replay", unit=" messages", disable=None, leave=False) as progress:
-            for part in parts:
-                for recorded in part.messages():
-                    if number is not None:
-                        self.lost += max(0, (recorded.number - number) % NUMBERS - 1)
-                    number = recorded.number
-                    progress.update()
-                    yield recorded
+        recordeds = chain.from_iterable(part.messages() for part in parts)
+        for recorded in tqdm(recordeds, "replay", unit=" messages", disable=None, leave=False):
+            if number is not None:
+                self.lost += max(0, (recorded.number - number) % NUMBERS - 1)
+            number = recorded.number
+            yield recorded
 
     def comparison(self) -> str:
         """Whether replay and live run agree. The last pose of a cut file may have been published, not recorded."""
@@ -147,7 +148,7 @@ def call(pipeline: Pipeline, recorded: Recorded) -> Callable[[], object] | None:
     """
     value = recorded.value()
     if recorded.topic == RAW_FOG:
-        data = base64.b64decode(value["data"], validate=True)
+        data = binascii.a2b_base64(value["data"], strict_mode=True)
         return partial(pipeline.on_fog_bytes, data, nanoseconds(value["monotonic_ns"]))
     if recorded.topic == RAW_CAN:
         return partial(pipeline.on_frames, [_frame(row) for row in value["frames"]])
@@ -181,7 +182,7 @@ def _reload(pipeline: Pipeline, now_ns: int, files: dict[str, str]) -> None:
 
 
 def _frame(row: dict[str, Any]) -> CanFrame:
-    can_id, data = int(row["can_id"]), base64.b64decode(row["data"], validate=True)
+    can_id, data = int(row["can_id"]), binascii.a2b_base64(row["data"], strict_mode=True)
     return CanFrame(nanoseconds(row["monotonic_ns"]), can_id, bool(row["extended"]), data)
 
 
