@@ -262,7 +262,7 @@ CUBIC = Calibration(
 
 
 def test_a_calibration_leaves_the_scale_out_and_its_range_is_watched() -> None:
-    e = make(NO_BIAS, CUBIC)
+    e = make(KNOWN, CUBIC)
     assert not e.estimates_gyro_scale
     inside = feed(e, drive(5))
     assert inside[-1].validity is Validity.VALID
@@ -271,7 +271,7 @@ def test_a_calibration_leaves_the_scale_out_and_its_range_is_watched() -> None:
     )
     assert cold[-1].validity is Validity.DEGRADED
     assert cold[-1].reasons[0].source == "calibration"
-    other = make(NO_BIAS, CUBIC)
+    other = make(KNOWN, CUBIC)
     feed(other, drive(5))
     warm = feed(other, drive(5, start_s=5.0))
     assert cold[-1].covariance[5] > 2.0 * warm[-1].covariance[5]
@@ -342,7 +342,8 @@ def test_with_the_gyro_s_heading_the_wheels_only_measure_the_way() -> None:
     way = 1.05 * sum(math.cos(0.5 * (1.0 - math.cos(0.8 * (i + 0.5) / 20))) / 20 for i in range(400))
     assert x == pytest.approx(way, rel=0.01)
     assert alone.counters["accepted"] == alone.counters["rejected"] == 0
-    assert abs(final(feed(both, lying))[2] - true_heading) > 1e-3
+    feed(both, lying)
+    assert both.counters["accepted"] > 100
     assert math.isfinite(y)
 
 

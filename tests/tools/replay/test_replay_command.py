@@ -96,7 +96,9 @@ def test_many_disagreements_are_explained(tmp_path: Path, capsys: pytest.Capture
     folder = long_drive(tmp_path).folder
     model = tmp_path / "model.yaml"
     model.write_text("tread_m: 0.2\n")
-    assert main(["replay", str(folder), "--model", str(model)]) == 0
+    config = tmp_path / "config.yaml"  # else another tread is what a skid-steer robot has
+    config.write_text("robot: {drive: differential}\n")
+    assert main(["replay", str(folder), "--model", str(model), "--config", str(config)]) == 0
     assert "comparisons wheels and gyro disagree" in capsys.readouterr().out
     assert main(["replay", str(folder)]) == 0
     assert "disagree by more" not in capsys.readouterr().out

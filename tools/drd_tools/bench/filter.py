@@ -27,6 +27,7 @@ SIGMAS: Final = Sigmas(
     wheel_lag_s=0.02,
 )
 # With every state in play, so that what both compute is compared in all of them.
+LAG_S: Final = 0.3  # far from 0, below which the filter does not let it fall, and FilterPy would
 CHECKED_SIGMAS: Final = dataclasses.replace(SIGMAS, slip_s=0.1)
 CYCLES_PER_PAIR: Final = 200
 CHECKED_CYCLES: Final = 200
@@ -61,10 +62,12 @@ class _Drd:
 
     def __init__(self, sigmas: Sigmas = SIGMAS) -> None:
         self.kf: Filter = _filter(Filter, sigmas)
+        self.kf.nominal.wheel_lag_s = LAG_S
 
     def cycles(self) -> None:
         kf = self.kf
         kf.restart(TREAD_M, SIGMAS)
+        kf.nominal.wheel_lag_s = LAG_S
         for _ in repeat(None, CYCLES_PER_PAIR):
             kf.predict(STEP_S, LEFT_M, RIGHT_M, RATE_RAD_S)
             kf.predict(STEP_S, LEFT_M, RIGHT_M, RATE_RAD_S)
@@ -112,6 +115,7 @@ class _FilterPy:
 
     def restart(self) -> None:
         self.motion.restart(TREAD_M, self.sigmas)
+        self.motion.nominal.wheel_lag_s = LAG_S
         self.kf.P, self.kf.x = self.motion.P.copy(), np.zeros((N, 1))
 
     def predict(self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float) -> None:
