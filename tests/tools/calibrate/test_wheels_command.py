@@ -331,13 +331,17 @@ def test_a_skid_steered_robot_gets_its_effective_tread(tmp_path: Path, capsys: p
 def test_what_is_written_for_the_real_robot_improves_its_replay(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of each recording, with a calibration by the others."""
+    """Of each recording, with a calibration by the others. Without it lag and tread are learned on the way, too, but
+    nothing tells how long the way is.
+    """
     folders = shared("warthog_*")
-    gains = []
+    gains, calibrated_m = [], []
     for folder in folders[:2]:
         others = [other for other in folders if other != folder]
         run(capsys, *others, "--output", tmp_path / "out")
         (tmp_path / folder.name).symlink_to(folder)
         errors_m = [replayed_rms_m(tmp_path / folder.name, c, capsys) for c in (None, tmp_path / "out/wheels.yaml")]
         gains.append(errors_m[1] / errors_m[0])
-    assert max(gains) < 0.5
+        calibrated_m.append(errors_m[1])
+    assert max(gains) < 0.97
+    assert max(calibrated_m) < 0.6
