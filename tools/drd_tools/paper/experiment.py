@@ -106,11 +106,13 @@ def _parameters(physics: Physics) -> Iterable[list[str]]:
 
 
 def _told(config: Config) -> Iterable[list[str]]:
-    """What of the configuration decides the outcome."""
+    """What of the configuration decides the outcome; null is what is usual for how the robot steers."""
     yield ["robot.tread_m", f"{config.robot.tread_m:g}"]
+    yield ["robot.drive", config.robot.drive]
     for name in ("profile", "midpoint", "gate_sigma"):
         yield [f"estimation.{name}", str(getattr(config.estimation, name))]
     for part in ("static_bias", "initial", "noise"):
         section = getattr(config.estimation, part)
         for field in dataclasses.fields(section):
-            yield [f"estimation.{part}.{field.name}", f"{getattr(section, field.name):.4g}"]
+            value = getattr(section, field.name)
+            yield [f"estimation.{part}.{field.name}", "null" if value is None else f"{value:.4g}"]
