@@ -19,7 +19,7 @@ from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
 from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
-from drd_tools.paper.studies import STATES, delay_alone, other_robot, sigmas_over_laps
+from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps
 from drd_tools.shipped import shipped_config
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +63,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
         table_deg_s=np.array([(o.table_before_deg_s, o.table_after_deg_s) for o in main]),
         figure3=_figure3(physics, seed),
         variance_time_s=time_s,
-        variance_sigma=sigma[:, : len(STATES)],
+        variance_sigma=sigma,
         delay=np.array(delay_alone(laboratory)),
         others=np.array(others),
         other_names=[", ".join(f"{k} {v:g}" for k, v in changes.items()) for changes in OTHER_ROBOTS],

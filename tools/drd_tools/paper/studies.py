@@ -37,7 +37,7 @@ def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tu
             next_ns += EVERY_NS
             rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
     table = np.array(rows)
-    return table[:, 0], table[:, 1:]
+    return table[:, 0], table[:, 1 : 1 + len(STATES)]  # the paper has no lag and no sideways slip
 
 
 def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05, 0.1)) -> list[tuple[float, ...]]:
