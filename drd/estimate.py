@@ -52,7 +52,7 @@ LIMITS: Final = {
 WHEEL_SCALE: Final = 0.005
 MEASURED_TREAD: Final = 0.02
 # Skid steering: the effective tread is 1.0 to 2.0 times the measured one, the way 3 to 8 % shorter than the wheels say,
-# and the body slips outwards by -0.4 to 0 s times speed and yaw rate.
+# and the body slips sideways by -0.4 to 0.4 s times speed and yaw rate.
 EFFECTIVE_TREAD: Final = 0.5
 SKID_SCALE: Final = 0.04
 SKID_SLIP_S: Final = 0.25

@@ -242,7 +242,7 @@ class Filter:
         self._F_and_I.dot(self._PFT_and_Q, P)
 
     def _gyro_row(self, dt_s: float, turn: float) -> float:
-        """What the gyro's reading makes of F. Returns what an error of the lag turns."""
+        """Fill in the gyro's row of F. Returns what an error of the lag turns."""
         n, f = self.nominal, self._f
         # The reading that a gyro without noise would give for this turn. (12)
         f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
@@ -539,7 +539,7 @@ class Filter:
         return p[XX], p[XY], p[X * N + h], p[YY], p[Y * N + h], p[h * (N + 1)]
 
     def lag_covariance(self) -> tuple[float, float, float, float]:
-        """Of the wheels' lag with the pose's x, y and heading, and its variance."""
+        """Covariance of the wheels' lag with the pose's x, y and heading, and its variance."""
         p, lag = self._p, WHEEL_LAG * N
         return p[lag + X], p[lag + Y], p[lag + self.pose_heading], p[TT]
 

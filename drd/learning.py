@@ -40,7 +40,7 @@ class Drive(Enum):
 
 @dataclass(frozen=True)
 class Learned:
-    """What is to be kept over a restart: how the robot steers, and variances, with 0 where nothing was learned."""
+    """Knowledge to keep over a restart: how the robot steers, and variances, with 0 where nothing was learned."""
 
     drive: str = Drive.UNKNOWN.value
     gyro_differences: float = 0.0

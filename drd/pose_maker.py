@@ -22,7 +22,7 @@ HEADING_LOST_RAD = 1.5
 
 
 class Lead(NamedTuple):
-    """What leads from the track to the time of its newest samples, and how much less the wheels' way is known than P
+    """The step from the track to the time of its newest samples, and how much less the wheels' way is known than P
     has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (65), (69)
     """
 

@@ -150,7 +150,7 @@ def lag_sentences(lag: Lag | None) -> list[str]:
     if lag.hold_s > 0.0:
         said.append(
             f"The drive holds a wheel speed for {lag.hold_s:.2f} s: a single reading is older or younger than the lag "
-            f"says by {1000 * lag.hold_s / math.sqrt(12.0):.0f} ms (estimation.noise.timing_s)."
+            f"says by {1000 * lag.hold_s / math.sqrt(12.0):.0f} ms, which the filter finds on the way."
         )
     return said
 
