@@ -278,10 +278,13 @@ class Estimator:
     def _lead(self, track: Track) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
         lag_ns = track.lag_ns
-        if lag_ns <= 0 or not self._gyro.segments:
+        if lag_ns <= 0:
             return Lead(0.0, 0.0, 0.0, self.steering.scale)
         n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
-        turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
+        if self._gyro.segments:
+            turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
+        else:  # the newest is used up: as fast as in it
+            turn_rad = track.rate_rad_s * lag_s
         return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale)
 
     def _look_ahead(self, t_ns: int) -> Track:

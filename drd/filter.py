@@ -42,10 +42,13 @@ XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 RL = SCALE_R * N + SCALE_L
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
+GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
 RATE_ERROR_CORRELATION_S: Final = 20.0
 # A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
 CHANGE_SIGMAS2: Final = 18.0
+# A gyro's own filter and its line make it this late at most; a larger lead of the wheels is noise.
+LARGEST_LEAD_S: Final = 0.1
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
@@ -82,7 +85,7 @@ class Nominal:
     gyro_heading_rad: float = 0.0
     gyro_scale: float = 1.0
     gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
-    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro
+    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro; negative: the gyro is late
     slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
     origin_x_m: float = 0.0  # where the way began that the position is due to
     origin_y_m: float = 0.0
@@ -381,10 +384,14 @@ class Filter:
         q[RR] = k.wheel_scale_per_m * right_m + scale
         q[LL] = k.wheel_scale_per_m * left_m + scale
         q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
-        q[GG] = (k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma) * dt_s  # (21)
+        # While the robot turns, the gyro's heading at the wheels' time goes with the lag. (65)
+        lag_walk = k.wheel_lag_s2_per_s * dt_s * self._estimate_lag
+        swept = self.rate_rad_s * lag_walk
+        q[TT], q[GT], q[TG] = lag_walk, -swept, -swept
+        gyro = k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma  # (21)
+        q[GG] = gyro * dt_s + self.rate_rad_s * swept
         q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
         q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
-        q[TT] = k.wheel_lag_s2_per_s * dt_s * self._estimate_lag
 
     def update(self, rate_rad_s: float) -> Outcome:
         """Compare the two headings, gate, correct all states and feed the correction back.
@@ -414,8 +421,8 @@ class Filter:
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
-        if n.wheel_lag_s < 0.0:
-            self._forbid_lead()
+        if n.wheel_lag_s < -LARGEST_LEAD_S:
+            self._limit_lead()
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
@@ -426,10 +433,10 @@ class Filter:
             np.multiply(T, 0.5, P)
         return Outcome.ACCEPTED
 
-    def _forbid_lead(self) -> None:
-        """No wheel tells what the robot will do: in place of a negative lag, the likeliest state with 0. (65)"""
+    def _limit_lead(self) -> None:
+        """No wheel tells what the robot will do: in place of a larger lead, the likeliest state with this one. (65)"""
         n, column = self.nominal, self.P[WHEEL_LAG].tolist()
-        k = n.wheel_lag_s / column[WHEEL_LAG]
+        k = (n.wheel_lag_s + LARGEST_LEAD_S) / column[WHEEL_LAG]
         n.x_m -= column[X] * k
         n.y_m -= column[Y] * k
         n.heading_rad -= column[HEADING] * k
@@ -439,7 +446,7 @@ class Filter:
         n.gyro_heading_rad -= column[GYRO_HEADING] * k
         n.gyro_scale -= column[GYRO_SCALE] * k
         n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
-        n.wheel_lag_s = 0.0
+        n.wheel_lag_s = -LARGEST_LEAD_S
 
     def anchor_gyro(self) -> None:
         """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""
@@ -485,6 +492,12 @@ class Filter:
     def add_tread_variance(self, variance_m2: float) -> None:
         """The effective tread may be another from now on."""
         self._p[DD] += variance_m2
+
+    def add_lag_variance(self, variance_s2: float) -> None:
+        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (65)"""
+        g = np.zeros(N)
+        g[WHEEL_LAG], g[GYRO_HEADING] = 1.0, -self.rate_rad_s
+        self.P += variance_s2 * np.outer(g, g)
 
     def add_slip_variance(self, variance_s2: float) -> None:
         """The robot may slip sideways from now on. (68)"""

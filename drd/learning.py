@@ -16,8 +16,8 @@ BLOCK_S: Final = 1.0
 GUARD_S: Final = 0.5
 # Differences of blocks until the noise counts as known: then within 40 %.
 KNOWN_AFTER: Final = 3
-# The stated noise counts as much as one difference.
-STATED_COUNTS: Final = 1.0
+# Differences of neighbouring means are not independent: n of them are worth two thirds (von Neumann 1941).
+FREEDOM: Final = 2.0 / 3.0
 # Until it is known a cause is taken for as bad as on common ground, with the weight of so many comparisons, and never
 # for worse than so bad that the wheels say nothing; memory ends at so many comparisons: a minute of motion.
 WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
@@ -78,7 +78,7 @@ class RestNoise:
     @property
     def relative_sigma(self) -> float:
         """Standard deviation of the learned N relative to N; infinite before any difference."""
-        return math.sqrt(0.5 / self.differences) if self.differences else math.inf
+        return math.sqrt(0.5 / (FREEDOM * self.differences)) if self.differences else math.inf
 
     def interrupt(self) -> None:
         """The robot moves, or the gyro is away: blocks begin anew, and the last one is not used."""
@@ -108,7 +108,8 @@ class RestNoise:
 
     def _tell(self) -> None:
         if self.is_learned and self.differences:
-            mean = (STATED_COUNTS * self.stated_rad2_per_s + self._sum) / (STATED_COUNTS + self.differences)
+            # What so few differences allow is more than their mean: the mean of N^2 given nu degrees of freedom.
+            mean = FREEDOM * self._sum / max(FREEDOM * self.differences - 2.0, FREEDOM)
             self.variance_rad2_per_s = max(mean, self.stated_rad2_per_s)
 
 

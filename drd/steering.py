@@ -40,6 +40,8 @@ class Steering:
                 kf.add_scale_variance(SKID_SCALE, 0.0)
             if self._initial.slip_s is None:
                 kf.add_slip_variance(SKID_SLIP_S**2)
+            # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
+            kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
         elif sigma_m < tape_m:
             self.drive, self.scale = Drive.DIFFERENTIAL, 0.0

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drd.config import Config
-from drd.filter import Filter, Sigmas
+from drd.filter import LARGEST_LEAD_S, Filter, Sigmas
 from drd.noise import NoiseProfile
 from drd.timeline import Piece, Segment, Stream, pieces
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
@@ -34,6 +34,9 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     no_gyro_s: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
+    # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (65)
+    _regained_s: float = 0.0
+    _regained_rad: float = 0.0
     _lag_s: float = 0.0  # of `lag_ns`
     _lag_ns: int = 0
     # The wheels' heading stands rejected by this much, and is not yet released.
@@ -45,6 +48,7 @@ class Track:
         self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
         self.rejected_rad = other.rejected_rad
+        self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
 
     def run(
         self,
@@ -64,7 +68,11 @@ class Track:
                 if rate.end_ns <= self._compared_ns:
                     continue  # the lag has become shorter meanwhile
                 self._compared_ns = rate.end_ns
+                before_s = self.kf.nominal.wheel_lag_s
                 on_gyro_end(self.t_ns, wheel, rate)
+                regained_s = self.kf.nominal.wheel_lag_s - before_s
+                self._regained_s += regained_s
+                self._regained_rad += self.kf.rate_rad_s * regained_s
 
     @property
     def lag_ns(self) -> int:
@@ -72,7 +80,7 @@ class Track:
         lag_s = self.kf.nominal.wheel_lag_s
         if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
             self._lag_s = lag_s
-            self._lag_ns = round(min(lag_s, LATEST_S) * NS_PER_S)
+            self._lag_ns = round(max(min(lag_s, LATEST_S), -LARGEST_LEAD_S) * NS_PER_S)
         return self._lag_ns
 
     def _step(self, piece: Piece) -> None:
@@ -92,6 +100,10 @@ class Track:
             n = kf.nominal
             self.rate_rad_s = n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s
             self.no_gyro_s = 0.0
+            if self._regained_s:
+                # This much of the turn is seen twice, or left out; the update has allowed for it at the filter's rate.
+                n.gyro_heading_rad += self._regained_rad - self.rate_rad_s * self._regained_s
+                self._regained_s = self._regained_rad = 0.0
         if wheels:
             self.unseen_s = self.blind_s = 0.0
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)

@@ -3,7 +3,28 @@
 from collections.abc import MutableSequence
 from typing import NamedTuple
 
-from drd.filter import BB, DD, GG, HH, HX, HY, LL, RATE_ERROR_CORRELATION_S, RR, SS, TT, XH, XX, XY, YH, YX, YY, N
+from drd.filter import (
+    BB,
+    DD,
+    GG,
+    GT,
+    HH,
+    HX,
+    HY,
+    LL,
+    RATE_ERROR_CORRELATION_S,
+    RR,
+    SS,
+    TG,
+    TT,
+    XH,
+    XX,
+    XY,
+    YH,
+    YX,
+    YY,
+    N,
+)
 from drd.noise import NoiseProfile
 from drd_tools.explain import causes
 
@@ -23,11 +44,12 @@ class Step(NamedTuple):
     bend_m: float
     tread_m: float
     jitter_rad2: float
+    turning_rad_s: float
 
 
 def fill(q: MutableSequence[float], k: NoiseProfile, step: Step, estimates_gyro_scale: float) -> None:
     """Set the elements of Q in `q`, flat and of shape (causes, N, N), that a step changes. (19), (21)"""
-    dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, jitter = step
+    dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, jitter, turning = step
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * right_m, 0.5, bend / D, 1.0 / D, c, s)
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * left_m, 0.5, -bend / D, -1.0 / D, c, s, add=True)
     _pose(q, causes.SLIP_HEADING, k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s, 0.0, bend, 1.0, c, s)
@@ -38,7 +60,9 @@ def fill(q: MutableSequence[float], k: NoiseProfile, step: Step, estimates_gyro_
     q[causes.WHEEL_SCALE_WALK * SIZE + RR] = k.wheel_scale_per_m * right_m + k.wheel_scale_per_s * dt_s
     q[causes.WHEEL_SCALE_WALK * SIZE + LL] = k.wheel_scale_per_m * left_m + k.wheel_scale_per_s * dt_s
     q[causes.TREAD_WALK * SIZE + DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
-    q[causes.LAG_WALK * SIZE + TT] = k.wheel_lag_s2_per_s * dt_s
+    lag_walk, at = k.wheel_lag_s2_per_s * dt_s, causes.LAG_WALK * SIZE
+    q[at + TT], q[at + GG] = lag_walk, turning * turning * lag_walk
+    q[at + GT] = q[at + TG] = -turning * lag_walk
     q[causes.GYRO_NOISE * SIZE + GG] = k.gyro_rad2_per_s * dt_s
     q[causes.CALIBRATION * SIZE + GG] = 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma * dt_s
     q[causes.GYRO_SCALE_WALK * SIZE + SS] = k.gyro_scale_per_s * dt_s * estimates_gyro_scale

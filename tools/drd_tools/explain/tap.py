@@ -74,6 +74,9 @@ class _Told(Filter):
     def add_slip_variance(self, variance_s2: float) -> None:
         """Nothing."""
 
+    def add_lag_variance(self, variance_s2: float) -> None:
+        """Nothing."""
+
 
 class TappedFilter(Filter):
     """Does what the filter does, and the same to the covariance of each cause."""
@@ -162,7 +165,7 @@ class TappedFilter(Filter):
         super()._process_noise(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend)
         if self._is_told:
             tread_m = self.nominal.tread_m
-            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, tread_m, self._jitter)
+            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, tread_m, self._jitter, self.rate_rad_s)
             fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
     def update(self, rate_rad_s: float) -> Outcome:
@@ -246,6 +249,13 @@ class TappedFilter(Filter):
         super().add_slip_variance(variance_s2)
         if self._is_told:
             self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
+
+    def add_lag_variance(self, variance_s2: float) -> None:
+        """As the filter's: the tread was wrong with which the lag was learned."""
+        before = self.P.copy()
+        super().add_lag_variance(variance_s2)
+        if self._is_told:
+            self._budget.add_matrix(causes.LAG_START, self.P - before)
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
         """As the filter's: which cause brought what is not known of an estimate from elsewhere."""

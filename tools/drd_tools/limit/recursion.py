@@ -60,7 +60,8 @@ class ErrorModel(Filter):
     def _process_noise(self, dt_s: float, left_m: float, right_m: float, *rest: Any) -> None:
         super()._process_noise(dt_s, left_m, right_m, *rest)
         turn_rad, rate_sigma, c, s, bend = rest
-        step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, self.nominal.tread_m, self._jitter)
+        D = self.nominal.tread_m
+        step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, self._jitter, self.rate_rad_s)
         fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
 
