@@ -11,7 +11,7 @@ import pytest
 from drd.schema import ConfigError
 from drd_tools.honesty import __main__ as command
 from drd_tools.honesty.baselines import GYRO, STOPS, WHEELS
-from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, LIMIT, STATED
+from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, NOMINAL_LIMIT, STATED
 from drd_tools.honesty.figures import Figures
 from drd_tools.honesty.promises import goals, nees_limit, promises, ratio_at_least, single_seeds_worse
 from drd_tools.honesty.results import Judged, Results, together
@@ -108,7 +108,7 @@ def test_goals_are_medians_of_their_drives() -> None:
     verdicts = goals(found)
     assert [verdict.kept for verdict in verdicts] == [True, False]
     assert "0.4 m" in verdicts[0].text
-    near = Results(1, [Judged("simulated", "plain", "0", figures() | {LIMIT: Figures(0.38, 1.0, None)})])
+    near = Results(1, [Judged("simulated", "plain", "0", figures() | {NOMINAL_LIMIT: Figures(0.38, 1.0, None)})])
     assert [verdict.kept for verdict in goals(near)] == [True]
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from drd.config import Config
+from drd.estimate import initial_sigmas
 from drd.samples import Validity
 from drd.units import S_PER_NS
 from drd_tools.calibrate.wheels.drive import Mounting, make_drive
@@ -17,12 +18,15 @@ from drd_tools.calibrate.wheels.found import find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.evaluate.replayed import poses_of
 from drd_tools.honesty.figures import Estimated, Figures
-from drd_tools.limit.limit import limit_of
+from drd_tools.limit.drive import replayed_drive
+from drd_tools.limit.known import known_of
+from drd_tools.limit.limit import limit_on
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import configuration
 
 DEFAULT, CALIBRATED, PAPER, STATED, LIMIT = "default", "calibrated", "paper", "stated", "limit"
+NOMINAL_LIMIT: Final = "limit, nominal"
 WHEEL_LAG_S: Final = 0.05
 
 
@@ -83,7 +87,15 @@ def calibrate(recordings: Sequence[Recording], file: Path) -> Calibration:
     return Calibration(file, fit.mounting)
 
 
-def limit(recording: Recording, config: Config | None = None) -> Figures:
-    """What noise as `config` states it (None: as robot.yaml does) allows."""
-    found = limit_of(recording, config)
-    return Figures(found.position_rms_m, found.heading_rms_deg, found.drift_percent)
+def limits(recording: Recording, drawn: Config | None = None) -> dict[str, Figures]:
+    """What the noise allows where the geometry is known; and, of a simulated robot, where it is not.
+
+    `drawn` states from which distributions the robot and its noise were drawn; None: a real one, as robot.yaml states.
+    """
+    config = configuration(recording) if drawn is None else drawn
+    drive = replayed_drive(recording, config)
+    cases = {LIMIT: known_of(recording, config, drive)}
+    if drawn is not None:
+        cases[NOMINAL_LIMIT] = replace(cases[LIMIT], sigmas=initial_sigmas(drawn, estimates_gyro_scale=True))
+    found = {name: limit_on(drive, known) for name, known in cases.items()}
+    return {name: Figures(one.position_rms_m, one.heading_rms_deg, one.drift_percent) for name, one in found.items()}

@@ -84,11 +84,11 @@ def _kind(kinds: Sequence[str], name: str) -> str:
 
 
 def all_figures(
-    recording: Recording, wheels: Path | None, yardstick: Yardstick, true_noise: Config | None = None
+    recording: Recording, wheels: Path | None, yardstick: Yardstick, drawn: Config | None = None
 ) -> dict[str, Figures]:
     """Every configuration and baseline that the recording allows.
 
-    `wheels`: a calibration on other drives; `true_noise`: what the limit is that of, where it is not robot.yaml's.
+    `wheels`: a calibration on other drives; `drawn`: what a simulated robot was drawn from.
     """
     found = {c.DEFAULT: c.estimated(recording)}
     if wheels is not None:
@@ -96,4 +96,4 @@ def all_figures(
     found[c.PAPER] = c.estimated(c.with_paper_profile(recording))
     found |= {name: Estimated(poses) for name, poses in baselines(recording).items()}
     figures = {name: figures_of(one, yardstick) for name, one in found.items()}
-    return figures | {c.LIMIT: c.limit(recording, true_noise)}
+    return figures | c.limits(recording, drawn)

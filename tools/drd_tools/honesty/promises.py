@@ -9,7 +9,7 @@ from scipy import stats
 
 from drd_tools.evaluate.consistency import Nees, nees_interval
 from drd_tools.honesty.baselines import BASELINES, GYRO
-from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, LIMIT, STATED
+from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, NOMINAL_LIMIT, STATED
 from drd_tools.honesty.figures import Figures
 from drd_tools.honesty.results import Judged, Results, together
 
@@ -180,9 +180,9 @@ def _goal(
 
 
 def _near_limit(group: str, drives: Sequence[Judged]) -> Iterator[Verdict]:
-    known = [one for one in drives if LIMIT in one.figures]
+    known = [one for one in drives if NOMINAL_LIMIT in one.figures]
     if known:
-        own, limit = (together([one.figures[name] for one in known], "simulated") for name in (DEFAULT, LIMIT))
+        own, limit = (together([one.figures[name] for one in known], "simulated") for name in (DEFAULT, NOMINAL_LIMIT))
         ratio = own.position_rms_m / limit.position_rms_m
         yield Verdict(f"near the limit: {group}", ratio <= OF_THE_LIMIT, f"{ratio:.2f} x (goal {OF_THE_LIMIT:g})")
 

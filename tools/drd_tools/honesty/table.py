@@ -5,7 +5,7 @@ from typing import Final
 
 from drd_tools.evaluate.consistency import nees_interval
 from drd_tools.honesty.baselines import BASELINES, WHEELS
-from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, LIMIT, PAPER, STATED, WHEEL_LAG_S
+from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, LIMIT, NOMINAL_LIMIT, PAPER, STATED, WHEEL_LAG_S
 from drd_tools.honesty.drives import FOLDS, ROBOTS
 from drd_tools.honesty.figures import Figures
 from drd_tools.honesty.promises import (
@@ -21,7 +21,7 @@ from drd_tools.honesty.promises import (
 from drd_tools.honesty.results import Judged, Results, together
 from drd_tools.honesty.scenarios import SCENARIOS, SECONDS
 
-ORDER: Final = (DEFAULT, CALIBRATED, PAPER, *BASELINES, LIMIT)
+ORDER: Final = (DEFAULT, CALIBRATED, PAPER, *BASELINES, LIMIT, NOMINAL_LIMIT)
 HEADER: Final = (
     "drive", "n", "configuration", "pos m", "head deg", "drift %", "inside %", "bound m", "bound/err", "valid %",
 )  # fmt: skip
@@ -35,7 +35,8 @@ way; inside: share of the moving and valid rows whose error is inside the 99 % b
 allowed to the reference); bound: median; bound/err: that over the median error; valid: share of the rows.
 default: the nominal geometry of robot.yaml and nothing else. calibrated: the wheels that four fifths of the robot's
 other drives give (each {FOLDS}th drive is judged by the others). paper: the paper's Q and R. {WHEELS}: odometry;
-b: gyro's heading, wheels' way; c: the same, the bias taken at every stop. limit: what the sensors' noise allows.
+b: gyro's heading, wheels' way; c: the same, the bias taken at every stop. limit: what the sensors' noise allows
+where the geometry is known; limit, nominal: where it is not, of a robot drawn as estimation.initial states.
 Real drives: the estimate is put on the reference's first row; the reference's own lag, and where it sits on the robot
 by the other drives, are taken off; groups of n drives show medians. Simulated ones ({SECONDS:g} s): root mean squares
 over n seeds, since luck decides between nearly equal estimators in a single seed. The promise not to be worse than the
