@@ -4,29 +4,25 @@ import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
-import yaml
+from msgspec import Meta
 
+from drd.covariance import unfit
 from drd.samples import CalibratedRate, GyroSample
-from drd.schema import ConfigError
+from drd.schema import ConfigError, load
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 
 FORMAT = "drd-gyro-calibration/1"
 Row = tuple[float, float, float]
 ZERO: tuple[Row, Row, Row, Row] = ((0.0, 0.0, 0.0),) * 4
-KEYS = (
-    "format", "error_deg_s", "rate_range_deg_s", "temperature_range_c", "residual_deg_s", "provenance",
-    "residual_before_deg_s", "covariance",
-)  # fmt: skip
-COEFFICIENTS = 12
+Row12 = Annotated[tuple[float, ...], "12 finite numbers", Meta(min_length=12, max_length=12)]
+Residual = Annotated[float, "deg/s", Meta(ge=0)]
 # Of a gyro that was calibrated at one temperature only: Table I, peak to peak over -40 to 75 degC.
 BIAS_SLOPE_DEG_S_C, SCALE_SLOPE_PER_C = 0.2 / 115.0, 0.02 / 115.0
 # What a cubic leaves changes over an eighth of the range of rates, about the distance between its zeros. (42)
 RATE_LENGTHS = 8.0
-# Correlations that were rounded when they were written down make a matrix a little indefinite.
-INDEFINITE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -110,101 +106,45 @@ class Calibration:
         return tuple(tuple(row) for row in rows.tolist())
 
 
+@dataclass(frozen=True)
+class _Rows:
+    """The coefficients of each power of w."""
+
+    a0: Row
+    a1: Row
+    a2: Row
+    a3: Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File:
+    """A calibration file."""
+
+    format: Literal["drd-gyro-calibration/1"]
+    error_deg_s: _Rows
+    rate_range_deg_s: tuple[float, float]
+    temperature_range_c: tuple[float, float]
+    residual_deg_s: Residual
+    provenance: dict[str, str]
+    residual_before_deg_s: Residual | None = None
+    covariance: Annotated[tuple[Row12, ...], "12 rows of 12 numbers", Meta(min_length=12, max_length=12)] | None = None
+
+
 def load_calibration(file: Path) -> Calibration:
-    """Read a calibration file. Raises ConfigError with file, key, expected and got."""
-    where = str(file)
-    try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
-        raise ConfigError(where, "calibration.file", "a readable YAML file", f"{where}: {reason}") from error
-    if not isinstance(data, dict):
-        raise ConfigError(where, "", "a section of keys", type(data).__name__)
-    for name in data:
-        if name not in KEYS:
-            raise ConfigError(where, str(name), f"one of {', '.join(KEYS)}", "an unknown key")
-    if data.get("format") != FORMAT:
-        raise ConfigError(where, "format", repr(FORMAT), repr(data.get("format")))
-    rows = data.get("error_deg_s")
-    if not isinstance(rows, dict) or sorted(rows) != ["a0", "a1", "a2", "a3"]:
-        raise ConfigError(where, "error_deg_s", "the keys a0, a1, a2, a3", repr(rows)[:80])
-    b = [_numbers(rows[name], 3, where, f"error_deg_s.{name}") for name in ("a0", "a1", "a2", "a3")]
-    residual = _residual(data.get("residual_deg_s"), where, "residual_deg_s")
-    before = data.get("residual_before_deg_s")
-    before = None if before is None else _residual(before, where, "residual_before_deg_s")
-    provenance = data.get("provenance")
-    if not isinstance(provenance, dict) or not provenance:
-        raise ConfigError(where, "provenance", "keys that say where the coefficients come from", repr(provenance)[:80])
-    rate_range = _range(data.get("rate_range_deg_s"), where, "rate_range_deg_s")
-    temperature_range = _range(data.get("temperature_range_c"), where, "temperature_range_c")
-    return Calibration(
-        (
-            (b[0][0], b[0][1], b[0][2]),
-            (b[1][0], b[1][1], b[1][2]),
-            (b[2][0], b[2][1], b[2][2]),
-            (b[3][0], b[3][1], b[3][2]),
-        ),
-        rate_range,
-        temperature_range,
-        residual,
-        {str(k): str(v) for k, v in provenance.items()},
-        before,
-        _covariance(data.get("covariance"), where),
-    )
-
-
-def _residual(value: Any, where: str, path: str) -> float:
-    residual = _numbers([value], 1, where, path)[0]
-    if residual < 0.0:
-        raise ConfigError(where, path, "a number in deg/s from 0", f"{residual:g}")
-    return residual
-
-
-def _covariance(value: Any, where: str) -> tuple[tuple[float, ...], ...]:
-    """Checked: 12 rows of 12, symmetric, positive semidefinite; empty where the file has none."""
-    if value is None:
-        return ()
-    path, expected = "covariance", f"{COEFFICIENTS} rows of {COEFFICIENTS} numbers"
-    if not isinstance(value, list) or len(value) != COEFFICIENTS:
-        got = f"{len(value)} rows" if isinstance(value, list) else repr(value)[:80]
-        raise ConfigError(where, path, expected, got)
-    rows = [_numbers(row, COEFFICIENTS, where, f"{path}, row {i + 1}") for i, row in enumerate(value)]
-    matrix = np.array(rows)
-    variances = np.diag(matrix)
-    if variances.min() < 0.0:
-        raise ConfigError(where, path, "variances from 0 on the diagonal", f"{variances.min():g}")
-    if matrix[variances == 0.0].any():
-        raise ConfigError(where, path, "no covariance where the variance is 0", "one")
-    sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    with np.errstate(all="ignore"):  # of numbers near the largest
-        correlation = matrix / np.outer(sigma, sigma)
-        skew = float(np.abs(correlation - correlation.T).max())
-    if not skew < INDEFINITE:
-        raise ConfigError(where, path, "a symmetric matrix", f"correlations that differ by {skew:.2g}")
-    lowest = float(np.linalg.eigvalsh(correlation)[0])
-    if lowest < -INDEFINITE:
-        raise ConfigError(
-            where, path, "a positive semidefinite matrix", f"an eigenvalue of {lowest:.2g} of the correlation"
-        )
-    return tuple(tuple(row) for row in rows)
-
-
-def _numbers(value: Any, count: int, where: str, path: str) -> list[float]:
-    expected = f"{count} finite numbers" if count > 1 else "a finite number"
-    if not isinstance(value, list) or len(value) != count:
-        raise ConfigError(where, path, expected, repr(value)[:80])
-    try:
-        # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
-        numbers = [float(v) for v in value if not isinstance(v, bool)]
-    except (TypeError, ValueError, OverflowError):
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise ConfigError(where, path, expected, repr(value)[:80])
-    return numbers
-
-
-def _range(value: Any, where: str, path: str) -> tuple[float, float]:
-    low, high = _numbers(value, 2, where, path)
-    if low >= high:
-        raise ConfigError(where, path, "a low and a higher number", repr(value))
-    return low, high
+    """Read a calibration file. Raises ConfigError with file, line, key, expected and got."""
+    loaded = load(file, _File)
+    f, wrong = loaded.value, list[tuple[str, str, str]]()
+    for path in ("rate_range_deg_s", "temperature_range_c"):
+        low, high = getattr(f, path)
+        if low >= high:
+            wrong.append((path, "a low and a higher number", f"{low:g} and {high:g}"))
+    if not f.provenance:
+        wrong.append(("provenance", "keys that say where the coefficients come from", "none"))
+    if f.covariance is not None and (found := unfit(np.array(f.covariance))) is not None:
+        wrong.append(("covariance", *found))
+    for path, expected, got in wrong:
+        raise ConfigError(loaded.place(path), path, expected, got)
+    rows = (f.error_deg_s.a0, f.error_deg_s.a1, f.error_deg_s.a2, f.error_deg_s.a3)
+    ranges = f.rate_range_deg_s, f.temperature_range_c
+    before, covariance = f.residual_before_deg_s, f.covariance or ()
+    return Calibration(rows, *ranges, f.residual_deg_s, f.provenance, before, covariance)

@@ -1,18 +1,21 @@
 """model.yaml: the nominal robot, and the physical effects to which it is blind, with their parameters."""
 
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, make_dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import yaml
+from msgspec import Meta
 
 from drd.config import Config
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.nominal import Stated
-from drd.schema import ConfigError, Loaded, _at, _join, _section, _shown, _yaml_problem, loads
+from drd.schema import ConfigError, Loaded, keys, loads, made, read_text
 from drd.units import RAD_PER_DEG
 
 
@@ -37,7 +40,6 @@ DRIVERS: Final = {
 }
 # A value so many times larger than the largest plausible one is a slip of the pen, and may overflow.
 LARGEST_TIMES_PLAUSIBLE: Final = 100.0
-KEYS: Final = ("effect", "parameters", "seen", "provenance")
 
 
 class Amount(NamedTuple):
@@ -86,10 +88,7 @@ class Model:
         """Path and value of each key of robot.yaml that the model states."""
         for path, origin in self.robot.origins.items():
             if origin != "default":
-                value: Any = self.robot.value
-                for name in path.split("."):
-                    value = getattr(value, name)
-                yield path, value
+                yield path, attrgetter(path)(self.robot.value)
 
     def holds_in(self, recording: str | None) -> tuple[tuple[Term, ...], list[str]]:
         """The terms that hold in a recording (None: in a run that is still to come), and sentences about the others."""
@@ -115,132 +114,75 @@ def _names(text: str) -> list[str]:
 
 def load_model(file: Path) -> Model:
     """Read a model file. Raises ConfigError with file, line, key, expected and got; nothing else escapes."""
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error.strerror) if isinstance(error, OSError) else str(error)
-        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
-    return loads_model(text, str(file))
+    return loads_model(read_text(file), str(file))
 
 
 def loads_model(text: str, where: str = "(text)") -> Model:
     """Read a model from YAML text. Raises ConfigError; nothing else escapes."""
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # as in drd.schema
-        line, problem = _yaml_problem(error, text)
-        raise ConfigError(f"{where}{line}", "", "YAML", problem) from error
-    pairs = root.value if isinstance(root, yaml.MappingNode) else []
-    mine = [(k, v) for k, v in pairs if k.value in ("effects", "provenance")]
-    if root is not None and pairs:
-        root.value = [pair for pair in pairs if pair not in mine]
-    reader = _Reader(where)
-    found = reader.section(yaml.MappingNode("tag:yaml.org,2002:map", mine), "", ("effects", "provenance"))
-    origins: dict[str, str] = {}
-    robot = _section(Stated, root, "", where, origins)
-    terms = [reader.term(node, f"effects[{i}]") for i, node in enumerate(reader.items(found.get("effects")))]
-    provenance = reader.texts(found.get("provenance"), "provenance")
-    return Model(tuple(terms), Loaded(robot, origins, where), provenance)
+    loaded = loads(text, _File, where)
+    terms = [_term(node, f"effects[{i}]", where) for i, node in enumerate(loaded.value.effects or ())]
+    origins = {path: loaded.origins[path] for path, _ in keys(Stated)}
+    return Model(tuple(terms), Loaded(loaded.value, origins, where), loaded.value.provenance)
 
 
-class _Reader:
-    """From YAML's nodes to terms, with errors that name the line."""
+@dataclass(frozen=True, kw_only=True)
+class _File(Stated):
+    """model.yaml."""
 
-    def __init__(self, where: str):
-        self._where = where
+    effects: Annotated[tuple[yaml.Node, ...], "effects"] | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
 
-    def refuse(self, node: yaml.Node, path: str, expected: str, got: str | None = None) -> ConfigError:
-        return ConfigError(_at(self._where, node), path, expected, _shown(node) if got is None else got)
 
-    def section(self, node: yaml.Node | None, path: str, names: Sequence[str] | None) -> dict[str, yaml.Node]:
-        """The keys of a section, each of `names` (None: any) and once."""
-        if node is None or node.tag == "tag:yaml.org,2002:null":
-            return {}
-        if not isinstance(node, yaml.MappingNode):
-            raise self.refuse(node, path, "a section of keys")
-        found: dict[str, yaml.Node] = {}
-        for key_node, value in node.value:
-            name = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else _shown(key_node)
-            if names is not None and name not in names:
-                raise self.refuse(key_node, _join(path, name), f"one of {', '.join(names)}", "an unknown key")
-            if name in found:
-                raise self.refuse(key_node, _join(path, name), "each key once", "a second one")
-            found[name] = value
-        return found
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    """An effect in a file."""
 
-    def items(self, node: yaml.Node | None) -> list[yaml.Node]:
-        if node is None or node.tag == "tag:yaml.org,2002:null":
-            return []
-        if not isinstance(node, yaml.SequenceNode):
-            raise self.refuse(node, "effects", "a list of effects")
-        return list(node.value)
+    effect: Annotated[str, "name of an effect"]
+    parameters: yaml.Node | None = None
+    seen: yaml.Node | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
 
-    def texts(self, node: yaml.Node | None, path: str) -> dict[str, str]:
-        found = {}
-        for name, value in self.section(node, path, None).items():
-            if not isinstance(value, yaml.ScalarNode):
-                raise self.refuse(value, _join(path, name), "a text")
-            found[name] = str(value.value)
-        return found
 
-    def number(
-        self, node: yaml.Node, path: str, expected: str, low: float = -math.inf, high: float = math.inf
-    ) -> float:
-        value = math.nan
-        if isinstance(node, yaml.ScalarNode) and not node.style and not node.tag.endswith(":bool"):
-            try:
-                value = float(node.value)
-            except ValueError:
-                value = math.nan
-        if not (math.isfinite(value) and low <= value <= high):
-            raise self.refuse(node, path, expected)
-        return value
+_Seen: Final[type[Any]] = make_dataclass("_Seen", [
+    (name, Annotated[tuple[float, float], f"a low and a higher number in {driver.unit}"], None)
+    for name, driver in DRIVERS.items()
+])  # fmt: skip
 
-    def term(self, node: yaml.Node, path: str) -> Term:
-        found = self.section(node, path, KEYS)
-        known = catalogue()
-        effect_node = found.get("effect", node)
-        name = effect_node.value if isinstance(effect_node, yaml.ScalarNode) else None
-        if name not in known:
-            got = "nothing" if "effect" not in found else _shown(effect_node)
-            raise self.refuse(effect_node, f"{path}.effect", f"one of {', '.join(known)}", got)
-        effect, here = known[name], f"{path}.parameters"
-        given = self.section(found.get("parameters"), here, [q.name for q in effect.parameters])
-        for q in effect.parameters:
-            if q.name not in given and (q.choices or not q.linear or not given):
-                raise self.refuse(found.get("parameters", node), f"{here}.{q.name}", _expected(q), "nothing")
-        parameters = {q.name: self.parameter(q, given[q.name], f"{here}.{q.name}") for q in effect.parameters
-                      if q.name in given}  # fmt: skip
-        seen = self.section(found.get("seen"), f"{path}.seen", tuple(DRIVERS))
-        ranges = {driver: self.range(item, f"{path}.seen.{driver}", driver) for driver, item in seen.items()}
-        return Term(effect, parameters, ranges, self.texts(found.get("provenance"), f"{path}.provenance"))
 
-    def parameter(self, q: Parameter, node: yaml.Node, path: str) -> Amount | str:
-        if q.choices:
-            if not isinstance(node, yaml.ScalarNode) or node.value not in q.choices:
-                raise self.refuse(node, path, _expected(q))
-            return str(node.value)
+@functools.cache
+def _form(effect: Effect, may_lack: bool) -> type[Any]:
+    """Parameters in a file. `may_lack`: a linear one may be missing."""
+    fields: list[Any] = []
+    for q in effect.parameters:
         low, high = _limits(q)
-        if not isinstance(node, yaml.MappingNode):
-            return Amount(self.number(node, path, _expected(q), low, high))
-        found = self.section(node, path, ("value", "std", "unit"))
-        if "value" not in found:
-            raise self.refuse(node, f"{path}.value", _expected(q), "nothing")
-        if "unit" in found and (not isinstance(found["unit"], yaml.ScalarNode) or found["unit"].value != q.unit):
-            raise self.refuse(found["unit"], f"{path}.unit", f"{q.unit!r}, the catalogue's")
-        std = 0.0
-        if "std" in found and found["std"].tag != "tag:yaml.org,2002:null":
-            std = self.number(found["std"], f"{path}.std", f"a number from 0 to {high:g}", 0.0, high)
-        return Amount(self.number(found["value"], f"{path}.value", _expected(q), low, high), std)
+        number: Any = Annotated[float, q.unit, Meta(ge=low, le=high)]
+        std: Any = Annotated[float, Meta(ge=0, le=high)] | None
+        amount: list[Any] = [("value", number), ("std", std, None), ("unit", Literal[q.unit], q.unit)]
+        hint: Any = Literal[q.choices] if q.choices else number | make_dataclass("Stated", amount)
+        fields.append((q.name, hint, None) if may_lack and q.linear and not q.choices else (q.name, hint))
+    return make_dataclass("Parameters", fields, kw_only=True)
 
-    def range(self, node: yaml.Node, path: str, driver: str) -> tuple[float, float]:
-        expected = f"a low and a higher number in {DRIVERS[driver].unit}"
-        if not isinstance(node, yaml.SequenceNode) or len(node.value) != 2:
-            raise self.refuse(node, path, expected)
-        low, high = (self.number(item, path, expected) for item in node.value)
+
+def _term(node: yaml.Node, path: str, where: str) -> Term:
+    loaded = made(node, _Row, where, path)
+    row, effect = loaded.value, catalogue().get(loaded.value.effect)
+    if effect is None:
+        here = f"{path}.effect"
+        raise ConfigError(loaded.place(here), here, f"one of {', '.join(catalogue())}", repr(row.effect))
+    given = row.parameters or yaml.MappingNode("", [], node.start_mark)
+    stated = vars(made(given, _form(effect, bool(given.value)), where, f"{path}.parameters").value)
+    parameters = {name: _amount(p) for name, p in stated.items() if p is not None}
+    ranges = made(row.seen, _Seen, where, f"{path}.seen")
+    seen = {driver: ends for driver, ends in vars(ranges.value).items() if ends is not None}
+    for driver, (low, high) in seen.items():
         if low >= high:
-            raise self.refuse(node, path, expected, f"{low:g} and {high:g}")
-        return low, high
+            here, expected = f"{path}.seen.{driver}", f"a low and a higher number in {DRIVERS[driver].unit}"
+            raise ConfigError(ranges.place(here), here, expected, f"{low:g} and {high:g}")
+    return Term(effect, parameters, seen, row.provenance)
+
+
+def _amount(p: Any) -> Amount | str:
+    return p if isinstance(p, str) else Amount(p) if isinstance(p, float) else Amount(p.value, p.std or 0.0)
 
 
 def _limits(q: Parameter) -> tuple[float, float]:
@@ -248,13 +190,6 @@ def _limits(q: Parameter) -> tuple[float, float]:
     high = LARGEST_TIMES_PLAUSIBLE * max(abs(q.low), abs(q.high))
     positive = not (q.signed or q.linear) and q.low > 0.0
     return (q.low / LARGEST_TIMES_PLAUSIBLE if positive else -high), high
-
-
-def _expected(q: Parameter) -> str:
-    if q.choices:
-        return f"one of {', '.join(q.choices)}"
-    low, high = _limits(q)
-    return f"a number in {q.unit} from {low:g} to {high:g}"
 
 
 def check_geometry(model: Model, config: Config) -> None:

@@ -1,17 +1,14 @@
 """A new configuration for a running daemon: read and checked completely before anything changes."""
 
-import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from drd.config import Config
 from drd.config_file import load_config
 from drd.output.session import check_output
 from drd.pipeline import Pipeline
 from drd.recording.in_force import AS_WRITTEN, files_in_force
-from drd.schema import ConfigError, Loaded
+from drd.schema import ConfigError, Loaded, values
 
 
 @dataclass(frozen=True)
@@ -64,15 +61,6 @@ def _with_what_stays(running: Loaded[Config], written: Loaded[Config]) -> tuple[
         state=old.state,
         realtime=old.realtime,
     )
-    wanted, found = dict(_leaves(new)), dict(_leaves(config))
-    waiting = [path for path, value in wanted.items() if found[path] != value]
+    found = values(config)
+    waiting = [path for path, value in values(new).items() if found[path] != value]
     return Loaded(config, written.origins | {path: running.origins[path] for path in waiting}, running.file), waiting
-
-
-def _leaves(section: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for f in dataclasses.fields(section):
-        value, path = getattr(section, f.name), f"{prefix}{f.name}"
-        if dataclasses.is_dataclass(value):
-            yield from _leaves(value, f"{path}.")
-        else:
-            yield path, value

@@ -1,18 +1,34 @@
-"""YAML files into frozen dataclasses: checked, with the origin of each value and errors that name the key."""
+"""YAML files into frozen dataclasses by way of msgspec: with the origin of each value and errors that name the key.
 
+A key's annotation says what it may be: `Annotated[float, "m", Meta(ge=0.1, le=5)] | None`, `Literal["a", "b"]`; the
+text in it is the unit, or what a text or a list is of. The string below the key says what it means. Every number is
+finite, and a whole one has 64 bits at most.
+"""
+
+import ast
 import dataclasses
+import functools
+import inspect
 import math
+import re
+import textwrap
 import types
 import typing
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
+import msgspec
 import yaml
 
 T = TypeVar("T")
-REQUIRED: Any = dataclasses.MISSING
-BOOLEANS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+NULL, BOOL = "tag:yaml.org,2002:null", "tag:yaml.org,2002:bool"
+BOOLEANS: Final = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+LARGEST_INT: Final = 2**64
+MISSING: Final = re.compile(r"Object missing required field `(.*)`")
 
 
 class ConfigError(Exception):
@@ -29,24 +45,80 @@ class ConfigError(Exception):
 
 @dataclass(frozen=True)
 class Key:
-    """What a configuration key means: sentence, unit, limits. `low` and `high` are included in the range."""
+    """What an annotation says. `low` and `high` are included in the range."""
 
-    text: str
+    kind: Any
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     choices: tuple[str, ...] = ()
 
+    @property
+    def expected(self) -> str:
+        """As an error has it."""
+        unit = f" in {self.unit}" if self.unit else ""
+        words = {bool: "true or false", int: f"a whole number{unit}", float: f"a number{unit}", types.NoneType: "null"}
+        text = words.get(self.kind, f"a {self.unit or 'text'}")
+        if typing.get_origin(self.kind) is tuple:
+            items = typing.get_args(self.kind)
+            text = f"a list of {self.unit or 'texts'}" if ... in items else self.unit or f"{len(items)} finite numbers"
+        if self.choices:
+            text = f"one of {', '.join(self.choices)}" if len(self.choices) > 1 else repr(self.choices[0])
+        if math.isfinite(self.low):
+            text += f" from {_number(self.low)}" + (f" to {_number(self.high)}" if math.isfinite(self.high) else "")
+        return text
 
-def key(default: Any, text: str, unit: str = "", **limits: Any) -> Any:
-    """A dataclass field with its documentation. `default=REQUIRED` makes it mandatory."""
-    return field(default=default, metadata={"key": Key(text, unit, **limits)})
+
+@functools.cache
+def _arms(hint: Any) -> tuple[Key, ...]:
+    """What a value may be, one after the other; null last."""
+    if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
+        return tuple(key for arm in typing.get_args(hint) for key in _arms(arm))
+    notes: tuple[Any, ...] = getattr(hint, "__metadata__", ())
+    kind = hint.__origin__ if notes else hint
+    unit = next((note for note in notes if isinstance(note, str)), "")
+    limits = next((note for note in notes if isinstance(note, msgspec.Meta)), msgspec.Meta())
+    low = -math.inf if limits.ge is None else limits.ge
+    high = (LARGEST_INT if kind is int else math.inf) if limits.le is None else limits.le
+    return (Key(kind, unit, low, high, typing.get_args(kind) if typing.get_origin(kind) is Literal else ()),)
 
 
-def section(cls: type[T]) -> T:
-    """A dataclass field that is itself a section of keys."""
-    made: T = field(default_factory=cls)
-    return made
+@functools.cache
+def _hints(cls: Any) -> dict[str, Any]:
+    return typing.get_type_hints(cls, include_extras=True)
+
+
+def _is_section(kind: Any) -> bool:
+    return isinstance(kind, type) and dataclasses.is_dataclass(kind)
+
+
+def keys(cls: Any, prefix: str = "") -> Iterator[tuple[str, Key]]:
+    """Path and meaning of each key, those of sections in the place of the section."""
+    for name, hint in _hints(cls).items():
+        if _is_section(hint):
+            yield from keys(hint, f"{prefix}{name}.")
+        else:
+            yield prefix + name, _arms(hint)[0]
+
+
+def values(section: Any) -> dict[str, Any]:
+    """The value of each key by its path."""
+    return {path: attrgetter(path)(section) for path, _ in keys(type(section))}
+
+
+def meanings(cls: Any, prefix: str = "") -> dict[str, str]:
+    """What the string below each key says, by path. Reads the source."""
+    found: dict[str, str] = {}
+    for part in cls.__mro__[-2::-1]:
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
+        for line, below in pairwise(definition.body if isinstance(definition, ast.ClassDef) else ()):
+            match line, below:
+                case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
+                    found[prefix + name] = " ".join(text.split())
+    for name, hint in _hints(cls).items():
+        if _is_section(hint):
+            found |= meanings(hint, f"{prefix}{name}.")
+    return found
 
 
 @dataclass(frozen=True)
@@ -65,12 +137,16 @@ class Loaded(typing.Generic[T]):
 
 def load(file: Path, cls: type[T], base: T | None = None) -> Loaded[T]:
     """Read `file` into `cls`; see `loads`. Raises ConfigError; nothing else escapes."""
+    return loads(read_text(file), cls, str(file), base)
+
+
+def read_text(file: Path) -> str:
+    """The content of a file. Raises ConfigError."""
     try:
-        text = file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         got = str(error.strerror) if isinstance(error, OSError) else str(error)
         raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
-    return loads(text, cls, str(file), base)
 
 
 def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None) -> Loaded[T]:
@@ -83,9 +159,124 @@ def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None)
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last: "\UFFFFFFFF"
         line, problem = _yaml_problem(error, text)
         raise ConfigError(f"{where}{line}", "", "YAML", problem) from error
-    origins: dict[str, str] = {}
-    value = _section(cls, node, "", where, origins, base)
-    return Loaded(value, origins, where)
+    return made(node, cls, where, base=base)
+
+
+def made(node: yaml.Node | None, cls: type[T], where: str, path: str = "", base: T | None = None) -> Loaded[T]:
+    """`cls` of a YAML node that stands at `path`. Raises ConfigError.
+
+    A field of the type `yaml.Node` is a node that is looked at later.
+    """
+    reader = _Reader(where)
+    plain = reader.section(cls, node, path, base)
+    try:
+        value = msgspec.convert(plain, cls)
+    except msgspec.ValidationError as error:
+        text, _, inside = str(error).partition(" - at `$")
+        here, missing = (path + inside.rstrip("`")).removeprefix("."), MISSING.fullmatch(text)
+        raise reader.error(_join(here, missing[1]) if missing else here) from error
+    here = f"{path}." if path else ""
+    return Loaded(value, {key: reader.at(key) or "default" for key, _ in keys(cls, here)}, where)
+
+
+class _Reader:
+    """Plain values of YAML nodes, each as its type wants it; nodes and types are kept by path, for errors."""
+
+    def __init__(self, where: str):
+        self.where = where
+        self.nodes: dict[str, yaml.Node] = {}
+        self.hints: dict[str, Any] = {}
+
+    def at(self, path: str) -> str:
+        """File and line, or nothing where the file does not have it."""
+        return f"{self.where}:{self.nodes[path].start_mark.line + 1}" if path in self.nodes else ""
+
+    def error(self, path: str) -> ConfigError:
+        """What stands at `path`, or is missing there, is not of its type."""
+        node, arms = self.nodes.get(path), [arm for arm in _arms(self.hints[path]) if not _is_section(arm.kind)]
+        got = "nothing (the key is required)" if node is None else _shown(node)
+        if isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'} and arms[0].kind in (bool, int, float):
+            got += " (quoted)"
+        where = self.at(path) or self.at(path.rpartition(".")[0]) or self.where
+        return ConfigError(where, path, " or ".join(arm.expected for arm in arms), got)
+
+    def pairs(self, node: yaml.Node, path: str, names: tuple[str, ...] = ()) -> dict[str, yaml.Node]:
+        """The keys of a section, each once and one of `names` (none: any)."""
+        if node.tag == NULL:
+            return {}
+        if not isinstance(node, yaml.MappingNode):
+            raise ConfigError(self.at(path), path, "a section of keys", _shown(node))
+        found: dict[str, yaml.Node] = {}
+        for key_node, value in node.value:
+            name = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else _shown(key_node)
+            here, where = _join(path, name), f"{self.where}:{key_node.start_mark.line + 1}"
+            if names and name not in names:
+                raise ConfigError(where, here, f"one of {', '.join(names)}", "an unknown key")
+            if name in found:
+                raise ConfigError(where, here, "each key once", "a second one")
+            found[name] = self.nodes[here] = value
+        return found
+
+    def section(self, cls: Any, node: yaml.Node | None, path: str, base: Any = None) -> dict[str, Any]:
+        hints, found, plain = _hints(cls), dict[str, yaml.Node](), dict[str, Any]()
+        if node is not None:
+            self.nodes[path] = node
+            found = self.pairs(node, path, tuple(hints))
+        for name, hint in hints.items():
+            here, child, before = _join(path, name), found.get(name), getattr(base, name, None)
+            self.hints[here] = hint
+            if _is_section(hint):
+                plain[name] = self.section(hint, child, here, before)
+            elif child is not None:
+                plain[name] = self.value(hint, child, here)
+            elif base is not None:
+                plain[name] = before
+        return plain
+
+    def value(self, hint: Any, node: yaml.Node, path: str) -> Any:
+        self.nodes[path], self.hints[path] = node, hint
+        kinds = [arm.kind for arm in _arms(hint)]
+        if node.tag == NULL and types.NoneType in kinds:
+            return None
+        kind = next((k for k in kinds if _is_section(k) and isinstance(node, yaml.MappingNode)), kinds[0])
+        origin = typing.get_origin(kind)
+        if kind is yaml.Node:
+            return node
+        if _is_section(kind):
+            return self.section(kind, node, path)
+        if origin is dict:  # of texts as they are written
+            texts = self.pairs(node, path)
+            self.hints |= {_join(path, name): str for name in texts}
+            for name in (name for name, text in texts.items() if not isinstance(text, yaml.ScalarNode)):
+                raise self.error(_join(path, name))
+            return {name: text.value for name, text in texts.items()}
+        if origin is tuple and isinstance(node, yaml.SequenceNode):
+            item = typing.get_args(kind)[0]
+            return [self.value(item, child, f"{path}[{i}]") for i, child in enumerate(node.value)]
+        try:
+            return _scalar(kind, node)
+        except (KeyError, ValueError):
+            raise self.error(path) from None
+
+
+def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
+    if not isinstance(node, yaml.ScalarNode) or node.tag == NULL:
+        raise ValueError("not a single value")
+    text = str(node.value)
+    if kind is bool:
+        return BOOLEANS[text.lower() if node.tag == BOOL else ""]
+    if kind not in (int, float):
+        # Line breaks and lone surrogates would come out again in a log, a Zenoh key or a frame name.
+        if not text or not text.isprintable():
+            raise ValueError("empty or not printable")
+        return text
+    if node.style or node.tag == BOOL:
+        raise ValueError("a quoted or boolean value is not a number")
+    # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
+    number = int(text, 0) if kind is int else float(text)
+    if not (abs(number) <= LARGEST_INT if kind is int else math.isfinite(number)):
+        raise ValueError("not finite, or beyond 64 bits")
+    return number
 
 
 def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
@@ -99,135 +290,15 @@ def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
     return "", f"an error: {' '.join(str(error).split()) or type(error).__name__}"
 
 
-def _section(
-    cls: type[T], node: yaml.Node | None, path: str, where: str, origins: dict[str, str], base: T | None = None
-) -> T:
-    found: dict[str, yaml.Node] = {}
-    if node is not None and not _is_null(node):
-        if not isinstance(node, yaml.MappingNode):
-            raise ConfigError(_at(where, node), path, "a section of keys", _shown(node))
-        names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]  # T is always a dataclass
-        for key_node, value_node in node.value:
-            name = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else _shown(key_node)
-            if name not in names:
-                raise ConfigError(
-                    _at(where, key_node), _join(path, name), f"one of {', '.join(names)}", "an unknown key"
-                )
-            if name in found:
-                raise ConfigError(_at(where, key_node), _join(path, name), "each key once", "a second one")
-            found[name] = value_node
-    hints = typing.get_type_hints(cls)
-    values: dict[str, Any] = {}
-    for f in dataclasses.fields(cls):  # type: ignore[arg-type]  # T is always a dataclass
-        here, child = _join(path, f.name), found.get(f.name)
-        unstated = f.default if base is None else getattr(base, f.name)
-        if dataclasses.is_dataclass(hints[f.name]):
-            inner = None if base is None else unstated
-            values[f.name] = _section(typing.cast(type[Any], hints[f.name]), child, here, where, origins, inner)
-        elif child is not None:
-            values[f.name] = _value(hints[f.name], f.metadata["key"], child, here, where)
-            origins[here] = _at(where, child)
-        elif unstated is dataclasses.MISSING:
-            raise ConfigError(
-                where, here, _expectation(hints[f.name], f.metadata["key"]), "nothing (the key is required)"
-            )
-        else:
-            values[f.name], origins[here] = unstated, "default"
-    return cls(**values)
-
-
-def _value(hint: Any, meta: Key, node: yaml.Node, path: str, where: str) -> Any:
-    """One checked value: bool, int, float, str, a tuple of strings, or None where the hint allows it."""
-    is_quoted = isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'}
-    got = _shown(node) + (" (quoted)" if is_quoted and _bare(hint) in {bool, int, float} else "")
-    error = ConfigError(_at(where, node), path, _expectation(hint, meta), got)
-    if _is_null(node):
-        if type(None) in typing.get_args(hint):
-            return None
-        raise error
-    try:
-        if _bare(hint) == tuple[str, ...]:
-            return _texts(node)
-        value = _scalar(_bare(hint), node)
-        in_range = isinstance(value, str) or (math.isfinite(value) and meta.low <= value <= meta.high)
-    except (ValueError, OverflowError):  # the latter: a whole number of hundreds of digits
-        raise error from None
-    if not in_range:
-        raise error
-    if meta.choices and value not in meta.choices:
-        raise error
-    return value
-
-
-def _texts(node: yaml.Node) -> tuple[str, ...]:
-    if not isinstance(node, yaml.SequenceNode):
-        raise ValueError("not a list")
-    return tuple(str(_scalar(str, item)) for item in node.value)
-
-
-def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:
-    if not isinstance(node, yaml.ScalarNode) or _is_null(node):
-        raise ValueError("not a single value")
-    text = str(node.value)
-    if kind is bool:
-        if node.tag != "tag:yaml.org,2002:bool" or text.lower() not in BOOLEANS:
-            raise ValueError(text)
-        return BOOLEANS[text.lower()]
-    if kind is str:
-        # Line breaks and lone surrogates would come out again in a log, a Zenoh key or a frame name.
-        if not text or not text.isprintable():
-            raise ValueError("empty or not printable")
-        return text
-    if node.style or node.tag.endswith(":bool"):
-        raise ValueError("a quoted or boolean value is not a number")
-    # PyYAML takes 2e-5 for a string (YAML 1.1 wants 2.0e-5); a number is meant.
-    return int(text, 0) if kind is int else float(text)
-
-
-def _bare(hint: Any) -> Any:
-    """The type without its `| None`."""
-    if typing.get_origin(hint) in {typing.Union, types.UnionType}:
-        return next(a for a in typing.get_args(hint) if a is not type(None))
-    return hint
-
-
-def _expectation(hint: Any, meta: Key) -> str:
-    unit = f" in {meta.unit}" if meta.unit else ""
-    texts = {
-        bool: "true or false",
-        int: f"a whole number{unit}",
-        float: f"a number{unit}",
-        str: f"a {meta.unit or 'text'}",
-    }
-    text = texts.get(_bare(hint), f"a list of {meta.unit or 'texts'}")
-    if meta.choices:
-        text = f"one of {', '.join(meta.choices)}"
-    if meta.low > -math.inf or meta.high < math.inf:
-        text += f" from {_number(meta.low)} to {_number(meta.high)}"
-    return text + (" or null" if type(None) in typing.get_args(hint) else "")
-
-
 def _number(value: float) -> str:
     """Without an exponent where it is whole."""
-    return str(int(value)) if math.isfinite(value) and value == int(value) else f"{value:g}"
-
-
-def _is_null(node: yaml.Node) -> bool:
-    return isinstance(node, yaml.ScalarNode) and node.tag == "tag:yaml.org,2002:null"
+    return str(int(value)) if value == int(value) else f"{value:g}"
 
 
 def _shown(node: yaml.Node) -> str:
-    return (
-        repr(str(node.value)[:80])
-        if isinstance(node, yaml.ScalarNode)
-        else "a list"
-        if isinstance(node, yaml.SequenceNode)
-        else "a section"
-    )
-
-
-def _at(where: str, node: yaml.Node) -> str:
-    return f"{where}:{node.start_mark.line + 1}"
+    if isinstance(node, yaml.ScalarNode):
+        return repr(str(node.value)[:80])
+    return f"a list of {len(node.value)}" if isinstance(node, yaml.SequenceNode) else "a section"
 
 
 def _join(path: str, name: str) -> str:

@@ -105,7 +105,7 @@ def effect(name: str, parameters: str, more: str = "") -> str:
         (effect("gyro_scale_error", "{k: 0}", "  seen: {speed: 3}\n"), r"seen.speed: expected a low .*in m/s, got '3'"),
         (effect("gyro_scale_error", "{k: 0}", "  range: 1\n"), r":5: effects\[0\].range: expected one of effect, par"),
         (effect("gyro_scale_error", "{k: 0}", "  provenance: {a: [1]}\n"), r"provenance.a: expected a text, got a li"),
-        ("effects: {effect: gyro_lag}\n", r":1: effects: expected a list of effects, got a section"),
+        ("effects: {effect: gyro_lag}\n", r":1: effects: expected a list of effects or null, got a section"),
         ("effects: []\neffects: []\n", r":2: effects: expected each key once"),
         ("provenance: text\n", r":1: provenance: expected a section of keys"),
         ("tread_m: -1\n", r":1: tread_m: expected a number in m"),

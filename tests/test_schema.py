@@ -2,45 +2,50 @@ import dataclasses
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import Meta
 
 from drd.config import Config
-from drd.schema import REQUIRED, ConfigError, key, load, loads, section
+from drd.schema import ConfigError, load, loads
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inner:
     """A section in a section."""
 
-    ratio: float | None = key(None, "A ratio", low=0, high=10)
-    names: tuple[str, ...] = key(("a",), "Some names")
-    points: tuple[str, ...] = key((), "Some points", "end points")
-    file: str | None = key(None, "A file", "path")
+    ratio: Annotated[float, Meta(ge=0, le=10)] | None = None
+    """A ratio"""
+    names: tuple[str, ...] = ("a",)
+    """Some names"""
+    points: Annotated[tuple[str, ...], "end points"] = ()
+    file: Annotated[str, "path"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outer:
     """A section."""
 
-    length_m: float = key(REQUIRED, "A length", "m", low=0.1, high=5)
-    count: int = key(3, "A count", low=0, high=2**64)
-    free: float = key(0.0, "A number without limits")
-    flag: bool = key(False, "A flag")
-    colour: str = key("red", "A colour", choices=("red", "green"))
-    text: str = key("plain", "A text")
-    inner: Inner = section(Inner)
+    length_m: Annotated[float, "m", Meta(ge=0.1, le=5)]
+    """A length, told
+    in two lines"""
+    count: Annotated[int, Meta(ge=0)] = 3
+    free: float = 0.0
+    flag: bool = False
+    colour: Literal["red", "green"] = "red"
+    text: str = "plain"
+    inner: Inner = Inner()
 
 
 @dataclass(frozen=True, kw_only=True)
 class File:
     """A file."""
 
-    outer: Outer = section(Outer)
+    outer: Outer
 
 
 def outer(text: str) -> Outer:
@@ -204,7 +209,7 @@ def test_limits_belong_to_the_range_and_nothing_beyond(value: str) -> None:
     ("text", "where", "path", "expected", "got"),
     [
         ("outer:\n  length_m: 9", "file.yaml:2", "outer.length_m", "a number in m from 0.1 to 5", "'9'"),
-        ("outer: {}", "file.yaml", "outer.length_m", "a number in m from 0.1 to 5", "nothing (the key is required)"),
+        ("outer: {}", "file.yaml:1", "outer.length_m", "a number in m from 0.1 to 5", "nothing (the key is required)"),
         ("outer: {length_m: 1, colour: blue}", "file.yaml:1", "outer.colour", "one of red, green", "'blue'"),
         ("outer:\n\n  lenght_m: 1", "file.yaml:3", "outer.lenght_m", "one of length_m, count, free", "an unknown key"),
         ("outer: {length_m: 1,\n length_m: 2}", "file.yaml:2", "outer.length_m", "each key once", "a second one"),

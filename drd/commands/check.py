@@ -1,17 +1,17 @@
 """`drd check CONFIG`: what is in force, and where each value came from; with --live, how the robot is wired."""
 
 import argparse
-import dataclasses
 import importlib
 from collections.abc import Callable
 from typing import Any, Final
 
 from drd.commands import config_argument, placed
+from drd.config import Config
 from drd.config_file import load_config
 from drd.output.exposure import exposure
 from drd.output.session import check_output, unreadable_files
 from drd.pipeline import Pipeline
-from drd.schema import Key
+from drd.schema import keys, meanings, values
 
 LIVE_OPTIONS: Final = ("seconds", "drove", "turned", "distance")
 DEFAULT_S: Final = 60.0
@@ -55,12 +55,14 @@ def main(argv: list[str]) -> int:
     with placed(loaded):
         pipeline = Pipeline(loaded.value, arguments.config.parent, lambda *_: None)
         check_output(loaded.value.output.beside(arguments.config.parent))
-    rows = [(path, _shown(value), meta, loaded.origins[path]) for path, value, meta in _keys(loaded.value)]
-    width, value_width = (max(len(row[i]) for row in rows) for i in (0, 1))  # type: ignore[arg-type]  # texts
-    for path, value, meta, origin in rows:
-        print(f"{path:{width}}  {value:{value_width}}  {meta.unit:14}  {origin}".rstrip())
-        if arguments.explain:
-            print(f"{'':{width}}  {meta.text}")
+    meant = meanings(Config) if arguments.explain else {}
+    in_force = values(loaded.value)
+    rows = [(path, _shown(in_force[path]), key.unit, loaded.origins[path]) for path, key in keys(Config)]
+    width, value_width = (max(len(row[i]) for row in rows) for i in (0, 1))
+    for path, value, unit, origin in rows:
+        print(f"{path:{width}}  {value:{value_width}}  {unit:14}  {origin}".rstrip())
+        if path in meant:
+            print(f"{'':{width}}  {meant[path]}")
     if (calibration := pipeline.calibration) is not None:
         (low, high), (cold, warm) = calibration.rate_range_deg_s, calibration.temperature_range_c
         source = ", ".join(f"{k} {v}" for k, v in calibration.provenance.items() if not k.startswith("sha256"))
@@ -99,18 +101,6 @@ def _within(low: float, high: float) -> Callable[[str], float]:
         return value
 
     return number
-
-
-def _keys(section: Any, prefix: str = "") -> list[tuple[str, Any, Key]]:
-    """All leaves of a configuration as (path, value, key)."""
-    found: list[tuple[str, Any, Key]] = []
-    for f in dataclasses.fields(section):
-        value, path = getattr(section, f.name), f"{prefix}{f.name}"
-        if dataclasses.is_dataclass(value):
-            found += _keys(value, f"{path}.")
-        else:
-            found.append((path, value, f.metadata["key"]))
-    return found
 
 
 def _shown(value: Any) -> str:

@@ -1,6 +1,7 @@
 """Byte vectors of the built-in layouts, written out from the sources their modules name."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ def cia406(key: Cia406 | None = None) -> Layout:
     return make_layout(Encoders(counts_per_revolution=4096, cia406=key or Cia406(), left=LEFT, right=RIGHT), BASE)
 
 
-def odrive(message: str) -> Layout:
+def odrive(message: Any) -> Layout:
     key = Odrive(message=message)
     return make_layout(Encoders(layout="odrive", counts_per_revolution=8192, odrive=key, left=LEFT, right=RIGHT), BASE)
 
@@ -160,13 +161,13 @@ def test_the_same_number_with_the_other_id_length_is_another_identifier(layout: 
 
 
 @pytest.mark.parametrize(("layout", "node"), [("cia406", 0), ("cia406", 128), ("odrive", 64)])
-def test_a_node_that_the_identifiers_cannot_hold_is_refused(layout: str, node: int) -> None:
+def test_a_node_that_the_identifiers_cannot_hold_is_refused(layout: Any, node: int) -> None:
     with pytest.raises(ConfigError, match=r"encoders\.right\.node: expected .* got " + str(node)):
         make_layout(Encoders(layout=layout, counts_per_revolution=100, right=Right(node=node)), BASE)
 
 
 @pytest.mark.parametrize("layout", ["cia406", "odrive"])
-def test_counts_need_their_number_per_turn(layout: str) -> None:
+def test_counts_need_their_number_per_turn(layout: Any) -> None:
     with pytest.raises(ConfigError, match=r"encoders\.counts_per_revolution"):
         make_layout(Encoders(layout=layout, odrive=Odrive(message="counts")), BASE)
 

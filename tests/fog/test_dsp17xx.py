@@ -17,7 +17,7 @@ SAMPLE = bytes.fromhex(
 )
 
 
-def parser(axis: str = "z", **keys: Any) -> Dsp17xxParser:
+def parser(axis: Any = "z", **keys: Any) -> Dsp17xxParser:
     return Dsp17xxParser(Fog(protocol="dsp17xx", axis=axis, dsp17xx=Dsp17xx(**keys)))
 
 

@@ -1,5 +1,6 @@
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from drd.units import DEG_PER_RAD
 REAL = b"       0.015733   1\r\n"
 
 
-def parser(mode: str = "rate") -> Dsp3000Parser:
+def parser(mode: Any = "rate") -> Dsp3000Parser:
     return Dsp3000Parser(Fog(protocol="dsp3000", dsp3000=Dsp3000(mode=mode)))
 
 

@@ -84,8 +84,8 @@ each_variant = pytest.mark.parametrize("fog", VARIANTS.values(), ids=VARIANTS.ke
 )
 def test_what_the_gyro_measures_is_what_the_stream_says(
     fog: Fog,
-    positive: str,
-    axis: str,
+    positive: Any,
+    axis: Any,
     full_scale_deg_s: float,
     rate_hz: float,
     parts: list[float],
@@ -123,8 +123,8 @@ def test_a_left_turn_is_negative_for_a_gyro_that_counts_clockwise_and_positive_h
     fog = Fog(protocol="ecore", ecore=Ecore(status_byte=0, temperature_byte=0))
     # +10.001 deg/s and -10.001 deg/s of a unit of +-100 deg/s.
     right, left = bytes.fromhex("93400000000019 4d"), bytes.fromhex("ed000000000366 33")
-    for positive, sign in (("clockwise", -1), ("counterclockwise", 1)):
-        stream = FogStream(replace(fog, positive=positive), ANY_RAD_S2)
+    for turned, sign in ((replace(fog, positive="clockwise"), -1), (replace(fog, positive="counterclockwise"), 1)):
+        stream = FogStream(turned, ANY_RAD_S2)
         samples = stream.feed(right, START_NS) + stream.feed(left, START_NS + NS_PER_S // 10)
         assert rates_deg_s(samples) == [sign * 10.0, -sign * 10.0]
 

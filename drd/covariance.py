@@ -1,0 +1,26 @@
+"""Whether a matrix that comes from a file is a covariance."""
+
+import numpy as np
+import numpy.typing as npt
+
+# Rounding, and correlations that were rounded when they were written down, make a matrix a little indefinite.
+INDEFINITE = 1e-6
+
+
+def unfit(P: npt.NDArray[np.float64]) -> tuple[str, str] | None:
+    """What a covariance is and what finite `P` is instead; None where it is one: symmetric, positive semidefinite."""
+    variances = np.diag(P)
+    if variances.min() < 0.0:
+        return "variances from 0 on the diagonal", f"{variances.min():g}"
+    if P[variances == 0.0].any():
+        return "no covariance where the variance is 0", "one"
+    sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    with np.errstate(all="ignore"):  # of numbers near the largest and the smallest
+        correlation = P / np.outer(sigma, sigma)
+        skew = float(np.abs(correlation - correlation.T).max())
+    if not skew < INDEFINITE:
+        return "a symmetric matrix", f"correlations that differ by {skew:.2g}"
+    lowest = float(np.linalg.eigvalsh(correlation)[0])
+    if not lowest > -INDEFINITE:
+        return "a positive semidefinite matrix", f"an eigenvalue of {lowest:.2g} of the correlation"
+    return None
