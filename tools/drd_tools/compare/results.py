@@ -1,11 +1,10 @@
 """What `drd compare` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from drd_tools.report.saved import load, save
+from drd_tools.report.saved import FILE, load, save
 
 FORMAT: Final = "drd-comparison/1"
 
@@ -86,24 +85,17 @@ class Comparison:
     y_m: list[float]
     channels: list[ChannelResult]
 
+    def __post_init__(self) -> None:
+        series = [self.length_s, self.x_m, self.y_m]
+        series += [s for c in self.channels for s in (c.block_mean, c.block_sigma, c.sum, c.sum_sigma)]
+        if {len(s) for s in series} != {len(self.time_s)}:
+            raise ValueError("series of other lengths")
+
     def save(self, folder: Path) -> None:
         """Write results.json. Raises OSError."""
-        save(folder, FORMAT, dataclasses.asdict(self))
+        save(folder / FILE, FORMAT, self)
 
     @staticmethod
     def load(folder: Path) -> "Comparison":
         """Read results.json. Raises ConfigError."""
-        return load(folder, FORMAT, "drd compare", _revived)
-
-
-def _revived(content: dict[str, Any]) -> Comparison:
-    channels = []
-    for c in content.pop("channels"):
-        drivers = [DriverResult(**d) for d in c.pop("drivers")]
-        channels.append(ChannelResult(**c, drivers=drivers))
-    result = Comparison(**content, channels=channels)
-    series = [result.length_s, result.x_m, result.y_m]
-    series += [s for c in channels for s in (c.block_mean, c.block_sigma, c.sum, c.sum_sigma)]
-    if {len(s) for s in series} != {len(result.time_s)}:
-        raise ValueError("series of other lengths")
-    return result
+        return load(folder / FILE, FORMAT, "drd compare", Comparison)

@@ -1,12 +1,11 @@
 """What `drd explain` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from drd_tools.limit.limit import Change, Limit, Share
-from drd_tools.report.saved import load, save
+from drd_tools.limit.limit import Limit
+from drd_tools.report.saved import FILE, load, save
 
 FORMAT: Final = "drd-explanation/1"
 
@@ -105,31 +104,16 @@ class Explanation:
     heading_deg2: list[list[float]]
     limit: Limit | None = None  # of the whole recording
 
+    def __post_init__(self) -> None:
+        shape = {len(row) for rows in (self.position_m2, self.heading_deg2) for row in rows}
+        if shape != {len(self.groups)} or not len(self.position_m2) == len(self.heading_deg2) == len(self.time_s):
+            raise ValueError("series of other lengths")
+
     def save(self, folder: Path) -> None:
         """Write results.json. Raises OSError."""
-        save(folder, FORMAT, dataclasses.asdict(self))
+        save(folder / FILE, FORMAT, self)
 
     @staticmethod
     def load(folder: Path) -> "Explanation":
         """Read results.json. Raises ConfigError."""
-        return load(folder, FORMAT, "drd explain", _revived)
-
-
-def _revived(content: dict[str, Any]) -> Explanation:
-    for name in ("groups", "causes"):
-        content[name] = [Line(**line) for line in content[name]]
-    content["total"] = Line(**content["total"])
-    content["delay"] = None if content["delay"] is None else Delay(**content["delay"])
-    if (actual := content["actual"]) is not None:
-        actual["parts"] = [Part(**part) for part in actual["parts"]]
-        content["actual"] = Actual(**actual)
-    if (limit := content.get("limit")) is not None:
-        limit["by_cause"] = [Share(**share) for share in limit["by_cause"]]
-        limit["changes"] = [Change(**change) for change in limit["changes"]]
-        content["limit"] = Limit(**limit)
-    explanation = Explanation(**content)
-    shape = {len(row) for rows in (explanation.position_m2, explanation.heading_deg2) for row in rows}
-    lengths = {len(explanation.position_m2), len(explanation.heading_deg2), len(explanation.time_s)}
-    if shape != {len(explanation.groups)} or len(lengths) != 1:
-        raise ValueError("series of other lengths")
-    return explanation
+        return load(folder / FILE, FORMAT, "drd explain", Explanation)

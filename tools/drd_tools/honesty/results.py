@@ -1,15 +1,14 @@
 """What `make honesty` keeps: the figures of each drive, as JSON."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from drd.schema import ConfigError
 from drd_tools.honesty.figures import Figures
+from drd_tools.report.saved import load, save
 
 FORMAT: Final = "drd-honesty/1"
 
@@ -46,24 +45,12 @@ class Results:
 
     def save(self, file: Path) -> None:
         """Write JSON. Raises OSError."""
-        file.write_text(json.dumps({"format": FORMAT} | dataclasses.asdict(self), indent=1), encoding="utf-8")
+        save(file, FORMAT, self)
 
     @staticmethod
     def load(file: Path) -> "Results":
         """Read what `save` wrote. Raises ConfigError."""
-        try:
-            content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-            if content.pop("format") != FORMAT:
-                raise ValueError
-            judged = [
-                Judged(**one | {"figures": {name: Figures(**f) for name, f in one["figures"].items()}})
-                for one in content.pop("judged")
-            ]
-            return Results(judged=judged, **content)
-        except OSError as error:
-            raise ConfigError(str(file), "", "results of an earlier run", str(error.strerror)) from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", "something else") from error
+        return load(file, FORMAT, "make honesty", Results)
 
 
 def together(figures: Sequence[Figures], world: str) -> Figures:

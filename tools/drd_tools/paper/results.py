@@ -1,20 +1,17 @@
 """What `drd paper` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
+from drd_tools.report.saved import FILE, load, save
 
 Array = npt.NDArray[np.float64]
 
 FORMAT: Final = "drd-paper/1"
-FILE: Final = "results.json"
-SIGNIFICANT_DIGITS: Final = 6
 RESAMPLES: Final = 2000
 
 
@@ -47,28 +44,13 @@ class Results:
         return len(self.return_m[0]) // 2
 
     def save(self, folder: Path) -> None:
-        """Write FILE. Raises OSError."""
-        content: dict[str, Any] = {"format": FORMAT}
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            content[field.name] = _rounded(value) if isinstance(value, np.ndarray) else value
-        (folder / FILE).write_text(json.dumps(content), encoding="utf-8")
+        """Write results.json. Raises OSError."""
+        save(folder / FILE, FORMAT, self)
 
     @staticmethod
     def load(folder: Path) -> "Results":
-        """Read FILE. Raises ConfigError."""
-        file = folder / FILE
-        try:
-            content = json.loads(file.read_text(encoding="utf-8"))
-            if content.pop("format") != FORMAT:
-                raise ValueError
-            arrays = {field.name for field in dataclasses.fields(Results) if field.type is Array}
-            fields: dict[str, Any] = {k: np.array(v, float) if k in arrays else v for k, v in content.items()}
-            return Results(**fields)
-        except OSError as error:
-            raise ConfigError(str(file), "", "results of an earlier `drd paper`", str(error.strerror)) from error
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(str(file), "", f"a file of the form {FORMAT}", "something else") from error
+        """Read results.json. Raises ConfigError."""
+        return load(folder / FILE, FORMAT, "drd paper", Results)
 
 
 def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, float]:
@@ -85,8 +67,3 @@ def single_factors(return_m: Array, cell: int) -> Array:
     mean = return_m.mean(axis=1)
     single: Array = mean[:, 0] / mean[:, cell]
     return single
-
-
-def _rounded(values: Array) -> Any:
-    return json.loads(np.array2string(values, separator=",", threshold=values.size + 1, max_line_width=10**9,
-                                      formatter={"float_kind": lambda v: f"{v:.{SIGNIFICANT_DIGITS}g}"}))  # fmt: skip
