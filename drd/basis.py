@@ -2,8 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from drd.calibration import Calibration
 from drd.config import Config
@@ -25,7 +26,8 @@ GYRO_KEYS: Final = (
 DIGITS: Final = 16
 
 
-class Basis(NamedTuple):
+@dataclass(frozen=True)
+class Basis:
     """Values by the key's path, of all that wheel scales and tread, and the gyro's scale and bias, depend on.
 
     `provenance`: what calibration and model say of themselves, for people; it is not compared.

@@ -132,7 +132,14 @@ class _File:
 
 def load_calibration(file: Path) -> Calibration:
     """Read a calibration file. Raises ConfigError with file, line, key, expected and got."""
-    loaded = load(file, _File)
+    try:
+        loaded = load(file, _File)
+    except ConfigError as error:
+        if error.path:
+            raise
+        # The key that names it, which has a line in the configuration.
+        got = f"{error.where}: {error.got}"
+        raise ConfigError(str(file), "calibration.file", "a readable YAML file", got) from error
     f, wrong = loaded.value, list[tuple[str, str, str]]()
     for path in ("rate_range_deg_s", "temperature_range_c"):
         low, high = getattr(f, path)

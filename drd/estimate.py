@@ -1,14 +1,16 @@
 """What one estimator hands to the next: over a restart by way of a file, over a reload directly."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
 from drd.config import Config
+from drd.covariance import unfit
 from drd.filter import (
     GYRO_BIAS,
     GYRO_HEADING,
@@ -57,8 +59,9 @@ EFFECTIVE_TREAD: Final = 0.5
 SKID_SCALE: Final = 0.04
 SKID_SLIP_S: Final = 0.25
 LARGEST_VARIANCE: Final = 1e10
-# Rounding leaves the correlations of a live filter indefinite by less.
-INDEFINITE: Final = 1e-6
+Row = Annotated[list[float], Meta(min_length=N, max_length=N)]
+Rows = Annotated[list[Row], Meta(min_length=N, max_length=N)]
+Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
 
 
 def is_stated_skid(config: Config) -> bool:
@@ -104,63 +107,40 @@ class Estimate:
     P: Matrix
     at_rest: bool
     lost: bool
-    speed_m_s: float
-    rate_rad_s: float
+    speed_m_s: Speed
+    rate_rad_s: Speed
     learned: Learned = field(default_factory=Learned)
 
     def plain(self) -> dict[str, Any]:
         """As JSON has it, exact to the bit."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        parts = {"nominal": dataclasses.asdict(self.nominal), "learned": dataclasses.asdict(self.learned)}
-        return values | parts | {"P": self.P.tolist()}
+        found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=lambda P: P.tolist())
+        return found
 
 
-def estimate_of(plain: Mapping[str, Any]) -> Estimate:
-    """The inverse of `plain()`, checked. Raises KeyError, TypeError or ValueError with what is wrong."""
-    nominal = plain["nominal"]
-    values = {name: _number(nominal[name], f"nominal.{name}", low, high) for name, (low, high) in LIMITS.items()}
-    at_rest, lost = plain["at_rest"], plain["lost"]
-    if not (isinstance(at_rest, bool) and isinstance(lost, bool)):
-        raise TypeError(f"at_rest, lost: expected true or false, got {at_rest!r}, {lost!r}")
-    speed_m_s, rate_rad_s = (_number(plain[name], name, -1e3, 1e3) for name in ("speed_m_s", "rate_rad_s"))
-    rows = plain["P"]
-    if not isinstance(rows, list) or len(rows) != N or any(not isinstance(r, list) or len(r) != N for r in rows):
-        raise TypeError(f"P: expected {N} rows of {N} numbers")
-    P = np.array([[_number(v, "P", -LARGEST_VARIANCE, LARGEST_VARIANCE) for v in row] for row in rows])
-    check_covariance(P)
-    return Estimate(Nominal(**values), P, at_rest, lost, speed_m_s, rate_rad_s, _learned_of(plain["learned"]))
+def estimate_of(plain: Any) -> Estimate:
+    """The inverse of `plain()`, checked. Raises ValueError with what is wrong."""
+    found = msgspec.convert(plain, Estimate, dec_hook=_matrix)
+    for name, (low, high) in LIMITS.items():
+        if not low <= (value := getattr(found.nominal, name)) <= high:  # NaN neither
+            raise ValueError(f"nominal.{name}: expected a number from {low:g} to {high:g}, got {value!r}")
+    Drive(found.learned.drive)
+    check_covariance(found.P)
+    return found
 
 
-def _learned_of(plain: Mapping[str, Any]) -> Learned:
-    drive = plain["drive"]
-    if drive not in (known := [kind.value for kind in Drive]):
-        raise ValueError(f"learned.drive: expected one of {', '.join(known)}, got {drive!r:.40}")
-    names = (f.name for f in dataclasses.fields(Learned) if f.name != "drive")
-    return Learned(drive, *(_number(plain[name], f"learned.{name}", 0.0, LARGEST_VARIANCE) for name in names))
+def _matrix(_: Any, rows: Any) -> Matrix:
+    try:
+        return np.array(msgspec.convert(rows, Rows))
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from error  # which gets its path, unlike the other
 
 
 def check_covariance(P: Matrix) -> None:
     """Raises ValueError unless P is finite, symmetric and positive semidefinite, up to a filter's rounding."""
-    variances = np.diag(P)
-    if not np.isfinite(P).all() or variances.min() < 0.0 or variances.max() > LARGEST_VARIANCE:
-        raise ValueError("P: expected finite numbers with variances from 0")
-    if P[variances == 0.0].any():
-        raise ValueError("P: a covariance where the variance is 0")
-    sigma = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    with np.errstate(all="ignore"):  # of numbers near the smallest
-        correlation = P / np.outer(sigma, sigma)
-    if not np.abs(correlation - correlation.T).max() < INDEFINITE:
-        raise ValueError("P: expected a symmetric matrix")
-    if not np.linalg.eigvalsh(correlation)[0] > -INDEFINITE:
-        raise ValueError("P: expected a positive semidefinite matrix")
-
-
-def _number(value: Any, name: str, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{name}: expected a number, got {value!r}")
-    if not low <= value <= high:  # NaN neither
-        raise ValueError(f"{name}: expected a number from {low:g} to {high:g}, got {value!r:.40}")
-    return float(value)
+    if not np.abs(P).max() <= LARGEST_VARIANCE:
+        raise ValueError(f"P: expected finite numbers up to {LARGEST_VARIANCE:g}")
+    if (found := unfit(P)) is not None:
+        raise ValueError(f"P: expected {found[0]}, got {found[1]}")
 
 
 def put_into(kf: Filter, estimate: Estimate) -> None:

@@ -4,7 +4,9 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import Annotated, Final
+
+from msgspec import Meta
 
 from drd.filter import Filter
 from drd.noise import NoiseProfile, skid_steer
@@ -30,6 +32,9 @@ RECALLED_COUNTS: Final = 60.0  # what was learned before a restart: the ground m
 MEMORY_COUNTS: Final = 600.0
 
 
+Amount = Annotated[float, Meta(ge=0, le=1e10)]
+
+
 class Drive(Enum):
     """How the robot steers."""
 
@@ -43,11 +48,11 @@ class Learned:
     """Knowledge to keep over a restart: how the robot steers, and variances, with 0 where nothing was learned."""
 
     drive: str = Drive.UNKNOWN.value
-    gyro_differences: float = 0.0
-    gyro_rad2_per_s: float = 0.0
-    wheel_m2_per_m: float = 0.0
-    turn_rad2_per_rad: float = 0.0
-    jitter_s2: float = 0.0
+    gyro_differences: Amount = 0.0
+    gyro_rad2_per_s: Amount = 0.0
+    wheel_m2_per_m: Amount = 0.0
+    turn_rad2_per_rad: Amount = 0.0
+    jitter_s2: Amount = 0.0
 
 
 class RestNoise:

@@ -183,6 +183,28 @@ def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
         load_calibration(write(tmp_path, text))
 
 
+ANY = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3) | st.dates(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["a0", "a2", "x"]), inner, max_size=2),
+    max_leaves=6,
+)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.fixed_dictionaries({}, optional=dict.fromkeys((*GOOD, "covariance", "residual_before_deg_s"), ANY)))
+def test_no_value_of_any_key_raises_anything_but_a_config_error(
+    tmp_path_factory: pytest.TempPathFactory, values: dict[str, object]
+) -> None:
+    file = write(tmp_path_factory.getbasetemp(), {**GOOD, **values})
+    try:
+        found = load_calibration(file)
+    except ConfigError as error:
+        assert str(file) in str(error)  # noqa: PT017  # either is right
+        return
+    assert found.residual_deg_s >= 0.0
+    assert all(map(math.isfinite, (*found.rows[0], *found.rate_range_deg_s)))
+
+
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="nowhere"):
         load_calibration(tmp_path / "nowhere.yaml")

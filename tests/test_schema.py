@@ -1,6 +1,8 @@
 import dataclasses
+import math
 import re
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from msgspec import Meta
 
 from drd.config import Config
-from drd.schema import ConfigError, load, loads
+from drd.schema import ConfigError, load, loads, meanings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,3 +290,72 @@ def test_what_a_text_does_not_state_is_as_in_its_base(length_m: float, count: in
     assert loaded.value.outer == expected
     assert loaded.origins["outer.inner.file"] == "file.yaml:1"
     assert loaded.origins["outer.length_m"] == "default"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mixed:
+    """Lists, free texts, a number or a section, and a part that is read later."""
+
+    ends: tuple[float, float] = (0.0, 1.0)
+    rows: Annotated[tuple[tuple[float, float], ...], "rows of 2 numbers", Meta(max_length=2)] = ()
+    texts: dict[str, str] = field(default_factory=dict)
+    amount: Annotated[float, "m", Meta(ge=0)] | Inner | None = None
+    later: yaml.Node | None = None
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "path", "expected", "got"),
+    [
+        ("ends: [1]", "file.yaml:1", "ends", "2 finite numbers", "a list of 1"),
+        ("ends: [1,\n .inf]", "file.yaml:2", "ends[1]", "a number", "'.inf'"),
+        ("rows: [[1, 2], [1, 2], [1, 2]]", "file.yaml:1", "rows", "a list of rows of 2 numbers", "a list of 3"),
+        ("rows:\n- [1, 2]\n- [1]", "file.yaml:3", "rows[1]", "2 finite numbers", "a list of 1"),
+        ("texts:\n  a: b\n  c: [d]", "file.yaml:3", "texts.c", "a text", "a list of 1"),
+        ("texts: {a: b, a: c}", "file.yaml:1", "texts.a", "each key once", "a second one"),
+        ("amount: -1", "file.yaml:1", "amount", "a number in m from 0 or null", "'-1'"),
+        ("amount:\n  ratio: 11", "file.yaml:2", "amount.ratio", "a number from 0 to 10 or null", "'11'"),
+    ],
+)
+def test_lists_free_texts_and_alternatives_are_named_as_exactly(
+    text: str, where: str, path: str, expected: str, got: str
+) -> None:
+    error = refusal(text, Mixed)
+    assert (error.where, error.path, error.expected, error.got) == (where, path, expected, got)
+
+
+def test_lists_free_texts_and_alternatives_are_read() -> None:
+    made = loads("{ends: [1, 2e1], rows: [[3, 4]], texts: {a: 01, b: ''}, amount: {ratio: 2}, later: [x]}", Mixed).value
+    assert (made.ends, made.rows, made.texts) == ((1.0, 20.0), ((3.0, 4.0),), {"a": "01", "b": ""})
+    assert made.amount == Inner(ratio=2.0)
+    assert isinstance(made.later, yaml.SequenceNode)
+    assert loads("amount: 2", Mixed).value.amount == 2.0
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.fixed_dictionaries({}, optional=dict.fromkeys(("ends", "rows", "texts", "amount", "later"), VALUES)))
+def test_no_value_of_any_form_raises_anything_but_a_config_error(values: dict[str, Any]) -> None:
+    with suppress(ConfigError):
+        made = loads(yaml.safe_dump(values), Mixed).value
+        assert all(map(math.isfinite, made.ends))
+        assert all(isinstance(text, str) for text in made.texts.values())
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.binary(max_size=60) | st.text(max_size=30).map(lambda t: t.encode("utf-16")))
+def test_a_file_of_any_bytes_raises_nothing_but_a_config_error(tmp_path_factory: Any, data: bytes) -> None:
+    file = tmp_path_factory.getbasetemp() / "any.yaml"
+    file.write_bytes(data)
+    with suppress(ConfigError):
+        load(file, Mixed)
+
+
+def test_merges_are_unknown_keys_and_an_alias_is_what_it_stands_for() -> None:
+    assert refusal("outer: {length_m: 1, <<: {count: 2}}").path == "outer.<<"
+    assert loads("{ends: &e [1, 2], rows: [*e, *e]}", Mixed).value.rows == ((1.0, 2.0), (1.0, 2.0))
+
+
+def test_the_string_below_a_key_says_what_it_means() -> None:
+    said = meanings(File)
+    assert said["outer.length_m"] == "A length, told in two lines"
+    assert said["outer.inner.names"] == "Some names"
+    assert "outer.inner.file" not in said

@@ -1,5 +1,6 @@
 """The content of a state file: written and read to the bit, and checked."""
 
+import dataclasses
 import hashlib
 import json
 import re
@@ -7,7 +8,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
+
+import msgspec
+from msgspec import Meta
 
 from drd import __version__
 from drd.basis import Basis
@@ -16,6 +20,7 @@ from drd.estimate import Estimate, estimate_of
 VERSION: Final = 2
 LARGEST_BYTES: Final = 1 << 18
 HEAD: Final = re.compile(rb"drd-state/(\d{1,9}) sha256=([0-9a-f]{64})\n")
+Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -58,20 +63,24 @@ class Saved:
     robot: str
 
 
+@dataclass(frozen=True)
+class _File:
+    """The JSON below the head."""
+
+    robot: str
+    wall_ns: Nanoseconds
+    boottime_ns: Nanoseconds
+    boot_id: str
+    estimate: dict[str, Any]
+    basis: Basis
+
+
 def encoded(saved: Saved) -> bytes:
     """The file's bytes. Raises ValueError where the estimate is one that `decoded` would refuse."""
     plain = saved.estimate.plain()
-    try:
-        estimate_of(plain)
-    except TypeError as error:
-        raise ValueError(str(error)) from error
-    content = {
-        "robot": saved.robot,
-        "drd": __version__,
-        **saved.moment._asdict(),
-        "estimate": plain,
-        "basis": saved.basis._asdict(),
-    }
+    estimate_of(plain)
+    head = {"robot": saved.robot, "drd": __version__, **saved.moment._asdict()}
+    content = head | {"estimate": plain, "basis": dataclasses.asdict(saved.basis)}
     body = json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
     return f"drd-state/{VERSION} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
 
@@ -87,26 +96,8 @@ def decoded(data: bytes) -> Saved:
     if hashlib.sha256(body).hexdigest().encode() != head[2]:
         raise StateError("its checksum is wrong: it was cut or changed")
     try:
-        return _saved(json.loads(body))
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise StateError(what[:200]) from error
-
-
-def _saved(content: Any) -> Saved:
-    if not isinstance(content, dict):
-        raise TypeError("expected an object")
-    wall_ns, boottime_ns = (_nanoseconds(content, name) for name in ("wall_ns", "boottime_ns"))
-    basis = content["basis"]
-    parts = {name: basis[name] for name in Basis._fields}
-    if not all(isinstance(part, dict) for part in parts.values()):
-        raise TypeError("basis: expected objects")
-    moment = Moment(wall_ns, boottime_ns, str(content["boot_id"]))
-    return Saved(estimate_of(content["estimate"]), moment, Basis(**parts), str(content["robot"]))
-
-
-def _nanoseconds(content: Mapping[str, Any], name: str) -> int:
-    value = content[name]
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1 << 63:
-        raise TypeError(f"{name}: expected nanoseconds, got {value!r}")
-    return value
+        found = msgspec.json.decode(body, type=_File)
+        estimate = estimate_of(found.estimate)
+    except (ValueError, RecursionError) as error:
+        raise StateError(str(error)[:200]) from error
+    return Saved(estimate, Moment(found.wall_ns, found.boottime_ns, found.boot_id), found.basis, found.robot)
