@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, make_dataclass
+from dataclasses import dataclass, field, fields, make_dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -121,8 +121,9 @@ def loads_model(text: str, where: str = "(text)") -> Model:
     """Read a model from YAML text. Raises ConfigError; nothing else escapes."""
     loaded = loads(text, _File, where)
     terms = [_term(node, f"effects[{i}]", where) for i, node in enumerate(loaded.value.effects or ())]
+    stated = Stated(**{f.name: getattr(loaded.value, f.name) for f in fields(Stated)})
     origins = {path: loaded.origins[path] for path, _ in keys(Stated)}
-    return Model(tuple(terms), Loaded(loaded.value, origins, where), loaded.value.provenance)
+    return Model(tuple(terms), Loaded(stated, origins, where), loaded.value.provenance)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,15 +153,15 @@ _Seen: Final[type[Any]] = make_dataclass("_Seen", [
 @functools.cache
 def _form(effect: Effect, may_lack: bool) -> type[Any]:
     """Parameters in a file. `may_lack`: a linear one may be missing."""
-    fields: list[Any] = []
+    found: list[Any] = []
     for q in effect.parameters:
         low, high = _limits(q)
         number: Any = Annotated[float, q.unit, Meta(ge=low, le=high)]
         std: Any = Annotated[float, Meta(ge=0, le=high)] | None
         amount: list[Any] = [("value", number), ("std", std, None), ("unit", Literal[q.unit], q.unit)]
         hint: Any = Literal[q.choices] if q.choices else number | make_dataclass("Stated", amount)
-        fields.append((q.name, hint, None) if may_lack and q.linear and not q.choices else (q.name, hint))
-    return make_dataclass("Parameters", fields, kw_only=True)
+        found.append((q.name, hint, None) if may_lack and q.linear and not q.choices else (q.name, hint))
+    return make_dataclass("Parameters", found, kw_only=True)
 
 
 def _term(node: yaml.Node, path: str, where: str) -> Term:

@@ -45,7 +45,7 @@ class ConfigError(Exception):
 
 @dataclass(frozen=True)
 class Key:
-    """What an annotation says. `low` and `high` are included in the range."""
+    """What an annotation says. `low` and `high` belong to the range."""
 
     kind: Any
     unit: str = ""

@@ -200,7 +200,7 @@ def imports_of(tree: ast.AST, top_level_only: bool = False) -> set[str]:
 @pytest.mark.parametrize("name", MODULES)
 def test_the_daemon_never_imports_the_workshop(name: str) -> None:
     foreign = {module.partition(".")[0] for module in imports_of(MODULES[name])} - sys.stdlib_module_names
-    assert foreign <= {"drd", "numpy", "serial", "can", "yaml", "zenoh", "cantools", "mcap"}
+    assert foreign <= {"drd", "numpy", "serial", "can", "yaml", "msgspec", "zenoh", "cantools", "mcap"}
 
 
 def test_cantools_is_imported_only_when_it_is_needed() -> None:
