@@ -47,8 +47,10 @@ GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
 RATE_ERROR_CORRELATION_S: Final = 20.0
 # A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
 CHANGE_SIGMAS2: Final = 18.0
-# A gyro's own filter and its line make it this late at most; a larger lead of the wheels is noise.
-LARGEST_LEAD_S: Final = 0.1
+# The wheels' lag is no less than a gyro can be late by its own filter and its line, and no more than a drive that
+# works; what seems to be more is noise, or slip.
+LEAST_LAG_S: Final = -0.1
+MOST_LAG_S: Final = 0.5
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
@@ -421,8 +423,8 @@ class Filter:
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
-        if n.wheel_lag_s < -LARGEST_LEAD_S:
-            self._limit_lead()
+        if not LEAST_LAG_S <= n.wheel_lag_s <= MOST_LAG_S:
+            self._limit_lag()
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
@@ -433,10 +435,11 @@ class Filter:
             np.multiply(T, 0.5, P)
         return Outcome.ACCEPTED
 
-    def _limit_lead(self) -> None:
-        """No wheel tells what the robot will do: in place of a larger lead, the likeliest state with this one. (65)"""
+    def _limit_lag(self) -> None:
+        """In place of a lag that cannot be, the likeliest state with the nearest that can. (65)"""
         n, column = self.nominal, self.P[WHEEL_LAG].tolist()
-        k = (n.wheel_lag_s + LARGEST_LEAD_S) / column[WHEEL_LAG]
+        nearest_s = min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
+        k = (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG]
         n.x_m -= column[X] * k
         n.y_m -= column[Y] * k
         n.heading_rad -= column[HEADING] * k
@@ -446,7 +449,7 @@ class Filter:
         n.gyro_heading_rad -= column[GYRO_HEADING] * k
         n.gyro_scale -= column[GYRO_SCALE] * k
         n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
-        n.wheel_lag_s = -LARGEST_LEAD_S
+        n.wheel_lag_s = nearest_s
 
     def anchor_gyro(self) -> None:
         """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""

@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drd.config import Config
-from drd.filter import LARGEST_LEAD_S, Filter, Sigmas
+from drd.filter import Filter, Sigmas
 from drd.noise import NoiseProfile
 from drd.timeline import Piece, Segment, Stream, pieces
 from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.units import NS_PER_S, S_PER_NS
 
-# No drive that works has a longer lag; one that is estimated longer is something else.
-LATEST_S = 0.5
 STILL = Segment(0, 0, 0.0, 0.0)
 
 
@@ -80,7 +78,7 @@ class Track:
         lag_s = self.kf.nominal.wheel_lag_s
         if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
             self._lag_s = lag_s
-            self._lag_ns = round(max(min(lag_s, LATEST_S), -LARGEST_LEAD_S) * NS_PER_S)
+            self._lag_ns = round(lag_s * NS_PER_S)
         return self._lag_ns
 
     def _step(self, piece: Piece) -> None:

@@ -18,7 +18,7 @@ from drd.estimator import Estimator
 from drd.filter import (
     GYRO_HEADING,
     HEADING,
-    LARGEST_LEAD_S,
+    LEAST_LAG_S,
     SCALE_L,
     SCALE_R,
     TREAD,
@@ -142,7 +142,7 @@ def test_a_late_gyro_is_a_negative_lag() -> None:
 def test_wheels_run_ahead_of_the_gyro_by_what_a_gyro_can_be_late_at_most() -> None:
     e = make()
     feed(e, late(drive(60.0, stand_s=5.0), -0.2))
-    assert -LARGEST_LEAD_S <= e.filter.nominal.wheel_lag_s < -0.5 * LARGEST_LEAD_S
+    assert LEAST_LAG_S <= e.filter.nominal.wheel_lag_s < 0.5 * LEAST_LAG_S
 
 
 def test_no_pose_is_left_behind_where_the_lag_is_as_long_as_a_wheel_sample() -> None:
