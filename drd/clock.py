@@ -6,6 +6,8 @@ from typing import Final
 
 from drd.units import NS_PER_S
 
+# How often the daemon, and a replay as the daemon, looks at its clock.
+TICK_S: Final = 0.05
 # CLOCK_REALTIME and CLOCK_MONOTONIC are disciplined alike (clock_gettime(2)): their difference moves in steps only.
 STEP_NS: Final = 1_000_000
 # A float of today's seconds is rounded to 2.4e-7 s, so a fresh stamp may lie in the future by half of that.

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drd import __version__, realtime
+from drd.clock import TICK_S
 from drd.config import Config
 from drd.inputs import Inputs
 from drd.output.messages import Refused, pose_dict
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("drd")
 
-TICK_S = 0.05
 CLOSE_DEADLINE_S = 3.0
 RECORDER_DEADLINE_S = 2.0
 STATE_DEADLINE_S = 1.0

@@ -1,6 +1,6 @@
 """Rough ground only ever adds travel."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, both, np, number
+from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Symptom, Values, both, np, number
 from drd.effects.motion import Motion
 
 
@@ -15,6 +15,11 @@ class BumpCounts(Effect):
     driver = "speed"
     manoeuvre = "the same way on rough and on smooth ground"
     lasting = False  # it belongs to the ground
+
+    symptom = Symptom.JUMPED
+
+    def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
+        return {"travel_per_m": size}
 
     def error(self, m: Motion, p: Values) -> Errors:
         return both(m, number(p, "travel_per_m"))

@@ -5,7 +5,7 @@ import importlib
 import pkgutil
 
 import drd.effects
-from drd.effects.effect import ActsOn, Effect
+from drd.effects.effect import ActsOn, Effect, Symptom
 
 
 @functools.cache
@@ -19,3 +19,8 @@ def catalogue() -> dict[str, Effect]:
             found.append(effect)
     order = list(ActsOn)
     return {effect.id: effect for effect in sorted(found, key=lambda e: (order.index(e.acts_on), e.id))}
+
+
+def showing(symptom: Symptom) -> Effect:
+    """The effect of which raw readings show this."""
+    return next(effect for effect in catalogue().values() if effect.symptom is symptom)

@@ -1,5 +1,6 @@
 """The form of a physical effect."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -10,6 +11,14 @@ import numpy as np
 from drd.effects.motion import Array, Motion
 
 Values = Mapping[str, float | str]
+
+
+class Symptom(Enum):
+    """What a look at the raw readings shows by logic, before any regression."""
+
+    CLIPPED = "readings pile up at the largest rate"
+    STOPPED = "a counter stands still while its wheel turns"
+    JUMPED = "a counter jumps ahead now and then"
 
 
 class ActsOn(Enum):
@@ -30,6 +39,7 @@ class Parameter:
     `neutral` the value without any effect.
     `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a reference point that is
     chosen (the only variant has it), not estimated: together with it the linear parameters would not be determined.
+    `moment`: a time of the recording.
     """
 
     name: str
@@ -43,6 +53,32 @@ class Parameter:
     neutral: float = 0.0
     choices: tuple[str, ...] = ()
     fixed: bool = False
+    moment: bool = False
+
+    @property
+    def is_angle(self) -> bool:
+        """A phase: two columns a quarter turn apart make any of it."""
+        return self.unit == "rad" and not self.linear
+
+    def step(self, at: float) -> float:
+        """A step off a value, SI, for a numerical derivative."""
+        if self.moment:
+            return 0.5
+        if self.unit in ("rad", "degC"):
+            return 1e-3
+        return min(max(0.02 * abs(at), self.low * self.si), 0.5 * abs(at) or math.inf)
+
+    def bounded(self, at: float, move: float) -> float:
+        """A move off a value, SI, no longer than a form that is not linear allows."""
+        if self.linear:
+            return move
+        if self.moment:
+            return min(max(move, -15.0), 15.0)
+        if self.unit == "rad":
+            return min(max(move, -0.5), 0.5)
+        if not self.signed and self.unit != "degC":
+            return min(max(move, -0.5 * abs(at)), abs(at))  # at most halved or doubled
+        return move
 
 
 class Errors(NamedTuple):
@@ -65,13 +101,34 @@ class Delays(NamedTuple):
     wheels_s: float = 0.0
 
 
+class Chance(NamedTuple):
+    """What a simulated trial has drawn, for effects to take their values from. Numbers are uniform from 0 to 1."""
+
+    side: str = ""
+    begin_s: float = 0.0
+    end_s: float = 0.0
+    phase: float = 0.0
+    period: float = 0.0
+    pitch: float = 0.0
+    settling: float = 0.0
+    lag: float = 0.0
+    speed: float = 0.0
+    large: float = 0.0
+    small: float = 0.0
+
+
 class Effect:
     """One physical effect. Its class docstring says in one sentence what it is.
 
     `driver` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
     share of itself that its removal leaves behind on samples at 10 and 20 Hz; `irreversible` says why it cannot be
-    undone, or is empty. `lasting`: its parameters still hold in the next run. `beside_scale`: its form is known up to a
-    constant error of the gyro's scale only. `essential`: the linear parameter without which it is another effect.
+    undone, or is empty. `lasting`: its parameters still hold in the next run. `beside`: an effect of one parameter, up
+    to which alone its form is known. `essential`: the linear parameter without which it is another effect.
+
+    For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression looks for it besides.
+    `repeats`: it may be there more than once; `recurs`: it comes again for the asking. `needs_wheels`: why nothing is
+    known of it without them, or empty. `caveat`: what looks the same, a sentence; `advice`: one for the drive that is
+    to show it, in which `{from_s}` is when a stretch of ground begins.
     """
 
     id: ClassVar[str]
@@ -84,8 +141,15 @@ class Effect:
     remainder: ClassVar[float] = 0.05
     irreversible: ClassVar[str] = ""
     lasting: ClassVar[bool] = True
-    beside_scale: ClassVar[bool] = False
+    beside: ClassVar["Effect | None"] = None
     essential: ClassVar[str] = ""
+    symptom: ClassVar[Symptom | None] = None
+    searched: ClassVar[bool] = True
+    repeats: ClassVar[bool] = False
+    recurs: ClassVar[bool] = True
+    needs_wheels: ClassVar[str] = ""
+    caveat: ClassVar[str] = ""
+    advice: ClassVar[str] = ""
 
     @property
     def sentence(self) -> str:
@@ -119,6 +183,31 @@ class Effect:
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         """What `other_shapes` gives; each effect has its own."""
         return []
+
+    def clipped(self, rate_rad_s: Array, p: Values) -> Array:
+        """Readings (n,) of the gyro, noise included, as far as its output can tell them."""
+        return rate_rad_s
+
+    def hidden(self, rate_rad_s: Array, p: Values) -> Array | None:
+        """Those of the rates (n,) that leave no trace in the reading; None: a threshold is no part of this effect."""
+        return None
+
+    def lag_s(self, p: Values) -> float:
+        """Time constant behind which its driver is felt; 0: at once."""
+        return 0.0
+
+    def absorbed(self, p: Values, k: float) -> Values | None:
+        """Parameters with which the effect does what `beside` does with `k`, too; None where it cannot."""
+        return None
+
+    def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
+        """Parameters of what `symptom` shows: of which wheel, from when until when, and how large, SI."""
+        raise NotImplementedError
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        """Values (SI) of the parameters that are not linear, for a simulated trial along a motion."""
+        found: dict[str, float | str] = {SIDE.name: chance.side, START.name: chance.begin_s, END.name: chance.end_s}
+        return {q.name: found[q.name] for q in self.parameters if q.name in found}
 
     @property
     def channel(self) -> str:
@@ -183,9 +272,21 @@ def window(time_s: Array, start_s: float, end_s: float) -> Array:
 
 
 SIDES = ("left", "right")
+
+
+def between(low: float, high: float, share: float) -> float:
+    """The value a share of the way from `low` to `high`."""
+    return low + (high - low) * share
+
+
+def between_logs(low: float, high: float, share: float) -> float:
+    """The same on a logarithmic scale."""
+    return float(np.exp(between(float(np.log(low)), float(np.log(high)), share)))
+
+
 SIDE = Parameter("side", "", "which wheel", linear=False, choices=SIDES)
-START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False)
-END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False)
+START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False, moment=True)
+END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False, moment=True)
 
 __all__ = [
     "END",
@@ -193,12 +294,16 @@ __all__ = [
     "SIDES",
     "START",
     "ActsOn",
+    "Chance",
     "Delays",
     "Effect",
     "Errors",
     "Parameter",
+    "Symptom",
     "Values",
     "apart",
+    "between",
+    "between_logs",
     "both",
     "largest",
     "np",

@@ -8,6 +8,7 @@ from drd.effects.effect import (
     ActsOn,
     Effect,
     Errors,
+    Symptom,
     Values,
     number,
     of_side,
@@ -32,6 +33,9 @@ class EncoderDropout(Effect):
     irreversible = "the travel is in no count; the gyro and the other wheel stand in for it"
     remainder = 0.3
     lasting = False
+    symptom = Symptom.STOPPED
+    searched = False
+    recurs = False
 
     def error(self, m: Motion, p: Values) -> Errors:
         inside = window(m.time_s, number(p, "t0"), number(p, "t1"))
@@ -40,6 +44,9 @@ class EncoderDropout(Effect):
     def correction(self, m: Motion, p: Values) -> Errors:
         inside = window(m.time_s, number(p, "t0"), number(p, "t1"))
         return on_side(p, -inside * stand_in(m, p))
+
+    def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
+        return {SIDE.name: side, START.name: begin_s, END.name: end_s}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"side": side, **stretch} for side in SIDES for stretch in windows(m, 20)]

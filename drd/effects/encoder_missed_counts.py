@@ -4,10 +4,12 @@ from drd.effects.effect import (
     SIDE,
     SIDES,
     ActsOn,
+    Chance,
     Effect,
     Errors,
     Parameter,
     Values,
+    between,
     largest,
     np,
     number,
@@ -41,6 +43,12 @@ class EncoderMissedCounts(Effect):
     def correction(self, m: Motion, p: Values) -> Errors:
         fast = np.abs(stand_in(m, p)) > number(p, "speed")
         return on_side(p, np.where(fast, -number(p, "fraction") * of_side(m, p), 0.0))
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        # No speed that is held: a threshold at just that is neither passed nor not.
+        speed = np.abs(m.left_m_s)[np.abs(m.left_m_s) > 0.05]
+        threshold = between(0.3, 0.9, chance.speed) * (float(speed.max()) if len(speed) else 0.1)
+        return {**super().drawn(m, chance), "speed": threshold}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [

@@ -1,6 +1,8 @@
 """The gyro's bias jumps once."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number, window
+from dataclasses import replace
+
+from drd.effects.effect import START, ActsOn, Effect, Errors, Parameter, Values, np, number, window
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -14,11 +16,13 @@ class GyroBiasStep(Effect):
     source = "IEEE Std 952-1997, bias instability"
     parameters = (
         Parameter("b", "deg/s", "size of the jump", 1e-4, 0.5, RAD_PER_DEG),
-        Parameter("t0", "s", "when", 0.0, 1e6, signed=False, linear=False),
+        replace(START, text="when"),
     )
     driver = "time"
     manoeuvre = "a standstill of a minute now and then"
     lasting = False
+    repeats = True
+    recurs = False
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "b") * window(m.time_s, number(p, "t0"), float("inf")))

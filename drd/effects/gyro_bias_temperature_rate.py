@@ -1,6 +1,6 @@
 """The Shupe effect: the gyro's bias follows the rate of temperature."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, number
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -21,6 +21,12 @@ class GyroBiasTemperatureRate(Effect):
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "b") * m.temperature_rate_c_s(number(p, "coil_lag_s")))
+
+    def lag_s(self, p: Values) -> float:
+        return number(p, "coil_lag_s")
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        return {"coil_lag_s": between_logs(10.0, 100.0, chance.lag)}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"coil_lag_s": lag_s} for lag_s in (15.0, 40.0, 100.0)]

@@ -1,7 +1,7 @@
 """The gyro does not see small rates."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
-from drd.effects.motion import Motion
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
+from drd.effects.motion import Array, Motion
 from drd.units import RAD_PER_DEG
 
 
@@ -20,6 +20,12 @@ class GyroDeadband(Effect):
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=np.where(np.abs(m.rate_rad_s) < number(p, "band"), -m.rate_rad_s, 0.0))
+
+    def hidden(self, rate_rad_s: Array, p: Values) -> Array | None:
+        return rate_rad_s[np.abs(rate_rad_s) < number(p, "band")]
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        return {"band": between_logs(0.05, 0.5, chance.small) * RAD_PER_DEG}
 
     def correction(self, m: Motion, p: Values) -> Errors:
         return Errors()

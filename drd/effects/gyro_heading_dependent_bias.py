@@ -2,7 +2,7 @@
 
 from math import pi
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between, np, number
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -24,6 +24,9 @@ class GyroHeadingDependentBias(Effect):
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "b") * np.cos(m.heading_rad - number(p, "phase")))
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        return {**super().drawn(m, chance), "phase": between(0.0, 2.0 * np.pi, chance.phase)}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         # Two phases a quarter turn apart make any phase together: they are fitted as one.

@@ -1,7 +1,7 @@
 """The gyro's output clips."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, largest, np, number
-from drd.effects.motion import Motion
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Symptom, Values, between, largest, np, number
+from drd.effects.motion import Array, Motion
 from drd.units import RAD_PER_DEG
 
 
@@ -19,10 +19,23 @@ class GyroSaturation(Effect):
     manoeuvre = "the fastest turns"
     irreversible = "beyond the limit every rate reads the same"
     remainder = 1.0
+    symptom = Symptom.CLIPPED
+    searched = False
+    needs_wheels = "without wheels nothing tells that the robot turned faster"
 
     def error(self, m: Motion, p: Values) -> Errors:
+        return Errors(gyro_rad_s=self.clipped(m.rate_rad_s, p) - m.rate_rad_s)
+
+    def clipped(self, rate_rad_s: Array, p: Values) -> Array:
         limit = number(p, "limit")
-        return Errors(gyro_rad_s=np.clip(m.rate_rad_s, -limit, limit) - m.rate_rad_s)
+        return np.clip(rate_rad_s, -limit, limit)
+
+    def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
+        return {"limit": size}
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        turning = np.abs(m.rate_rad_s[np.abs(m.rate_rad_s) > 0.02])
+        return {"limit": float(between(0.6, 0.9, chance.large) * turning.max())}
 
     def correction(self, m: Motion, p: Values) -> Errors:
         return Errors()

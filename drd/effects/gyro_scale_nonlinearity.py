@@ -1,6 +1,7 @@
 """The gyro's scale factor depends on the rate."""
 
 from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, largest, np, number
+from drd.effects.gyro_scale_error import EFFECT as SCALE_ERROR
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -29,7 +30,7 @@ class GyroScaleNonlinearity(Effect):
     )
     driver = "yaw_rate"
     manoeuvre = "turns both ways at several rates, from slow to the fastest"
-    beside_scale = True
+    beside = SCALE_ERROR
 
     def error(self, m: Motion, p: Values) -> Errors:
         u = m.rate_rad_s / number(p, "largest_rate")

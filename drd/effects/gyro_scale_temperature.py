@@ -1,6 +1,7 @@
 """The gyro's scale factor follows its temperature."""
 
 from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.gyro_scale_error import EFFECT as SCALE_ERROR
 from drd.effects.motion import Motion
 
 
@@ -17,11 +18,16 @@ class GyroScaleTemperature(Effect):
     )
     driver = "temperature"
     manoeuvre = "turns at several temperatures"
-    beside_scale = True
+    beside = SCALE_ERROR
 
     def error(self, m: Motion, p: Values) -> Errors:
         # nan_to_num: an unknown temperature is taken as T0.
         return Errors(gyro_rad_s=number(p, "k") * np.nan_to_num(m.temperature_c - number(p, "T0")) * m.rate_rad_s)
+
+    def absorbed(self, p: Values, k: float) -> Values | None:
+        # k (T - T0) w + scale w
+        own = number(p, "k")
+        return {**p, "T0": number(p, "T0") - k / own} if own else p
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"T0": m.still_c if np.isfinite(m.still_c) else 20.0}]

@@ -1,6 +1,6 @@
 """The gyro's bias decays from power-on."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -18,9 +18,13 @@ class GyroWarmup(Effect):
     )
     driver = "time"
     manoeuvre = "a drive from power-on, cold, of at least three time constants, with standstills"
+    advice = "Begin at power-on, with the gyro cold."
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "b") * np.exp(-m.time_s / number(p, "tau")))
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        return {"tau": between_logs(40.0, 400.0, chance.settling)}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"tau": tau_s} for tau_s in (25.0, 50.0, 100.0, 200.0, 400.0, 800.0)]

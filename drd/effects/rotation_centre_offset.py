@@ -14,6 +14,7 @@ class RotationCentreOffset(Effect):
     parameters = (Parameter("a", "m", "how far the reported centre is ahead of the turn's", 1e-4, 1.0),)
     driver = "yaw_rate"
     manoeuvre = "turns on the spot, with a position reference; a lengthwise lever arm of the reference looks the same"
+    caveat = "A reference that is mounted so much ahead of the believed point looks the same."
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(lateral_m_s=number(p, "a") * m.rate_rad_s)

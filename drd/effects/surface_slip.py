@@ -21,6 +21,8 @@ class SurfaceSlip(Effect):
     manoeuvre = "the same stretch again, and others"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
+    repeats = True
+    advice = "Drive over the same ground again, from {from_s:.0f} s on."
 
     def error(self, m: Motion, p: Values) -> Errors:
         inside = window(m.time_s, number(p, "t0"), number(p, "t1"))

@@ -35,6 +35,8 @@ class TerrainTread(Effect):
     manoeuvre = "turns on the spot and straight lines on each ground, with a position or heading reference"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
+    repeats = True
+    advice = "Drive over the same ground again, from {from_s:.0f} s on."
     essential = "tread"  # the gain alone is surface_slip, alike on both sides
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -1,6 +1,6 @@
 """One wheel is out of round, or its encoder off centre."""
 
-from drd.effects.effect import SIDE, ActsOn, Effect, Errors, Parameter, Values, np, number, on_side
+from drd.effects.effect import SIDE, ActsOn, Chance, Effect, Errors, Parameter, Values, between, np, number, on_side
 from drd.effects.motion import Motion
 
 
@@ -25,6 +25,9 @@ class WheelEccentricity(Effect):
         left = p["side"] == "left"
         angle, speed = (m.left_wheel_rad, m.left_m_s) if left else (m.right_wheel_rad, m.right_m_s)
         return on_side(p, number(p, "e") * np.cos(angle + number(p, "phase")) * speed)
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        return {**super().drawn(m, chance), "phase": between(0.0, 2.0 * np.pi, chance.phase)}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         # Two phases a quarter turn apart make any phase together: they are fitted as one.

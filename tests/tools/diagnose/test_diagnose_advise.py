@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,15 +16,16 @@ from drd_tools.diagnose.advise import (
     open_questions,
     options_for,
 )
+from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import Conclusion
-from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.finding import Finding, Status
+from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.generic import Curve
 from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine_all
+from drd_tools.diagnose.results import NextDrive, Status, Support
 from drd_tools.diagnose.search import Found
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -43,10 +43,8 @@ def claim(name: str, **values: float) -> Claim:
     return Claim(effect, values, tuple(q.name for q in effect.parameters if q.name in values and not q.fixed))
 
 
-def finding(
-    of: Claim | None, *also_fits: str, status: Status = Status.CONFIRMED, curve: Curve | None = None
-) -> Finding:
-    return Finding(of, status, also_fits, (), 50.0, 0.001, 1e6, 0.9, "", curve)
+def finding(of: Claim | None, *also_fits: str, status: Status = Status.CONFIRMED, curve: Curve | None = None) -> Cause:
+    return Cause(of, status, also_fits, (), Support(50.0, 0.001, 1e6), 0.9, "", 0.99, curve)
 
 
 @cache
@@ -56,14 +54,14 @@ def recorded(reference: str) -> tuple[Recording, Problem]:
     return recording, Problem(gather(recording))
 
 
-def diagnosed(*findings: Finding, reference: str = "full") -> Diagnosis:
+def diagnosed(*findings: Cause, reference: str = "full") -> Analysis:
     recording, problem = recorded(reference)
     fit = Fit(tuple(f.claim for f in findings if f.claim is not None), 0.0, np.zeros(0), problem.data)
     found = Found(problem, fit, 0.0, 0.0)
-    return Diagnosis(recording, [], problem, problem.data, Conclusion(list(findings), found, [], {}, [], 0.0))
+    return Analysis(recording, [], problem, problem.data, Conclusion(list(findings), found, [], {}, [], 0.0))
 
 
-def advised(*findings: Finding, reference: str = "full") -> dict[str, Any]:
+def advised(*findings: Cause, reference: str = "full") -> NextDrive:
     advice = next_drive(diagnosed(*findings, reference=reference))
     assert advice is not None
     return advice
@@ -92,35 +90,36 @@ def test_constant_against_growing_tread_takes_tight_and_wide_turns(name: str, ri
     diagnosis = diagnosed(finding(claim(name, k=0.05), rival))
     advice = next_drive(diagnosis)
     assert advice is not None
-    assert advice["manoeuvre"] == CIRCLES
-    assert advice["separates"] == [[name, rival]]
-    assert advice["nats"] >= SETTLED_NATS
-    assert f"{name} from {rival}" in advice["sentence"]
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.findings))
-    best = {o.manoeuvre: o.nats[0] for o in options if o.minutes == advice["minutes"]}
+    assert advice.manoeuvre == CIRCLES
+    assert advice.separates == [[name, rival]]
+    assert (advice.nats or 0.0) >= SETTLED_NATS
+    assert f"{name} from {rival}" in advice.sentence
+    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
+    best = {o.manoeuvre: o.nats[0] for o in options if o.minutes == advice.minutes}
     assert all(nats < 0.8 * best[CIRCLES] for manoeuvre, nats in best.items() if manoeuvre.startswith(WEAK))
 
 
 def test_warm_up_against_temperature_takes_a_temperature_that_falls_again() -> None:
     warmup = claim("gyro_warmup", b=math.radians(0.012), tau=175.0)
     advice = advised(finding(warmup, "gyro_bias_temperature", "gyro_bias_temperature_rate"))
-    assert "cooled" in advice["manoeuvre"]
-    assert len(advice["separates"]) == 2
-    assert "power-on" in advice["sentence"]
-    assert all(a["settles"] == 0 or "cooled" in a["manoeuvre"] for a in advice["alternatives"])
+    assert "cooled" in advice.manoeuvre
+    assert len(advice.separates) == 2
+    assert "power-on" in advice.sentence
+    assert all(a.settles == 0 or "cooled" in a.manoeuvre for a in advice.alternatives)
 
 
 def test_what_no_drive_settles_is_said() -> None:
     advice = advised(finding(claim("tread_error", k=1e-4), "turn_scrub"))
-    assert advice["separates"] == []
-    assert advice["unsettled"] == [["tread_error", "turn_scrub"]]
-    assert advice["nats"] < SETTLED_NATS
-    assert advice["sentence"].startswith("None of the drives")
+    assert advice.separates == []
+    assert advice.unsettled == [["tread_error", "turn_scrub"]]
+    assert advice.nats is not None
+    assert advice.nats < SETTLED_NATS
+    assert advice.sentence.startswith("None of the drives")
 
 
 def test_more_minutes_bring_more() -> None:
     diagnosis = diagnosed(finding(claim("gyro_scale_error", k=0.0003), "gyro_scale_asymmetry"))
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.findings))
+    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
     for name in {o.manoeuvre for o in options}:
         nats = [o.nats[0] for o in sorted(options, key=lambda o: o.minutes) if o.manoeuvre == name]
         assert np.all(np.diff(nats) > -0.5)
@@ -130,7 +129,7 @@ def test_more_minutes_bring_more() -> None:
 @pytest.mark.parametrize("reference", ["full", "sparse:20", "ends", "none"])
 def test_it_serves_every_kind_of_reference(reference: str) -> None:
     suspected = finding(claim("tread_error", k=0.01), status=Status.SUSPECTED)
-    assert advised(suspected, reference=reference)["separates"] == [["tread_error", NOTHING]]
+    assert advised(suspected, reference=reference).separates == [["tread_error", NOTHING]]
 
 
 def test_it_says_the_same_twice() -> None:
@@ -144,12 +143,12 @@ def test_a_curve_without_a_name_is_put_against_names() -> None:
     knots = np.linspace(-40.0, 40.0, 8)
     curve = Curve("gyro", "yaw_rate", "deg/s", "deg/s", knots, 1e-4 * knots**2, np.full(8, 0.01), 20.0)
     advice = advised(finding(None, "gyro_scale_error", curve=curve))
-    assert advice["separates"] == [["unknown", "gyro_scale_error"]]
+    assert advice.separates == [["unknown", "gyro_scale_error"]]
 
 
 def test_a_stretch_of_ground_is_driven_over_again() -> None:
     slip = claim("surface_slip", t0=20.0, t1=30.0, left=0.03, right=0.03)
-    assert "same ground again" in advised(finding(slip, status=Status.SUSPECTED))["sentence"]
+    assert "same ground again" in advised(finding(slip, status=Status.SUSPECTED)).sentence
 
 
 def test_a_robot_without_gyro_or_thermometer() -> None:
@@ -160,14 +159,14 @@ def test_a_robot_without_gyro_or_thermometer() -> None:
     found = replace(diagnosis.conclusion.found, problem=blind)
     advice = next_drive(replace(diagnosis, recording=without, conclusion=replace(diagnosis.conclusion, found=found)))
     assert advice is not None
-    assert advice["separates"]
+    assert advice.separates
     assert problem.evidence.gyro_rad is not None
 
 
 def test_the_nats_are_those_of_real_drives() -> None:
     tread = claim("tread_error", k=0.03)
     diagnosis = diagnosed(finding(tread, "turn_scrub"))
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.findings))
+    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
     promised = next(o.nats[0] for o in options if o.manoeuvre == CIRCLES and o.minutes == 2)
     truth = drive(CIRCLES, 2, DEFAULT.standstill_at_start_s)
     gained = []

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, claim, recorded, simulated
 
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.audit import Event, audit
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Ground
@@ -72,9 +72,9 @@ def test_clipping_is_found_where_the_robot_turned_faster(limit: float) -> None:
 def test_an_event_leaves_nothing_else_to_be_found(missing: Claim) -> None:
     """Neither where it clips half of all turns, nor where it begins and ends within a row of the counters."""
     for seed in range(3):
-        found = diagnose(recorded(("eights", 200.0), seed, missing))
-        assert [f.effect for f in found.conclusion.findings] == [missing.id]
-        assert all(0.8 < ratio < 1.25 for ratio in found.noise_ratios().values())
+        found = analyse(recorded(("eights", 200.0), seed, missing))
+        assert [f.effect for f in found.conclusion.causes] == [missing.id]
+        assert all(0.8 < (ratio or 0.0) < 1.25 for ratio in found.noise_ratios().values())
 
 
 def test_steps_at_a_dropout_are_doubted_and_others_are_not() -> None:

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from drd.cli import main
 from drd.schema import ConfigError
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.audit import audit
-from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.grids import MOST_STEPS
 from drd_tools.recordings.folder import EncoderLog, FogLog, Recording
@@ -73,12 +73,12 @@ def damaged(draw: Any) -> Recording:
 @given(damaged())
 def test_whatever_is_damaged_is_answered_or_refused(recording: Recording) -> None:
     try:
-        conclusion = diagnose(recording).conclusion
+        conclusion = analyse(recording).conclusion
     except ConfigError:
         return
-    for finding in conclusion.findings:
+    for finding in conclusion.causes:
         assert np.isfinite(finding.gain_nats)
-        assert 0.0 < finding.family_wise_p <= 1.0
+        assert 0.0 < (finding.support.family_wise_p or 0.0) <= 1.0
 
 
 ROW = "time_s,left_counts,right_counts\n0,0,0\n"
@@ -119,14 +119,14 @@ def test_three_seconds_of_data_are_an_answer() -> None:
     for which in VALUES:
         time_s = getattr(recording, which).time_s
         recording = changed(recording, which, (time_s >= 12.0) & (time_s <= 15.0))
-    assert diagnose(recording).conclusion.findings == []
+    assert analyse(recording).conclusion.causes == []
 
 
 @pytest.mark.parametrize("factor", [0.0])
 def test_counts_that_are_all_zero_while_the_gyro_turns_are_no_standstill_of_the_model(factor: float) -> None:
     """Both counters dead: the wheels disagree with everything, which is told in some form."""
     n = len(short("full").encoders.time_s)
-    found = diagnose(changed(short("full"), "wheels", np.ones(n, bool), factor=factor)).conclusion.findings
+    found = analyse(changed(short("full"), "wheels", np.ones(n, bool), factor=factor)).conclusion.causes
     assert found
 
 
@@ -168,7 +168,7 @@ def test_a_hole_in_a_log_is_no_physics(which: str, length_s: float, drive: tuple
     time_s = getattr(recording, which).time_s
     recording = changed(recording, which, (time_s < 40.02) | (time_s > 40.02 + length_s))
     assert audit(recording, gather(recording)).events == []
-    assert diagnose(recording).conclusion.findings == []
+    assert analyse(recording).conclusion.causes == []
 
 
 def test_an_effect_is_found_beside_holes() -> None:
@@ -176,5 +176,5 @@ def test_an_effect_is_found_beside_holes() -> None:
     for which, begin_s in (("fog", 40.02), ("wheels", 70.02), ("fog", 90.02)):
         time_s = getattr(recording, which).time_s
         recording = changed(recording, which, (time_s < begin_s) | (time_s > begin_s + 3.0))
-    (found,) = diagnose(recording).conclusion.findings
+    (found,) = analyse(recording).conclusion.causes
     assert "gyro_scale_error" in (found.effect, *found.also_fits)

@@ -12,7 +12,7 @@ from drd.cli import main
 from drd.model import load_model
 from drd.schema import ConfigError
 from drd_tools.diagnose import run
-from drd_tools.diagnose.diagnose import Diagnosis, diagnose
+from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
@@ -50,11 +50,11 @@ def test_an_effect_is_named_with_its_size_and_the_model_helps_another_day(
 def test_one_thread_computes_whatever_numpy_was_loaded_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[int] = []
 
-    def seen(recording: Recording) -> Diagnosis:
+    def seen(recording: Recording) -> Analysis:
         threads.extend(pool["num_threads"] for pool in threadpool_info())
-        return diagnose(recording)
+        return analyse(recording)
 
-    monkeypatch.setattr(run, "diagnose", seen)
+    monkeypatch.setattr(run, "analyse", seen)
     with threadpool_limits(limits=2):
         diagnosed(written(tmp_path / "run"), tmp_path / "out")
     assert threads

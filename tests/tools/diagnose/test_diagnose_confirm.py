@@ -124,7 +124,7 @@ def test_a_monotone_warming_cannot_tell_the_gyros_biases_apart_and_says_so() -> 
 def test_what_is_detectable_would_gain_just_its_cost() -> None:
     p, library = null()
     smallest = Identifiability(p, library).detectable()["gyro_scale_error"]
-    assert smallest["unit"] == "1"
-    row = p.effect_rows([claim("gyro_scale_error", k=float(smallest["smallest"]))])
+    assert smallest.unit == "1"
+    row = p.effect_rows([claim("gyro_scale_error", k=smallest.smallest or 0.0)])
     held = row - p.nuisance @ np.linalg.solve(p.nuisance.T @ p.nuisance + np.eye(3), p.nuisance.T @ row)
     assert 0.5 * float(row @ held) == pytest.approx(p.per_parameter + p.per_effect, rel=1e-3)

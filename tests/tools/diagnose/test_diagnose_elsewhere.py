@@ -1,17 +1,19 @@
 """Terms that do not hold in held-out recordings are not in the model; those that do, and those unseen there, are."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
+from msgspec import UNSET
 
 from drd.effects.catalogue import catalogue
 from drd.model import Amount, Model, Term, load_model
 from drd_tools.diagnose.elsewhere import CONTRADICTED_NATS, nats_elsewhere
-from drd_tools.diagnose.prove import save_proven
+from drd_tools.diagnose.prove import Proof, validated
 from drd_tools.diagnose.report_text import in_words
+from drd_tools.diagnose.results import Finding, Status, Support
+from drd_tools.diagnose.results import Term as Said
 from drd_tools.recordings.folder import Recording
 from drd_tools.trial.draw import Case, make
 from drd_tools.trial.plan import Plan, drawings
@@ -24,6 +26,24 @@ def drawn(name: str) -> Case:
 
 def term(effect: str, **parameters: tuple[float, float]) -> Term:
     return Term(catalogue()[effect], {name: Amount(*value) for name, value in parameters.items()})
+
+
+def proven(folder: Path, terms: tuple[Term, ...], held_out: list[Recording]) -> Proof:
+    """What is said of terms that one recording supports."""
+    by_name = {t.effect.id: t for t in terms}
+    findings = [
+        Finding(
+            effect=name, status=Status.SUPPORTED, also_fits=(), acts_on="gyro", parameters={}, windows=(),
+            covariate=None, evidence=Support(20.0, 0.01, 50.0), explains=1.0, sentence="It is so.",
+        )
+        for name in by_name
+    ]  # fmt: skip
+
+    def build(kept: Sequence[Said]) -> Model:
+        return Model(tuple(by_name[t.effect] for t in kept))
+
+    said = [Said(effect=name, parameters={}) for name in by_name]
+    return validated(folder / "model.yaml", build, said, findings, held_out)
 
 
 @pytest.fixture(scope="module")
@@ -67,22 +87,21 @@ def test_the_model_leaves_out_what_is_refused_and_the_finding_says_so(
 ) -> None:
     true, other = treaded
     wrong = term("gyro_scale_error", k=(0.01, 1e-4))
-    findings: list[dict[str, Any]] = [
-        {"effect": t.effect.id, "status": "supported", "sentence": "It is so.", "evidence": {}} for t in (true, wrong)
-    ]
-    proof = save_proven(tmp_path / "model.yaml", lambda _: Model((true, wrong)), findings, [other])
+    proof = proven(tmp_path, (true, wrong), [other])
     assert [t.effect.id for t in load_model(tmp_path / "model.yaml").terms] == ["tread_error"]
     assert [t.effect.id for t in proof.model.terms] == ["tread_error"]
-    assert [f["status"] for f in findings] == ["confirmed", "suspected"]
-    assert "bear it out" in in_words(findings[0])
-    assert "speak against it, and it is not in the model" in in_words(findings[1])
-    before, after = (proof.figures[when][other.name]["position_rms_m"] for when in ("before", "after"))
-    assert after < before
+    assert [f.status for f in proof.findings] == [Status.CONFIRMED, Status.SUSPECTED]
+    assert "bear it out" in in_words(proof.findings[0])
+    assert "speak against it, and it is not in the model" in in_words(proof.findings[1])
+    (position,) = [bar for bar in proof.bars if (bar.name, bar.quantity) == (other.name, "position rms")]
+    assert position.before is not None
+    assert position.after is not None
+    assert position.after < position.before
 
 
 def test_without_held_out_recordings_nothing_is_said_of_them(treaded: tuple[Term, Recording], tmp_path: Path) -> None:
     true, _ = treaded
-    finding = {"effect": true.effect.id, "status": "supported", "sentence": "It is so.", "evidence": {}}
-    assert save_proven(tmp_path / "model.yaml", lambda _: Model((true,)), [finding], []).model.terms == (true,)
-    assert "held_out" not in finding
-    assert in_words(finding) == "It is so."
+    proof = proven(tmp_path, (true,), [])
+    assert proof.model.terms == (true,)
+    assert proof.findings[0].held_out is UNSET
+    assert in_words(proof.findings[0]) == "It is so."

@@ -8,7 +8,7 @@ import pytest
 from diagnosis_drives import WAREHOUSE, claim, recorded, simulated
 
 from drd_tools.diagnose import grids
-from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.run import cut_off
 from drd_tools.recordings.folder import FogLog
@@ -45,7 +45,7 @@ def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
     """Also what is faster than the steps."""
     fast = replace(DEFAULT, fog=replace(DEFAULT.fog, rate_hz=100.0))
     late = claim("gyro_latency", delay=0.02)
-    (found,) = diagnose(simulated(WAREHOUSE, 3, late, nominal=fast).recording).conclusion.findings
+    (found,) = analyse(simulated(WAREHOUSE, 3, late, nominal=fast).recording).conclusion.causes
     assert "gyro_latency" in {found.effect, *found.also_fits}
     assert found.claim is not None
     (name,) = found.claim.free

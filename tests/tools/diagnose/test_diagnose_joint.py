@@ -37,21 +37,21 @@ def test_weak_in_each_is_found_in_all() -> None:
     true_k = D / np.linalg.norm(drive().effect_rows([TREAD]))
     assert together([part(0.5 * D, 0), part(0.5 * D, 1)], set()) == []
     (found,) = together([part(D, seed) for seed in range(10)], set())
-    assert "tread_error" in (found["effect"], *found["also_fits"])
-    assert found["status"] == "confirmed"
-    assert found["evidence"]["gain_nats"] == pytest.approx(0.5 * 10 * D**2, rel=0.5)
-    if found["effect"] == "tread_error":
-        k = found["parameters"]["k"]
-        assert k["value"] == pytest.approx(true_k, abs=4.0 * k["std"])
-        assert k["std"] < 0.5 * true_k
-    assert "all 10 together" in found["sentence"]
+    assert "tread_error" in (found.effect, *found.also_fits)
+    assert found.status == "confirmed"
+    assert found.evidence.gain_nats == pytest.approx(0.5 * 10 * D**2, rel=0.5)
+    if found.effect == "tread_error":
+        k = found.parameters["k"]
+        assert k.value == pytest.approx(true_k, abs=4.0 * k.std)
+        assert k.std < 0.5 * true_k
+    assert "all 10 together" in found.sentence
 
 
 def test_what_a_recording_claims_itself_is_not_found_again() -> None:
     parts = [part(D, seed) for seed in range(10)]
     (found,) = together(parts, set())
-    again = together(parts, {found["effect"], *found["also_fits"]})
-    assert not {f["effect"] for f in again} & {found["effect"], *found["also_fits"]}
+    again = together(parts, {found.effect, *found.also_fits})
+    assert not {f.effect for f in again} & {found.effect, *found.also_fits}
 
 
 def test_noise_and_contradictions_are_no_findings() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import FORM_SHARE, refine, refine_all, soft_forms
 
@@ -75,7 +75,7 @@ def test_other_shapes_are_beyond_the_parameters_reach(truth: Claim) -> None:
 
 @pytest.mark.parametrize("effect", ["encoder_latency", "gyro_latency"])
 def test_a_delay_of_many_steps_is_found_and_nothing_else(effect: str) -> None:
-    (found,) = diagnose(recorded(WAREHOUSE, 3, claim(effect, delay=0.35))).conclusion.findings
+    (found,) = analyse(recorded(WAREHOUSE, 3, claim(effect, delay=0.35))).conclusion.causes
     assert found.effect == effect
     assert found.claim is not None
     assert found.claim.number("delay") == pytest.approx(0.35, abs=3.0 * found.claim.sigma("delay"))

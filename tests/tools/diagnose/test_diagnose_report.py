@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from drd.effects.catalogue import catalogue
 from drd.schema import ConfigError
+from drd_tools.diagnose.files import load
 from drd_tools.diagnose.pictures import end_to_end
 from drd_tools.diagnose.report import write_report
-from drd_tools.diagnose.report_input import read
 from drd_tools.diagnose.report_text import detectable_rows, percent, power, ruled_out_rows, with_sigma
 from drd_tools.diagnose.report_verdict import lead
 
@@ -154,22 +154,23 @@ def test_all_numbers_may_be_missing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("made", [diagnosis_files.one_finding, diagnosis_files.two_and_unknown, diagnosis_files.nothing_missing, diagnosis_files.only_unknown])  # fmt: skip  # noqa: E501
 def test_the_verdict_has_at_most_three_sentences(tmp_path: Path, made: Any) -> None:
-    sentences = lead(*read(diagnosis_files.write(tmp_path, made())))
+    sentences = lead(*load(diagnosis_files.write(tmp_path, made())))
     assert 1 <= len(sentences) <= 3
     for sentence in sentences:
         assert re.fullmatch(r"[A-Z].*[^.]\.", sentence)
         assert ". " not in sentence
 
 
-def test_what_was_ruled_out_begins_where_a_finding_acts() -> None:
-    diagnosis, _ = diagnosis_files.one_finding()
-    channels = [row[1] for row in ruled_out_rows(diagnosis)]
+def test_what_was_ruled_out_begins_where_a_finding_acts(tmp_path: Path) -> None:
+    result, _ = load(diagnosis_files.write(tmp_path, diagnosis_files.one_finding()))
+    channels = [row[1] for row in ruled_out_rows(result)]
     assert channels == sorted(channels, key=lambda channel: channel != "gyro")
     assert set(channels) == {"gyro", "wheels"}
 
 
-def test_what_only_an_implausible_size_would_show_is_marked() -> None:
-    rows = {row[0]: row for row in detectable_rows(diagnosis_files.nothing_missing()[0])}
+def test_what_only_an_implausible_size_would_show_is_marked(tmp_path: Path) -> None:
+    result, _ = load(diagnosis_files.write(tmp_path, diagnosis_files.nothing_missing()))
+    rows = {row[0]: row for row in detectable_rows(result)}
     assert rows["wheel_eccentricity"][-1] == rows["gyro_saturation"][-1] == "would not be seen here"
     assert rows["gyro_scale_error"][-1] == ""
     assert [row for row in catalogue() if row in rows] == list(rows)
@@ -235,10 +236,10 @@ def test_whatever_is_cut_or_replaced_there_is_no_other_error(
     for name, content in zip(("diagnosis.json", "series.json"), made, strict=True):
         (folder / name).write_text(json.dumps(content), encoding="utf-8")
     try:
-        diagnosis, series = read(folder)
+        result, series = load(folder)
     except ConfigError:
         return
-    assert 1 <= len(lead(diagnosis, series)) <= 3
+    assert 1 <= len(lead(result, series)) <= 3
 
 
 @given(value=st.floats(-1e9, 1e9), std=st.floats(1e-12, 1e9))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 
-from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
 from drd_tools.diagnose.search import Found, Search, _contested, find_roughly, finished, is_rough
@@ -99,8 +99,8 @@ def test_pairs_are_rarely_found_in_noise() -> None:
 def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
     bumps = claim("bump_counts", travel_per_m=0.003)
     ripple = claim("wheel_eccentricity", side="right", e=0.006, phase=1.0)
-    result = diagnose(recorded(("square-cw", 300.0), 5, bumps, ripple)).conclusion
-    named = [{f.effect, *f.also_fits} for f in result.findings]
+    result = analyse(recorded(("square-cw", 300.0), 5, bumps, ripple)).conclusion
+    named = [{f.effect, *f.also_fits} for f in result.causes]
     assert len(named) == 2
     assert any("bump_counts" in names for names in named)
     assert any("wheel_eccentricity" in names for names in named)

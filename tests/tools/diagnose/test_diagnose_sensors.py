@@ -15,13 +15,13 @@ from diagnosis_runs import diagnosed, names, written
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Errors
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.columns import Signatures
-from drd_tools.diagnose.diagnose import diagnose
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.finding import Status
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.results import Status
 from drd_tools.diagnose.run import not_observable
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -59,19 +59,19 @@ def test_each_combination_is_answered_or_refused(
         assert capsys.readouterr().err.count("\n") == 1
         assert not (tmp_path / "out").exists()
         return
-    result = diagnose(read_recording(run)).conclusion
-    named = [name for f in result.findings for name in (f.effect, *f.also_fits)]
+    result = analyse(read_recording(run)).conclusion
+    named = [name for f in result.causes for name in (f.effect, *f.also_fits)]
     absent = ([] if gyro else ["gyro"]) + ([] if wheels else ["wheels", "body"])
     of_absent = {name for name, effect in catalogue().items() if effect.channel in absent}
     shown = {*named, *result.detectable}
-    silent = {row["effect"] for row in not_observable(result.found.problem.evidence, shown)}
+    silent = {row.effect for row in not_observable(result.found.problem.evidence, shown)}
     assert not of_absent & shown
     assert not silent & shown
     assert of_absent <= silent
     assert ("gyro_scale_error" in named) == (bool(missing) and gyro)
     if reference == "ends" and not wheels:
         # A fix at the end alone cannot prove on one half what was fitted to the other.
-        assert not any(f.status is Status.CONFIRMED for f in result.findings)
+        assert not any(f.status is Status.CONFIRMED for f in result.causes)
     assert bool(named) == (bool(missing) and gyro)
 
 
@@ -117,7 +117,7 @@ def test_without_a_reference_nothing_is_lost_where_the_time_is_shifted_by_a_clai
 def test_a_sound_gyro_alone_is_no_reason_to_find_something(seed: int, reference: str) -> None:
     late = Conditions(reference=replace(Reference.parse(reference), latency_s=0.005), tails=4.0)
     recording = without_wheels(recorded(("slalom", 120.0), seed, conditions=late))
-    assert diagnose(recording).conclusion.findings == []
+    assert analyse(recording).conclusion.causes == []
 
 
 def test_without_wheels_positions_say_nothing_and_headings_all() -> None:
@@ -179,7 +179,7 @@ def test_one_mark_that_a_gyro_misses_is_no_outlier() -> None:
     bench = replace(whole, reference=marks)
     for factor, wrong in ((1.0, False), (173.0 / 180.0, True)):
         read = replace(fog, time_s=time_s, rate_rad_s=factor * rate + noise, temperature_c=np.full(len(time_s), 20.0))
-        findings = diagnose(replace(bench, fog=read)).conclusion.findings
+        findings = analyse(replace(bench, fog=read)).conclusion.causes
         said = {name for f in findings for name in (f.effect, *f.also_fits)}
         assert ("gyro_scale_error" in said) == wrong
         assert bool(findings) == wrong
@@ -189,5 +189,5 @@ def test_clocks_that_nothing_tells_apart_are_a_class() -> None:
     """Without a reference a gyro that counts its samples too fast looks like encoders' clocks that run slow."""
     conditions = Conditions(reference=Reference.parse("none"))
     recording = recorded(("spins", 270.0), 4, claim("gyro_sample_clock", ratio=0.99985), conditions=conditions)
-    (found,) = diagnose(recording).conclusion.findings
+    (found,) = analyse(recording).conclusion.causes
     assert {"gyro_sample_clock", "encoder_clock_skew"} <= {found.effect, *found.also_fits}

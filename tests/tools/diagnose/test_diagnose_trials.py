@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drd_tools.diagnose import outcome
-from drd_tools.diagnose.diagnose import diagnose
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.recordings.folder import read_recording
 
 TRIALS = Path("/work/shared/trials")
@@ -22,7 +22,7 @@ def answer(case: str) -> list[str]:
 @pytest.mark.skipif(not (TRIALS / "answers.json").exists(), reason="no shared trials")
 @pytest.mark.parametrize("case", [f"case_{n:03d}" for n in NUMBERS])
 def test_verdict_and_names_are_those_of_the_answers(case: str) -> None:
-    conclusion = diagnose(read_recording(TRIALS / case)).conclusion
+    conclusion = analyse(read_recording(TRIALS / case)).conclusion
     expected = answer(case)
     assert outcome.verdict(conclusion) == ("explained" if expected else "nothing_missing")
-    assert sorted(f.effect for f in conclusion.findings) == sorted(expected)
+    assert sorted(f.effect for f in conclusion.causes) == sorted(expected)

@@ -8,7 +8,7 @@ import pytest
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.model import make_model, save_model
-from drd_tools.diagnose.outcome import judged
+from drd_tools.diagnose.trajectory import evaluated
 from drd_tools.recordings.folder import read_recording
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive
@@ -43,7 +43,7 @@ def value(effect: Effect, q: Parameter) -> float | str:
 
 def errors(folder: Path, model: Path | None) -> tuple[float, float]:
     """Rms position error, m, and heading error, deg."""
-    run, _ = judged(read_recording(folder), model)
+    run, _ = evaluated(read_recording(folder), model)
     assert run is not None
     return run.absolute.position_rmse_m, run.absolute.heading_rmse_deg
 

@@ -8,17 +8,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
+from drd.effects.effect import END, START
 from drd.nominal import FogSheet, Nominal
+from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import Evidence, Noise, gather
-from drd_tools.diagnose.finding import Finding, Status
+from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.generic import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.linear import Signature
@@ -26,6 +27,7 @@ from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
 from drd_tools.diagnose.path import Path
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import soft_forms
+from drd_tools.diagnose.results import Alternative, NextDrive, Status
 from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
@@ -45,9 +47,8 @@ FREE: Final = 1e6  # size of a prior that leaves a parameter free
 SLOW: Final = ("temperature", "temperature_rate", "time")  # drivers that no manoeuvre changes
 # A stretch of ground is driven over again.
 STRETCH_FROM_S, STRETCH_S = 45.0, 60.0
-ONCE: Final = ("gyro_bias_step", "encoder_dropout")  # they do not come again for the asking
 
-Question = tuple[Finding, str]
+Question = tuple[Cause, str]
 
 
 @dataclass(frozen=True)
@@ -67,54 +68,44 @@ class _Option:
         return (settled, -minutes, unsettled, sum(self.nats))
 
 
-def next_drive(diagnosis: Diagnosis) -> dict[str, Any] | None:
+def next_drive(analysis: Analysis) -> NextDrive | None:
     """The drive that settles the open questions of a diagnosis; None where none is open that a drive could settle.
 
-    Open are findings that something else also fits, and suspected ones (against nothing). Keys: `manoeuvre`,
-    `minutes`; `separates`: the pairs that it settles, of which `nats` is the least (where it settles none: the most
-    that it brings); `unsettled`: the other pairs; `alternatives`: the other manoeuvres, best first; `sentence`.
-    Deterministic.
+    Open are findings that something else also fits, and suspected ones (against nothing). `nats` is the least of the
+    pairs that it settles (where it settles none: the most that it brings); the alternatives are the other manoeuvres,
+    best first. Deterministic.
     """
-    questions = open_questions(diagnosis.conclusion.findings)
+    questions = open_questions(analysis.conclusion.causes)
     if not questions:
         return None
-    options = options_for(diagnosis, questions)
+    options = options_for(analysis, questions)
     best_of = {o.manoeuvre: o for o in sorted(options, key=lambda o: o.rank)}
     best, *others = sorted(best_of.values(), key=lambda o: o.rank, reverse=True)
     pairs = [[finding.effect, rival] for finding, rival in questions]
     nats = _least(best)
     separates = [p for p, n in zip(pairs, best.nats, strict=True) if n >= SETTLED_NATS]
     unsettled = [p for p in pairs if p not in separates]
-    return {
-        "manoeuvre": best.manoeuvre,
-        "minutes": float(best.minutes),
-        "separates": separates,
-        "nats": nats,
-        "unsettled": unsettled,
-        "alternatives": [
-            {"manoeuvre": o.manoeuvre, "minutes": float(o.minutes), "settles": o.rank[0], "nats": _least(o)}
-            for o in others
-        ],
-        "sentence": _sentence(best, separates, unsettled, nats),
-    }
+    alternatives = [Alternative(o.manoeuvre, float(o.minutes), o.rank[0], _least(o)) for o in others]
+    said = _sentence(best, separates, unsettled, nats)
+    return NextDrive(best.manoeuvre, float(best.minutes), separates, nats, unsettled, alternatives, said)
 
 
-def open_questions(findings: Sequence[Finding]) -> list[Question]:
+def open_questions(findings: Sequence[Cause]) -> list[Question]:
     """Findings, each with what it may be instead."""
     questions: list[Question] = []
     for finding in findings:
-        if finding.effect in ONCE:
+        if finding.claim is not None and not finding.claim.effect.recurs:
             continue
         rivals = finding.also_fits or ((NOTHING,) if finding.status is Status.SUSPECTED else ())
         questions += [(finding, rival) for rival in rivals]
     return questions
 
 
-def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Option]:
+def options_for(analysis: Analysis, questions: Sequence[Question]) -> list[_Option]:
     """All manoeuvres and durations, with the nats that each brings for each question."""
-    found = diagnosis.conclusion.found
+    found = analysis.conclusion.found
     e, noise = found.problem.evidence, found.problem.noise
-    nominal, reference = diagnosis.recording.nominal, _kind(e)
+    nominal, reference = analysis.recording.nominal, _kind(e)
     slow = [_is_slow(f) and (rival == NOTHING or _is_slow(rival)) for f, rival in questions]
     rate_hz = min(nominal.fog.rate_hz or GYRO_HZ, SLOW_GYRO_HZ if all(slow) else GYRO_HZ)
     nominal = replace(
@@ -131,7 +122,7 @@ def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Op
         reference = replace(reference, period_s=FIX_S)
     knows_temperature = bool(np.isfinite(e.temperature_c).any())
     some_slow = any(_is_slow(of) for question in questions for of in question)
-    others = [c for c in found.fit.claims if "t0" not in c.values]
+    others = [c for c in found.fit.claims if c.begin_s is None]
     options: list[_Option] = []
     for name, manoeuvre in MANOEUVRES.items():
         if manoeuvre.cold and not some_slow:
@@ -144,7 +135,7 @@ def options_for(diagnosis: Diagnosis, questions: Sequence[Question]) -> list[_Op
     return options
 
 
-def _is_slow(of: Finding | str) -> bool:
+def _is_slow(of: Cause | str) -> bool:
     """An error of the gyro that no manoeuvre changes."""
     if isinstance(of, str):
         return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].driver in SLOW
@@ -181,7 +172,7 @@ def _kind(e: Evidence) -> Reference:
 class _Rivals(Library):
     """The candidates of a few effects, and what the questions' findings would do."""
 
-    def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Finding]):
+    def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Cause]):
         self.candidates = []
         signatures: list[Signature] = []
         for name in names:
@@ -214,7 +205,7 @@ class _Rivals(Library):
         return None if best is None else best[1]
 
 
-def _signature(problem: Problem, finding: Finding) -> Signature:
+def _signature(problem: Problem, finding: Cause) -> Signature:
     if finding.claim is not None:
         return problem.signature(finding.claim.effect, _again(finding.claim).values)
     assert finding.curve is not None
@@ -223,11 +214,12 @@ def _signature(problem: Problem, finding: Finding) -> Signature:
 
 def _again(claim: Claim) -> Claim:
     """A stretch of ground is driven over again; all else acts throughout."""
-    if "t0" not in claim.values:
+    if claim.begin_s is None:
         return claim
-    length_s = claim.number("t1") - claim.number("t0") if "t1" in claim.values else STRETCH_S
-    end_s = STRETCH_FROM_S + min(length_s, STRETCH_S)
-    return replace(claim, values={**claim.values, "t0": STRETCH_FROM_S, **({"t1": end_s} if "t1" in claim.values else {})})  # noqa: E501  # fmt: skip
+    times = {START.name: STRETCH_FROM_S}
+    if claim.end_s is not None:
+        times[END.name] = STRETCH_FROM_S + min(claim.end_s - claim.begin_s, STRETCH_S)
+    return replace(claim, values={**claim.values, **times})
 
 
 def _curve_signature(problem: Problem, curve: Curve) -> Signature:
@@ -272,7 +264,7 @@ def _nats(
     return [tuple(min(_half_square(r[k], held[k]) for r, held in ways) - price for price, ways in left) for k in kept]
 
 
-def _price(problem: Problem, finding: Finding, rival: Claim | None) -> float:
+def _price(problem: Problem, finding: Cause, rival: Claim | None) -> float:
     """What the finding costs more than its rival: so much must the data bring before it is preferred."""
     mine = problem.penalty([finding.claim]) if finding.claim is not None else problem.per_parameter + problem.per_effect
     return max(0.0, mine - (problem.penalty([rival]) if rival is not None else 0.0))
@@ -316,8 +308,6 @@ def _sentence(best: _Option, separates: list[list[str]], unsettled: list[list[st
     minutes = "1 minute" if best.minutes == 1 else f"{best.minutes} minutes"
     text = f"{minutes} of {best.manoeuvre} would tell {told(separates)}, by at least {nats:.3g} nats."
     names = {name for pair in separates for name in pair}
-    if "gyro_warmup" in names:
-        text += " Begin at power-on, with the gyro cold."
-    if names & {"surface_slip", "terrain_tread"}:
-        text += f" Drive over the same ground again, from {STRETCH_FROM_S:.0f} s on."
+    advice = (effect.advice for effect in catalogue().values() if effect.id in names and effect.advice)
+    text += "".join(f" {a.format(from_s=STRETCH_FROM_S)}" for a in dict.fromkeys(advice))
     return text + (f" It does not tell {told(unsettled)}." if unsettled else "")

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.ndimage import binary_dilation, median_filter
 
-from drd.effects.catalogue import catalogue
+from drd.effects.catalogue import showing
+from drd.effects.effect import SIDES, Symptom
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.recordings.folder import EncoderLog, Recording
@@ -85,10 +86,10 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
         return []
     # A reading at the edge is clipped for a part of its time.
     doubt[binary_dilation(at)] = np.inf
-    effect = catalogue()["gyro_saturation"]
+    effect = showing(Symptom.CLIPPED)
     nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
     seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
-    return [Event(Claim(effect, {"limit": limit}, ()), _spans(e.time_s, e.step_s, at), nats, seen)]
+    return [Event(Claim(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
 
 
 def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
@@ -98,8 +99,8 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
     events = []
     per_count = e.sheet.count_m
     for side, own, other, doubt, sign in (
-        ("left", log.left_counts, log.right_counts, left, -1.0),
-        ("right", log.right_counts, log.left_counts, right, 1.0),
+        (SIDES[0], log.left_counts, log.right_counts, left, -1.0),
+        (SIDES[1], log.right_counts, log.left_counts, right, 1.0),
     ):
         mine, its = np.diff(own) * per_count, np.diff(other) * per_count
         for first, last in _runs(mine == 0.0):
@@ -110,8 +111,8 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
             row_s = float(np.diff(log.time_s[first : last + 1]).max())
             inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
             doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
-            effect = catalogue()["encoder_dropout"]
-            claim = Claim(effect, {"side": side, "t0": stop.t0, "t1": stop.t1}, ())
+            effect = showing(Symptom.STOPPED)
+            claim = Claim(effect, effect.shown(side, stop.t0, stop.t1), ())
             rest_s = stop.t1 - stop.t0
             seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
             events.append(Event(claim, ((stop.t0, stop.t1),), stop.nats, seen))
@@ -202,8 +203,8 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     total = more + less
     if total == 0 or stats.binomtest(more, total, 0.5, "greater").pvalue > ONE_SIDED_P:
         return []
-    effect = catalogue()["bump_counts"]
-    claim = Claim(effect, {"travel_per_m": added / way}, ("travel_per_m",))
+    effect = showing(Symptom.JUMPED)
+    claim = Claim(effect, effect.shown(size=added / way), effect.linear())
     nats = (more - less) * float(np.log(2.0))
     seen = f"{more} sudden jumps of a counter ahead, {less} back"
     return [Event(claim, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.effects.effect import Effect, Parameter
+from drd.effects.effect import END, START, Effect, Parameter
 
 Array = npt.NDArray[np.float64]
 Values = Mapping[str, float | str]
@@ -48,6 +48,22 @@ class Claim:
         """Its description."""
         return parameter(self.effect, name)
 
+    @property
+    def begin_s(self) -> float | None:
+        """From when it acts; None where it always does."""
+        return self.number(START.name) if START.name in self.values else None
+
+    @property
+    def end_s(self) -> float | None:
+        """Until when it acts; None where to the end."""
+        return self.number(END.name) if END.name in self.values else None
+
+    @property
+    def interval_s(self) -> tuple[float, float] | None:
+        """From when until when it acts; None where it has no such two times."""
+        begin_s, end_s = self.begin_s, self.end_s
+        return None if begin_s is None or end_s is None else (begin_s, end_s)
+
 
 def parameter(effect: Effect, name: str) -> Parameter:
     """The description of a parameter by its name."""
@@ -66,14 +82,3 @@ def shape_of(effect: Effect, values: Values) -> dict[str, float | str]:
     """The parameters that are not linear: they make the shape."""
     linear = linear_names(effect, values)
     return {name: value for name, value in values.items() if name not in linear}
-
-
-def step(effect: Effect, values: Values, name: str) -> float:
-    """A step for the numerical derivative with respect to a parameter that is not linear."""
-    q = parameter(effect, name)
-    if name in ("t0", "t1"):
-        return 0.5
-    if q.unit in ("rad", "degC"):
-        return 1e-3
-    at = abs(float(values[name]))
-    return min(max(0.02 * at, q.low * q.si), 0.5 * at or math.inf)

@@ -4,21 +4,17 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any
 
-import drd
 from drd.effects.catalogue import catalogue
 from drd.schema import ConfigError
-from drd_tools.diagnose import outcome
+from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.parts import parts
-from drd_tools.diagnose.pool import pooled
-from drd_tools.diagnose.prove import save_proven
 from drd_tools.diagnose.report import write_report
 from drd_tools.diagnose.report_text import in_words
-from drd_tools.diagnose.run import Written, run_all
+from drd_tools.diagnose.results import Verdict
+from drd_tools.diagnose.run import run_all, together
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 
@@ -98,64 +94,38 @@ def _read(paths: Sequence[Path]) -> list[Recording]:
 def _diagnosed(recordings: list[Recording], held_out: list[Recording], folder: Path, jobs: int, names: str) -> int:
     folders = [folder] if len(recordings) == 1 else [folder / r.name for r in recordings]
     made = []
-    for recording, written in zip(recordings, run_all(recordings, held_out, folders, jobs), strict=True):
-        made.append(written)
-        _tell(written.content, written.files, recording.notes)
+    for diagnosis, files in run_all(recordings, held_out, folders, jobs):
+        made.append(diagnosis)
+        _tell(diagnosis, files)
     if len(recordings) > 1:
-        _write_together(recordings, held_out, made, folder, names)
+        whole = together(recordings, held_out, made, names)
+        _tell(whole, whole.report(folder))
     return 0
 
 
-def _write_together(
-    recordings: list[Recording],
-    held_out: list[Recording],
-    made: list[Written],
-    folder: Path,
-    names: str,
-) -> None:
-    """What several recordings say, or parts of one, beside each one's own folder."""
-    content, series = pooled([w.content for w in made], [w.share for w in made]), [w.series for w in made]
-    content["recording"] = names
-    findings = content["findings"]
-    make = partial(outcome.model_of_findings, findings, recordings[0], content["recording"], drd.__version__)
-    _, content["fit"]["held_out"], bars = save_proven(folder / "model.yaml", make, findings, held_out)
-    outcome.write_json(folder / "diagnosis.json", content)
-    by_effect = {f["effect"]: f for one in reversed(series) for f in one["findings"]}
-    whole = {
-        **series[0],
-        "recordings": [r for one in series for r in one["recordings"]],
-        "findings": [
-            by_effect.get(f["effect"], {"effect": f["effect"], **outcome.NO_CURVE}) for f in content["findings"]
-        ],
-        "held_out": bars,
-    }
-    outcome.write_json(folder / "series.json", whole)
-    _tell(content, [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)])
-
-
 WORDS = {
-    outcome.NOTHING: "nothing is missing: the nominal model explains the recording up to its noise",
-    outcome.EXPLAINED: "explained",
-    outcome.PARTLY: "partly explained",
-    outcome.UNKNOWN: "something is missing that is in no catalogue",
+    Verdict.NOTHING: "nothing is missing: the nominal model explains the recording up to its noise",
+    Verdict.EXPLAINED: "explained",
+    Verdict.PARTLY: "partly explained",
+    Verdict.UNKNOWN: "something is missing that is in no catalogue",
 }
 
 
-def _tell(content: dict[str, Any], files: Sequence[Path], notes: Sequence[str] = ()) -> None:
-    print(f"{content['recording']}: {WORDS[content['verdict']]}")
-    for finding in content["findings"]:
-        evidence = finding["evidence"]
-        sure = f"{evidence['gain_nats']:.0f} nats, p {evidence['family_wise_p']:.2g}"
-        print(f"  {finding['status']}: {finding['effect']} ({sure})")
+def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
+    result = diagnosis.result
+    print(f"{result.recording}: {WORDS[result.verdict]}")
+    for finding in result.findings:
+        p = finding.evidence.family_wise_p
+        print(f"  {finding.status}: {finding.effect} ({finding.gain_nats:.0f} nats, p {p or 0.0:.2g})")
         print(f"    {in_words(finding)}")
-    if content["next_drive"]:
-        print(f"  {content['next_drive'].get('sentence', '')}".rstrip())
-    if "cut" in content:
-        print(f"  {content['cut']}: cut a longer recording, and diagnose its parts")
-    reasons = Counter(row["because"] for row in content.get("not_observable", ()))
+    if result.next_drive:
+        print(f"  {result.next_drive.sentence}".rstrip())
+    if result.cut:
+        print(f"  {result.cut}: cut a longer recording, and diagnose its parts")
+    reasons = Counter(row.because for row in result.unobservable)
     for because, count in reasons.items():
         print(f"  nothing can be said of {count} of the {len(catalogue())} effects: {because}")
-    for note in notes:
+    for note in diagnosis.notes:
         print(f"  {note}")
     print("  files: " + ", ".join(str(f) for f in files[:3]))
 

@@ -11,12 +11,13 @@ import numpy.typing as npt
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.audit import Event
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.confirm import chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
-from drd_tools.diagnose.finding import Finding, Status
+from drd_tools.diagnose.confirm import LARGEST_NATS, chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
+from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import Fit, refine, refine_all
+from drd_tools.diagnose.results import Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.stretches import same_window
 from drd_tools.diagnose.uncertainty import told
@@ -38,12 +39,12 @@ CONFIRMING_E: Final = 100.0
 
 @dataclass(frozen=True)
 class Conclusion:
-    """Findings, and what was not found."""
+    """Causes, the best first, and what was not found."""
 
-    findings: list[Finding]
+    causes: list[Cause]
     found: Found
-    ruled_out: list[dict[str, str]]
-    detectable: dict[str, dict[str, float | str]]
+    ruled_out: list[Because]
+    detectable: dict[str, Smallest]
     classes: list[list[str]]
     unexplained: float
 
@@ -76,16 +77,16 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
         same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
-    findings = [f for f in _merged(findings) if f.family_wise_p <= SUSPECTING]
+    findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
-    ruled_out = [{"effect": name, "because": text} for name, text in sorted(bounds.items()) if name not in named]
+    ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
     return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
 
 
-def _merged(findings: Sequence[Finding]) -> list[Finding]:
+def _merged(findings: Sequence[Cause]) -> list[Cause]:
     """The best first; several names that one and the same curve beats are one finding."""
-    found: dict[tuple[str, str] | int, Finding] = {}
+    found: dict[tuple[str, str] | int, Cause] = {}
     for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
         key = i if finding.claim is not None or finding.curve is None else (finding.curve.channel, finding.curve.driver)
         first = found.setdefault(key, finding)
@@ -93,16 +94,16 @@ def _merged(findings: Sequence[Finding]) -> list[Finding]:
             found[key] = replace(
                 first,
                 also_fits=unique((*first.also_fits, *finding.also_fits)),
-                stand_in=first.stand_in or finding.stand_in,
+                surrogate=first.surrogate or finding.surrogate,
                 explains=min(1.0, first.explains + finding.explains),
             )
     return list(found.values())
 
 
-def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance: Array) -> tuple[Found, list[Finding]]:
+def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance: Array) -> tuple[Found, list[Cause]]:
     """One curve without a name that is better than all names of a channel together takes their place."""
     problem, fit = found.problem, found.fit
-    unknown: list[Finding] = []
+    unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
         group = [c for c in fit.claims if c.id not in search.known and c.effect.channel == acts_on]
         if len(group) < 2:
@@ -142,7 +143,7 @@ def _held(found: Found, search: Search) -> Found:
 
 def _finding(
     found: Found, search: Search, smooths: Smooths, claim: Claim, reported: Claim, chance: Array, total: float
-) -> Finding:
+) -> Cause:
     problem, fit = found.problem, found.fit
     rest = refine(problem, [c for c in fit.claims if c is not claim])
     worth = rest.cost - fit.cost
@@ -153,24 +154,34 @@ def _finding(
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
     rivals = same_window(claim) + [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
     fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
-    also = unique(
-        r.id
-        for r, f in zip(rivals, fits, strict=True)
-        if all(is_possible(problem, c) for c in f.claims)
-        and _best_score(found, search, claim, r, f) > found.score - CLASS_NATS
-    )
+    pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.claims)]
+    scores = [_best_score(found, search, claim, r, f) for r, f in pairs]
+    also = unique(r.id for (r, _), score in zip(pairs, scores, strict=True) if score > found.score - CLASS_NATS)
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
     if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
-        stand_in = reported if claim.effect.lasting and e >= CONFIRMING_E else None
-        return _unknown(rival, p, worth / total, stand_in, also_fits=(claim.id, *also), e=e, status=status)
+        surrogate = reported if claim.effect.lasting and e >= CONFIRMING_E else None
+        return _unknown(rival, p, worth / total, surrogate, also_fits=(claim.id, *also), e=e, status=status)
     curve = _curve(smooths, found, claim, rival)
     explains = min(1.0, worth / total)
-    return Finding(
-        reported, status, also, _windows(claim, problem.evidence.time_s), worth, p, e, explains,
-        sentence(reported, explains, also), curve, None, gain_over_time(problem, fit, claim),
-        {"told": _told(smooths, claim, curve)} if curve is not None else {},
-    )  # fmt: skip
+    return Cause(
+        claim=reported,
+        status=status,
+        also_fits=also,
+        windows=_windows(claim, problem.evidence.time_s),
+        support=Support(worth, p, e),
+        explains=explains,
+        sentence=sentence(reported, explains, also),
+        probability=_probability(found.score, [*scores, search.score(rest)]),
+        curve=curve,
+        gain=Gain(*gain_over_time(problem, fit, claim)),
+        fitted=None if curve is None else _told(smooths, claim, curve),
+    )
+
+
+def _probability(score: float, others: Sequence[float]) -> float:
+    """Posterior probability of what has a score among what has the others: scores are log marginal likelihoods (58)."""
+    return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
 
 
 def _best_score(found: Found, search: Search, claim: Claim, rival: Claim, fit: Fit) -> float:
@@ -183,7 +194,7 @@ def _best_score(found: Found, search: Search, claim: Claim, rival: Claim, fit: F
 
 def _forgiven(claim: Claim, rival: Claim) -> int:
     """Parameters of a rival that do not speak against it: two sizes where one is enough cost it no likelihood."""
-    return int("t0" not in rival.values and len(rival.free) == len(claim.free) + 1)
+    return int(rival.begin_s is None and len(rival.free) == len(claim.free) + 1)
 
 
 def unique(names: Iterable[str]) -> tuple[str, ...]:
@@ -210,22 +221,23 @@ def _curve(smooths: Smooths, found: Found, claim: Claim, rival: Curve | None) ->
     return max(curves, key=lambda c: c.gain, default=rival)
 
 
-def _event_finding(claim: Claim, event: Event) -> Finding:
-    e = math.exp(min(event.nats, 690.0))
-    p = min(1.0, math.exp(-min(event.nats, 690.0)) * 31.0)
+def _event_finding(claim: Claim, event: Event) -> Cause:
+    e = math.exp(min(event.nats, LARGEST_NATS))
+    p = max(min(1.0, 31.0 / e), 1e-6)
     text = f"{claim.effect.sentence} Seen: {event.seen}."
-    return Finding(claim, Status.CONFIRMED, (), event.windows, float(event.nats), max(p, 1e-6), e, 1.0, text)
+    support = Support(float(event.nats), p, e)
+    return Cause(claim, Status.CONFIRMED, (), event.windows, support, 1.0, text, e / (1.0 + e))
 
 
 def _unknown(
     curve: Curve,
     p: float,
     explains: float,
-    stand_in: Claim | None = None,
+    surrogate: Claim | None = None,
     also_fits: tuple[str, ...] = (),
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
-) -> Finding:
+) -> Cause:
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
         f"in one of {len(curve.knots)} places"
@@ -236,14 +248,13 @@ def _unknown(
         f"Something that is in no catalogue acts on the {curve.channel} and depends on "
         f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
-    return Finding(None, status, also_fits, (), curve.gain, p, e, explains, text, curve, stand_in)
+    support, odds = Support(curve.gain, p, e), math.exp(min(max(curve.gain, -LARGEST_NATS), LARGEST_NATS))
+    return Cause(None, status, also_fits, (), support, explains, text, odds / (1.0 + odds), curve, surrogate)
 
 
-def _windows(claim: Claim, time_s: Array) -> tuple[tuple[float, float], ...]:
-    if "t0" in claim.values:
-        end = claim.number("t1") if "t1" in claim.values else float(time_s[-1])
-        return ((claim.number("t0"), end),)
-    return ((float(time_s[0]), float(time_s[-1])),)
+def _windows(claim: Claim, time_s: Array) -> tuple[Window, ...]:
+    begin_s, end_s = claim.begin_s, claim.end_s
+    return ((float(time_s[0]) if begin_s is None else begin_s, float(time_s[-1]) if end_s is None else end_s),)
 
 
 def sentence(claim: Claim, explains: float | None, also_fits: Sequence[str]) -> str:
@@ -260,9 +271,7 @@ def sentence(claim: Claim, explains: float | None, also_fits: Sequence[str]) -> 
     text = f"{claim.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
         text += f" This recording cannot tell it from {', '.join(also_fits)}."
-    if claim.id == "rotation_centre_offset":
-        text += " A reference that is mounted so much ahead of the believed point looks the same."
-    return text
+    return f"{text} {claim.effect.caveat}".rstrip()
 
 
 def _rounded(value: float, sigma: float) -> str:

@@ -75,7 +75,7 @@ def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Pr
 
     How well those know its parameters is integrated over: what was learned from little foretells little.
     """
-    if "t0" not in claim.values:
+    if claim.begin_s is None:
         found = _relearned(part, library, train, claim)
         choices = 1
     else:

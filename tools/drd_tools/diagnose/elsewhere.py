@@ -11,15 +11,15 @@ from drd.model import Term
 from drd_tools.diagnose.audit import audit
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.library import AUDITED
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.ranges import Seen, within
+from drd_tools.diagnose.ranges import within
 from drd_tools.diagnose.refine import beyond, refine, soft_forms
+from drd_tools.diagnose.results import Ranges
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
-_Ranged = tuple[Claim, Seen]
+_Ranged = tuple[Claim, Ranges]
 
 NOISE_ROUNDS: Final = 2
 CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
@@ -30,7 +30,7 @@ def nats_elsewhere(terms: Iterable[Term], held_out: Sequence[Recording]) -> dict
 
     Those that do not hold, which have less than CONTRADICTED_NATS, are taken off one by one, the worst first.
     """
-    kept = [_ranged(term) for term in terms if term.effect.lasting and term.effect.id not in AUDITED]
+    kept = [_ranged(term) for term in terms if term.effect.lasting and term.effect.searched]
     found: dict[str, float] = {}
     while kept and held_out:
         # What does not hold passes for noise until it is off.

@@ -1,50 +1,42 @@
-"""What the diagnosis says of one recording or several: findings, and all that is written down."""
+"""One cause as the regression knows it, before it is written down as a `results.Finding`."""
 
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.generic import CHANNELS, Curve
-
-Array = npt.NDArray[np.float64]
-
-
-class Status(Enum):
-    """How sure a finding is."""
-
-    SUSPECTED = "suspected"
-    SUPPORTED = "supported"
-    CONFIRMED = "confirmed"
+from drd_tools.diagnose.generic import CHANNELS, Array, Curve
+from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Gain, Status, Support, Window
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One cause. `claim` is None where it has no name; `curve` is then all that is known of it, and `stand_in` the name
-    that comes nearest: the model may have it, since it knows no curves.
+class Cause:
+    """One cause. `claim` is None where it has no name; `curve` is then all that is known of it, and `surrogate` the
+    name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the claim at the curve's
+    knots.
     """
 
     claim: Claim | None
     status: Status
     also_fits: tuple[str, ...]
-    windows: tuple[tuple[float, float], ...]
-    gain_nats: float
-    family_wise_p: float
-    e_value: float
+    windows: tuple[Window, ...]
+    support: Support
     explains: float
     sentence: str
+    probability: float
     curve: Curve | None = None
-    stand_in: Claim | None = None
-    evidence: tuple[Array, Array] | None = None
-    fit: dict[str, Any] = field(default_factory=dict)
+    surrogate: Claim | None = None
+    gain: Gain = NO_GAIN
+    fitted: Array | None = None
 
     @property
     def effect(self) -> str:
         """The catalogue's name, or "unknown"."""
-        return self.claim.id if self.claim is not None else "unknown"
+        return self.claim.id if self.claim is not None else UNNAMED
+
+    @property
+    def gain_nats(self) -> float:
+        """Gain in log likelihood."""
+        return self.support.gain_nats or 0.0
 
     @property
     def acts_on(self) -> str:
@@ -62,3 +54,8 @@ class Finding:
             return self.claim.effect.driver
         assert self.curve is not None
         return self.curve.driver
+
+
+def named(causes: Sequence[Cause]) -> list[Claim]:
+    """The causes that have a name."""
+    return [c.claim for c in causes if c.claim is not None]

@@ -10,6 +10,7 @@ from drd.config import Robot
 from drd.effects.compensation import Compensation
 from drd.samples import CalibratedRate
 from drd.units import DEG_PER_RAD, NS_PER_S
+from drd_tools.diagnose.results import Figures
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import MISSING_ROWS
 from drd_tools.replay.nominal import with_model
@@ -17,7 +18,7 @@ from drd_tools.replay.nominal import with_model
 Array = npt.NDArray[np.float64]
 
 
-def heading_figures(recording: Recording, model: Path | None) -> dict[str, float]:
+def heading_figures(recording: Recording, model: Path | None) -> Figures:
     """Errors of the heading that the gyro adds up, on the reference at its first row; none without a reference.
 
     The bias is that of the standstill at the start, as the estimator measures it. Raises ConfigError.

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.results import Smallest
 
 Array = npt.NDArray[np.float64]
 
@@ -25,9 +26,9 @@ class Identifiability:
         self.products = np.asarray(library.products, float) - C @ np.linalg.solve(A, C.T)
         self.norm = np.sqrt(np.maximum(np.diag(self.products), 0.0))
 
-    def detectable(self) -> dict[str, dict[str, float | str]]:
+    def detectable(self) -> dict[str, Smallest]:
         """Smallest size of each effect that would be found, in its first parameter's unit."""
-        found: dict[str, dict[str, float | str]] = {}
+        found: dict[str, Smallest] = {}
         for candidate in self._library.candidates:
             if len(candidate.columns) > 1 and not candidate.angle:
                 continue
@@ -42,8 +43,9 @@ class Identifiability:
             else:  # of the variant's own size, such a share
                 size *= abs(float(candidate.shape[q.name]))
             value = size / q.si
-            if effect.id not in found or value < float(found[effect.id]["smallest"]):
-                found[effect.id] = {"smallest": value, "unit": q.unit}
+            best = found.get(effect.id)
+            if best is None or best.smallest is None or value < best.smallest:
+                found[effect.id] = Smallest(value, q.unit)
         return found
 
     def classes(self) -> list[list[str]]:

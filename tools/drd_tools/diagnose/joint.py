@@ -7,7 +7,7 @@ Their sums are those of one regression over all recordings, with the parameters 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,16 +18,15 @@ from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
 from drd_tools.diagnose.confirm import e_value
-from drd_tools.diagnose.finding import Status
 from drd_tools.diagnose.library import is_plausible
-from drd_tools.diagnose.outcome import amounts
+from drd_tools.diagnose.outcome import parameters_of
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import seen
 from drd_tools.diagnose.refine import Fit, beyond, held_beside
+from drd_tools.diagnose.results import Finding, Ranges, Status, Support, Window
 from drd_tools.diagnose.search import CLASS_NATS
 
 Array = npt.NDArray[np.float64]
-Found = dict[str, Any]
 Part = tuple[Array, Array]  # G (p, p) and b (p,)
 
 MOST: Final = 4
@@ -45,8 +44,8 @@ class Share:
     G: Array
     b: Array
     rows: int
-    ranges: dict[str, dict[str, list[float]]]
-    span_s: tuple[float, float]
+    ranges: dict[str, Ranges]
+    span_s: Window
 
 
 def shared() -> list[Effect]:
@@ -72,16 +71,16 @@ def share_of(problem: Problem, fit: Fit) -> Share:
     data = problem.data - problem.effect_rows(fit.claims)
     left = beyond(held_beside(problem, fit.claims), np.column_stack([X, data]))
     motion = problem.signatures.motion
-    ranges = {e.id: seen(motion, Claim(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
+    ranges: dict[str, Ranges] = {e.id: seen(motion, Claim(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
     span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
     return Share(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
 
 
-def together(shares: Sequence[Share], claimed: set[str]) -> list[Found]:
-    """Findings, as diagnosis.json has them, of effects that no recording claims by itself."""
+def together(shares: Sequence[Share], claimed: set[str]) -> list[Finding]:
+    """Findings of effects that no recording claims by itself."""
     names = [n for n in shares[0].names if n[0] not in claimed and all(n in s.names for s in shares)]
     parts = [_chosen(s, names) for s in shares]
-    rows, chosen, refused, findings = sum(s.rows for s in shares), list[str](), set[str](), list[Found]()
+    rows, chosen, refused, findings = sum(s.rows for s in shares), list[str](), set[str](), list[Finding]()
     while len(findings) < MOST:
         ranked = [r for r in _ranked(parts, names, chosen, rows) if r[1] not in refused]
         if not ranked or ranked[0][0] <= 0.0:
@@ -95,6 +94,13 @@ def together(shares: Sequence[Share], claimed: set[str]) -> list[Found]:
             chosen.append(best)
             findings.append(finding)
     return findings
+
+
+def united(seen: Sequence[Ranges]) -> Ranges:
+    """The ranges that several recordings have seen together; a drive may show an effect at one value only."""
+    covariates = sorted({name for one in seen for name in one})
+    ends = {name: [one[name] for one in seen if name in one] for name in covariates}
+    return {name: (min(low for low, _ in found), max(high for _, high in found)) for name, found in ends.items()}
 
 
 def _chosen(share: Share, names: Sequence[tuple[str, str]]) -> Part:
@@ -145,7 +151,7 @@ def _finding(
     chosen: Sequence[str],
     best: str,
     also: Sequence[str],
-) -> Found | None:
+) -> Finding | None:
     """None where too little is left of its gain once the recordings' scatter counts, or the value makes no sense."""
     effect, index, own = catalogue()[best], _index(names, [*chosen, best]), _index(names, [best])
     G, b = _sum(parts)
@@ -158,20 +164,20 @@ def _finding(
     if not is_plausible(claim) or gain < LEAST_NATS or p > FAMILY_WISE:
         return None
     e = e_value((_unseen(parts, index, own, 0) / scatter, _unseen(parts, index, own, 1) / scatter))
-    ranges = [s.ranges[best] for s in shares]
-    return {
-        "effect": best,
-        "status": (Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED).value,
-        "also_fits": list(also),
-        "acts_on": effect.channel,
-        "parameters": amounts(claim),
-        "windows": [[min(s.span_s[0] for s in shares), max(s.span_s[1] for s in shares)]],
-        "seen": {d: [min(r[d][0] for r in ranges), max(r[d][1] for r in ranges)] for d in ranges[0]},
-        "driver": effect.driver,
-        "evidence": {"gain_nats": gain, "family_wise_p": p, "e_value": e},
-        "explains": 1.0,
-        "sentence": sentence(claim, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
-    }
+    return Finding(
+        effect=best,
+        status=Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED,
+        also_fits=tuple(also),
+        acts_on=effect.channel,
+        parameters=parameters_of(claim)[0],
+        windows=((min(s.span_s[0] for s in shares), max(s.span_s[1] for s in shares)),),
+        seen=united([s.ranges[best] for s in shares]),
+        covariate=effect.driver,
+        evidence=Support(gain, p, e),
+        explains=1.0,
+        sentence=sentence(claim, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
+        probability=e / (1.0 + e) / (1 + len(also)),
+    )
 
 
 def _scatter(parts: Sequence[Part], index: list[int]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Effect, Parameter
+from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names
 from drd_tools.diagnose.linear import COLUMNS, Signature
 from drd_tools.diagnose.problem import Problem
@@ -19,10 +19,6 @@ from drd_tools.diagnose.stretches import Columns, Stretches, is_of_stretch
 Array = npt.NDArray[np.float64]
 Parameters = dict[str, float | str]
 
-# Found by the audit, by logic, before any regression.
-AUDITED: Final = ("encoder_dropout", "gyro_saturation")
-# Effects that can be there more than once.
-SEVERAL: Final = ("surface_slip", "terrain_tread", "gyro_bias_step")
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 MOST_OF_THE_WAY: Final = 0.8
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
@@ -77,41 +73,39 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
     return own + ((BIAS.name,) if BIAS.name in values else ())
 
 
-def is_angle(q: Parameter) -> bool:
-    """A phase: two columns a quarter turn apart make any of it."""
-    return q.unit == "rad" and not q.linear
-
-
 def is_plausible(claim: Claim) -> bool:
     """Of the right sign, and not beyond all sizes."""
     for q in claim.effect.parameters:
-        if q.choices or q.name in ("t0", "t1") or is_angle(q):
+        if q.choices or q.moment or q.is_angle:
             continue
         value = claim.number(q.name)
         if q.neutral and abs(value / q.si - q.neutral) > 3.0 * abs(q.high - q.neutral):
             return False
         if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
             return False
-    return "t1" not in claim.values or claim.number("t1") > claim.number("t0")
+    return claim.interval_s is None or claim.interval_s[1] > claim.interval_s[0]
 
 
 def is_hidden(problem: Problem, claim: Claim) -> bool:
     """A threshold that hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
     e = problem.evidence
-    if claim.effect.acts_on is not ActsOn.READOUT or "band" not in claim.values or e.gyro_rad is None:
+    if claim.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
+        return False
+    rate_rad_s = problem.signatures.calm_rate_rad_s + float(claim.values.get(BIAS.name, 0.0))
+    hidden = claim.effect.hidden(rate_rad_s, claim.values)
+    if hidden is None:
         return False
     sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
-    rate_rad_s = np.abs(problem.signatures.calm_rate_rad_s + float(claim.values.get(BIAS.name, 0.0)))
-    hidden = rate_rad_s[rate_rad_s < claim.number("band")]
     return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
 
 
 def is_everywhere(problem: Problem, claim: Claim) -> bool:
     """A stretch with next to all of the way: what is as good as always there needs no stretch."""
     e = problem.evidence
-    if not is_of_stretch(claim.effect):
+    if not is_of_stretch(claim.effect) or claim.interval_s is None:
         return False
-    inside = (e.time_s > claim.number("t0")) & (e.time_s <= claim.number("t1"))
+    begin_s, end_s = claim.interval_s
+    inside = (e.time_s > begin_s) & (e.time_s <= end_s)
     return float(e.travel_m[inside].sum()) > MOST_OF_THE_WAY * float(e.travel_m.sum())
 
 
@@ -125,7 +119,7 @@ class Library:
 
     def __init__(self, problem: Problem):
         e = problem.evidence
-        effects = [x for x in catalogue().values() if x.id not in AUDITED and x.channel in e.channels]
+        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels]
         self.candidates: list[Candidate] = []
         self.stretches = [Stretches(problem, effect) for effect in effects if is_of_stretch(effect)]
         whitened: list[Columns] = []
@@ -159,8 +153,8 @@ class Library:
         return shapes
 
     def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Signature]:
-        angle = next((q.name for q in effect.parameters if is_angle(q)), "")
-        names = linear_names(effect, {SCALE.name: 0.0} if effect.beside_scale else {}) or ("",)
+        angle = next((q.name for q in effect.parameters if q.is_angle), "")
+        names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
         if angle:
             shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
         else:

@@ -1,131 +1,203 @@
 """Several recordings, each diagnosed by itself: what they say together."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.joint import Share, together
+from drd_tools.diagnose.joint import Share, together, united
+from drd_tools.diagnose.outcome import names_of
+from drd_tools.diagnose.results import (
+    Amount,
+    Because,
+    Figures,
+    Finding,
+    Fit,
+    Result,
+    Smallest,
+    Status,
+    Support,
+    Term,
+    Train,
+    Unexplained,
+    Verdict,
+)
 
-ORDER: Final = ("suspected", "supported", "confirmed")
+SURER: Final = list(Status)
 # Values of one parameter further apart than this, in sigmas of their difference, are not one value.
 APART_SIGMAS: Final = 4.0
+LARGEST_NATS: Final = 690.0  # exp of more is no double
+LEAST: Final = 1e-300
 
 
-def pooled(contents: Sequence[dict[str, Any]], shares: Sequence[Share]) -> dict[str, Any]:
-    """One diagnosis.json of several. A lasting effect's parameters are combined with the inverse of their variances.
+class _Said(NamedTuple):
+    """A finding, and the recording of which it is said."""
+
+    recording: str
+    finding: Finding
+
+
+def combined(results: Sequence[Result], shares: Sequence[Share]) -> Result:
+    """One result of several. A lasting effect's parameters are combined with the inverse of their variances.
 
     Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
     only all together show comes to it (`joint`).
     """
-    findings: list[dict[str, Any]] = []
-    for name, parts in _grouped(contents).items():
-        if name == "unknown" or not catalogue()[name].lasting:
-            findings += [{**f, "sentence": f"{r}: {f['sentence']}"} for r, f in parts]
-            continue
-        found = [f for _, f in parts]
-        best = max(found, key=lambda f: float(f["evidence"]["gain_nats"]))
-        evidence = {
-            "gain_nats": sum(float(f["evidence"]["gain_nats"]) for f in found),
-            "family_wise_p": min(1.0, min(float(f["evidence"]["family_wise_p"]) for f in found) * len(contents)),
-            "e_value": math.exp(min(690.0, sum(math.log(max(float(f["evidence"]["e_value"]), 1e-300)) for f in found))),
-        }
-        where = ", ".join(r for r, _ in parts)
-        findings.append({
-            **best,
-            "status": max((f["status"] for f in found), key=ORDER.index),
-            "also_fits": sorted(set.intersection(*(set(f["also_fits"]) for f in found))),
-            "parameters": _combined(found),
-            "seen": _united(found),
-            "evidence": evidence,
-            "explains": sum(float(f["explains"]) for f in found) / len(contents),
-            "sentence": f"{best['sentence']} Found in {len(parts)} of {len(contents)} recordings ({where}).",
-        })  # fmt: skip
-    _put_stand_ins_together(findings)
-    common = together(shares, {f["effect"] for f in findings})
-    findings = sorted([*findings, *common], key=lambda f: -float(f["evidence"]["gain_nats"]))
-    verdicts = {c["verdict"] for c in contents} | ({"explained"} if common else set())
-    named = any(f["effect"] != "unknown" for f in findings)
-    mixed = "partly_explained" if named and len(verdicts - {"nothing_missing", "explained"}) else "explained"
-    claimed = {f["effect"] for f in findings}
-    return {
-        "schema": 1,
-        "recording": ", ".join(c["recording"] for c in contents),
-        "verdict": verdicts.pop() if len(verdicts) == 1 else mixed if named else "unknown",
-        "findings": findings,
-        "unexplained": {
-            "share_of_residual": max(float(c["unexplained"]["share_of_residual"]) for c in contents),
-            "end_error_m": max((c["unexplained"]["end_error_m"] or 0.0 for c in contents), default=0.0),
-        },
-        "ruled_out": [r for r in contents[0]["ruled_out"] if r["effect"] not in claimed],
-        "detectable": _most_sensitive(contents),
-        "classes": [c for c in contents[0]["classes"] if all(c in other["classes"] for other in contents)],
-        "fit": {"train": _side_by_side(contents), "held_out": contents[0]["fit"]["held_out"]},
-        "next_drive": next((c["next_drive"] for c in contents if c["next_drive"]), None),
-    }
+    findings: list[Finding] = []
+    for name, said in _grouped(results).items():
+        if name in catalogue() and catalogue()[name].lasting:
+            findings.append(_one_of(said, len(results)))
+        else:
+            findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
+    findings = _with_one_surrogate_each(findings)
+    common = together(shares, names_of(findings))
+    findings = sorted([*findings, *common], key=lambda f: -f.gain_nats)
+    found, detectable = names_of(findings), _most_sensitive(results)
+    return Result(
+        recording=", ".join(map(_name, results)),
+        verdict=_verdict(results, findings, bool(common)),
+        findings=tuple(findings),
+        unexplained=Unexplained(
+            _largest(r.unexplained.share_of_residual for r in results),
+            _largest(r.unexplained.end_error_m for r in results),
+        ),
+        ruled_out=_ruled_out(results, found),
+        detectable=detectable,
+        not_observable=_unobservable(results, {*found, *detectable}),
+        classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
+        fit=Fit(Train(_side_by_side(results, _before), _side_by_side(results, _after)), results[0].fit.held_out),
+        next_drive=next((r.next_drive for r in results if r.next_drive), None),
+    )
 
 
-def _put_stand_ins_together(findings: Sequence[dict[str, Any]]) -> None:
-    """Each name stands in once, as all recordings have it that need it, and not beside itself."""
-    named = {f["effect"] for f in findings}
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for finding in findings:
-        near = finding.setdefault("stand_in", None)
-        if near is not None and near["effect"] not in named:
-            groups.setdefault(near["effect"], []).append({"seen": {}, **near})
-            if len(groups[near["effect"]]) == 1:
-                continue
-        finding["stand_in"] = None
-    for finding in findings:
-        if finding["stand_in"] is not None:
-            terms = groups[finding["stand_in"]["effect"]]
-            finding["stand_in"] |= {"parameters": _combined(terms)} | ({"seen": s} if (s := _united(terms)) else {})
+def _name(result: Result) -> str:
+    return result.recording if isinstance(result.recording, str) else ", ".join(result.recording)
 
 
-def _side_by_side(contents: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    return {
-        when: {f"{c['recording']}: {q}": v for c in contents for q, v in c["fit"]["train"][when].items()}
-        for when in ("before", "after")
-    }
-
-
-def _grouped(contents: Sequence[dict[str, Any]]) -> dict[str, list[tuple[str, dict[str, Any]]]]:
-    groups: dict[str, list[tuple[str, dict[str, Any]]]] = {}
-    for content in contents:
-        for finding in content["findings"]:
-            groups.setdefault(finding["effect"], []).append((content["recording"], finding))
+def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
+    groups: dict[str, list[_Said]] = {}
+    for result in results:
+        for finding in result.findings:
+            groups.setdefault(finding.effect, []).append(_Said(_name(result), finding))
     return groups
 
 
-def _united(findings: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
-    """The range that the recordings have seen together."""
-    drivers = {driver for f in findings for driver in f["seen"]}
-    ends = {driver: [f["seen"][driver] for f in findings if driver in f["seen"]] for driver in sorted(drivers)}
-    return {driver: [min(e[0] for e in found), max(e[1] for e in found)] for driver, found in ends.items()}
+def _one_of(said: Sequence[_Said], count: int) -> Finding:
+    """What some of `count` recordings say of a lasting effect, as one finding."""
+    found = [f for _, f in said]
+    best = max(found, key=lambda f: f.gain_nats)
+    ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
+    log_e = sum(math.log(max(f.evidence.e_value or 0.0, LEAST)) for f in found)
+    where = ", ".join(r for r, _ in said)
+    return replace(
+        best,
+        status=max((f.status for f in found), key=SURER.index),
+        also_fits=tuple(sorted(set.intersection(*(set(f.also_fits) for f in found)))),
+        parameters=_mean([f.parameters for f in found]),
+        seen=united([f.seen for f in found]),
+        evidence=Support(
+            sum(f.gain_nats for f in found),
+            min(1.0, min(ps) * count) if ps else None,
+            math.exp(min(LARGEST_NATS, log_e)),
+        ),
+        explains=sum(f.explains or 0.0 for f in found) / count,
+        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).",
+        probability=max(f.probability for f in found),
+    )
 
 
-def _combined(findings: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    shown: dict[str, Any] = {}
-    for name, first in findings[0]["parameters"].items():
-        values = [f["parameters"][name] for f in findings if name in f["parameters"]]
-        if not isinstance(first, dict) or any(not v["std"] > 0.0 for v in values):
-            shown[name] = first
+def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
+    """Means with the inverse of the variances; where the values contradict each other, with their scatter."""
+    found = dict(parameters[0])
+    for name, first in parameters[0].items():
+        amounts = [p[name] for p in parameters if name in p]
+        if any(not a.std > 0.0 for a in amounts):
             continue
-        weights = [v["std"] ** -2 for v in values]
-        mean = sum(w * v["value"] for w, v in zip(weights, values, strict=True)) / sum(weights)
+        weights = [a.std**-2 for a in amounts]
+        mean = sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights)
         std = sum(weights) ** -0.5
-        scatter = math.sqrt(
-            sum(w * (v["value"] - mean) ** 2 for w, v in zip(weights, values, strict=True)) / sum(weights)
-        )
-        apart = any(abs(v["value"] - mean) > APART_SIGMAS * math.hypot(v["std"], std) for v in values)
-        shown[name] = {**first, "value": mean, "std": max(std, scatter) if apart else std}
-    return shown
+        square = sum(w * (a.value - mean) ** 2 for w, a in zip(weights, amounts, strict=True)) / sum(weights)
+        apart = any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
+        found[name] = Amount(mean, max(std, math.sqrt(square)) if apart else std, first.unit)
+    return found
 
 
-def _most_sensitive(contents: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for content in contents:
-        for name, size in content["detectable"].items():
-            if name not in found or size["smallest"] < found[name]["smallest"]:
+def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
+    """Each name is a surrogate once, as all recordings have it that need it, and not beside itself."""
+    named = names_of(findings)
+    groups: dict[str, list[Term]] = {}
+    for near in (f.surrogate for f in findings):
+        if near is not None and near.effect not in named:
+            groups.setdefault(near.effect, []).append(near)
+    made = []
+    for finding in findings:
+        terms = groups.pop(finding.surrogate.effect, None) if finding.surrogate is not None else None
+        near = None
+        if terms:
+            near = replace(terms[0], parameters=_mean([t.parameters for t in terms]), seen=united([t.seen for t in terms]))  # fmt: skip  # noqa: E501
+        made.append(replace(finding, surrogate=near))
+    return made
+
+
+def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_together: bool) -> Verdict:
+    verdicts = {r.verdict for r in results} | ({Verdict.EXPLAINED} if is_more_together else set())
+    if len(verdicts) == 1:
+        return verdicts.pop()
+    if not any(f.is_named for f in findings):
+        return Verdict.UNKNOWN
+    return Verdict.PARTLY if verdicts - {Verdict.NOTHING, Verdict.EXPLAINED} else Verdict.EXPLAINED
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    """Of those that are known; None where none is."""
+    return max((v for v in values if v is not None), default=None)
+
+
+def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
+    """What no recording shows, as the one says it in which it would be seen best.
+
+    An effect that holds for one run only is ruled out where all recordings rule it out.
+    """
+    said: dict[str, list[tuple[float, str]]] = {}
+    for result in results:
+        for row in result.ruled_out:
+            size = _size(result.detectable.get(row.effect))
+            said.setdefault(row.effect, []).append((size, f"{_name(result)}: {row.because}"))
+    return [
+        Because(name, min(texts, key=lambda t: t[0])[1])
+        for name, texts in sorted(said.items())
+        if name not in found and (catalogue()[name].lasting or len(texts) == len(results))
+    ]
+
+
+def _unobservable(results: Sequence[Result], seen: set[str]) -> list[Because]:
+    """What none of the recordings can show."""
+    names = set.intersection(*({row.effect for row in r.unobservable} for r in results)) - seen
+    return [row for row in results[0].unobservable if row.effect in names]
+
+
+def _before(result: Result) -> Figures:
+    return result.fit.train.before
+
+
+def _after(result: Result) -> Figures:
+    return result.fit.train.after
+
+
+def _side_by_side(results: Sequence[Result], of: Callable[[Result], Figures]) -> Figures:
+    return {f"{_name(r)}: {q}": v for r in results for q, v in of(r).items()}
+
+
+def _most_sensitive(results: Sequence[Result]) -> dict[str, Smallest]:
+    found: dict[str, Smallest] = {}
+    for result in results:
+        for name, size in result.detectable.items():
+            if name not in found or _size(size) < _size(found[name]):
                 found[name] = size
     return found
+
+
+def _size(found: Smallest | None) -> float:
+    return math.inf if found is None or found.smallest is None else found.smallest

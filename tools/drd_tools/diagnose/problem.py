@@ -12,7 +12,7 @@ import numpy.typing as npt
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
-from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names, shape_of, step
+from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names, parameter, shape_of
 from drd_tools.diagnose.columns import Signatures, nuisances
 from drd_tools.diagnose.evidence import Evidence, Noise
 from drd_tools.diagnose.linear import Linear, Signature
@@ -145,7 +145,8 @@ class Problem:
             motion = replace(motion, rate_rad_s=signatures.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
         errors = effect.error(motion, values)
         if SCALE.name in values:
-            errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + float(values[SCALE.name]) * motion.rate_rad_s)
+            beside = _beside(effect, motion, float(values[SCALE.name]))
+            errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
         return errors
 
     def whiten(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
@@ -175,14 +176,15 @@ class Problem:
     def unit(self, effect: Effect, shape: Values, name: str) -> Signature:
         """Of a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
-            return self.signature(catalogue()["gyro_scale_error"], {"k": 1.0})
+            return self.signatures.of(_beside(effect, self.signatures.motion, 1.0))
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
             shapes = effect.other_shapes(self.signatures.motion, {**ones, **shape})
             return self.signatures.of(shapes[int(name.removeprefix(FORM))])
         if name.startswith(SLOPE):
             of = name.removeprefix(SLOPE)
-            h, at = step(effect, shape, of), float(shape[of])
+            at = float(shape[of])
+            h = parameter(effect, of).step(at)
             ahead, back = (self.signature(effect, {**shape, of: value}) for value in (at + h, at - h))
             return (ahead + back * -1.0) * (0.5 / h)
         none = dict.fromkeys(effect.linear(), 0.0)
@@ -252,6 +254,12 @@ class Problem:
     def tangents(self, claims: Sequence[Claim]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
         return _columns(self.units(self.wanted_tangents(claims)), len(self.data))
+
+
+def _beside(effect: Effect, motion: Motion, size: float) -> Errors:
+    """What the effect, beside which alone another's form is known, adds at a size."""
+    assert effect.beside is not None
+    return effect.beside.error(motion, {effect.beside.parameters[0].name: size})
 
 
 def _columns(rows: Sequence[Array], length: int) -> Array:

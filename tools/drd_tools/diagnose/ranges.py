@@ -1,6 +1,5 @@
 """Where in its driver an effect was seen; of what lies beyond, a model says no more than at the end of that range."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -9,17 +8,16 @@ import numpy as np
 from drd.effects.motion import Motion
 from drd.model import DRIVERS
 from drd_tools.diagnose.claim import Claim
-
-Seen = Mapping[str, Sequence[float]]  # low and high of each driver, in its file's unit
+from drd_tools.diagnose.results import Ranges
 
 TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
 SLOWEST_M_S: Final = 1e-3
 
 
-def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
+def seen(m: Motion, claim: Claim) -> dict[str, tuple[float, float]]:
     """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
     turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
-    lag_s = float(claim.values.get("coil_lag_s", 0.0))
+    lag_s = claim.effect.lag_s(claim.values)
     values = {
         "time": m.time_s,
         "yaw_rate": m.rate_rad_s,
@@ -33,10 +31,10 @@ def seen(m: Motion, claim: Claim) -> dict[str, list[float]]:
     if not claim.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
         return {}
     si = DRIVERS[claim.effect.driver].si
-    return {claim.effect.driver: [float(values.min()) / si, float(values.max()) / si]}
+    return {claim.effect.driver: (float(values.min()) / si, float(values.max()) / si)}
 
 
-def within(m: Motion, ranges: Seen) -> Motion:
+def within(m: Motion, ranges: Ranges) -> Motion:
     """The motion with drivers held to their ranges; the wheels' speeds follow."""
     for driver, ends in ranges.items():
         low, high = (end * DRIVERS[driver].si for end in ends)

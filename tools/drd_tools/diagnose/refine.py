@@ -204,14 +204,8 @@ def _moved(claims: Sequence[Claim], moves: Array) -> tuple[Claim, ...]:
     for claim in claims:
         values = dict(claim.values)
         for name in claim.free:
-            q, at, d = claim.parameter(name), claim.number(name), float(moves[i])
-            if not q.linear:
-                if name in ("t0", "t1"):
-                    d = min(max(d, -15.0), 15.0)
-                elif q.unit == "rad":
-                    d = min(max(d, -0.5), 0.5)
-                elif not q.signed and q.unit != "degC":
-                    d = min(max(d, -0.5 * abs(at)), abs(at))  # at most halved or doubled
+            at = claim.number(name)
+            d = claim.parameter(name).bounded(at, float(moves[i]))
             values[name] = at + d if math.isfinite(d) else at
             i += 1
         result.append(replace(claim, values=values))

@@ -1,12 +1,11 @@
 """The tables of a diagnosis, from what diagnosis.json and series.json hold, and its numbers as humans write them."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from collections.abc import Iterable
+from typing import Final
 
 from drd.effects.catalogue import catalogue
-
-Section = Mapping[str, Any]
+from drd_tools.diagnose.results import Array, Finding, Gain, HeldOut, Mismatch, Result, Series
 
 WHAT_HEADER: Final = ("found", "what it is", "parameters (± 1 sigma)")
 EVIDENCE_HEADER: Final = (
@@ -42,71 +41,67 @@ FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
 WHOLE: Final = 0.95  # of the recording: from here on a window is all of it
 
 
-def what_rows(findings: Iterable[Section]) -> list[tuple[str, ...]]:
+def what_rows(findings: Iterable[Finding]) -> list[tuple[str, ...]]:
     """With the header WHAT_HEADER."""
-    return [(f["effect"], what_it_is(f), ", ".join(parameters(f)) or "-") for f in findings]
+    return [(f.effect, what_it_is(f), ", ".join(parameters(f)) or "-") for f in findings]
 
 
-def evidence_rows(findings: Iterable[Section], duration_s: float) -> list[tuple[str, ...]]:
+def evidence_rows(findings: Iterable[Finding], duration_s: float) -> list[tuple[str, ...]]:
     """With the header EVIDENCE_HEADER."""
     rows: list[tuple[str, ...]] = []
     for f in findings:
-        evidence = f["evidence"]
-        e_value = evidence["e_value"]
+        evidence = f.evidence
+        e_value = evidence.e_value
         rows.append((
-            f["effect"],
+            f.effect,
             channel(f),
             when(f, duration_s),
-            f["status"],
-            "-" if evidence["gain_nats"] is None else f"{evidence['gain_nats']:.1f}",
-            "-" if evidence["family_wise_p"] is None else f"{evidence['family_wise_p']:.2g}",
+            f.status,
+            "-" if evidence.gain_nats is None else f"{evidence.gain_nats:.1f}",
+            "-" if evidence.family_wise_p is None else f"{evidence.family_wise_p:.2g}",
             "-" if e_value is None else power(e_value),
-            "-" if f["explains"] is None else percent(f["explains"]),
-            ", ".join(f["also_fits"]) or "none",
+            "-" if f.explains is None else percent(f.explains),
+            ", ".join(f.also_fits) or "none",
         ))  # fmt: skip
     return rows
 
 
-def what_it_is(f: Section) -> str:
+def what_it_is(f: Finding) -> str:
     """The catalogue's sentence."""
-    effect = catalogue().get(f["effect"])
+    effect = catalogue().get(f.effect)
     return effect.sentence if effect else "None of the effects of the catalogue."
 
 
-def channel(f: Section) -> str:
+def channel(f: Finding) -> str:
     """Where it acts, in words."""
-    acts_on = str(f["acts_on"])
-    return {"timing": "time stamps", "readout": "read-out"}.get(acts_on, acts_on)
+    return {"timing": "time stamps", "readout": "read-out"}.get(f.acts_on, f.acts_on)
 
 
-def windows(f: Section, duration_s: float) -> list[tuple[float, float]]:
+def windows(f: Finding, duration_s: float) -> list[tuple[float, float]]:
     """Those of its windows that are not the whole recording."""
-    return [(a, b) for a, b in f["windows"] if b - a < WHOLE * duration_s]
+    return [(a, b) for a, b in f.windows if b - a < WHOLE * duration_s]
 
 
-def when(f: Section, duration_s: float) -> str:
+def when(f: Finding, duration_s: float) -> str:
     """Its windows in words."""
     parts = windows(f, duration_s)
     return listed(f"{a:.0f} to {b:.0f} s" for a, b in parts) if parts else "throughout"
 
 
-def parameters(f: Section) -> list[str]:
+def parameters(f: Finding) -> list[str]:
     """With their uncertainty and unit."""
-    values = [
-        (name, with_sigma(p["value"], p["std"], p["unit"]) if isinstance(p, dict) else str(p))
-        for name, p in f["parameters"].items()
-    ]
-    return [f"{name} = {value}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in values]
+    values = {**f.choices, **{name: with_sigma(p.value, p.std, p.unit) for name, p in f.parameters.items()}}
+    return [f"{name} = {value}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in values.items()]
 
 
-def with_sigma(value: float | None, std: float | None, unit: str) -> str:
+def with_sigma(value: float, std: float, unit: str) -> str:
     """As many digits as the uncertainty warrants: two of it."""
     shown = "" if unit in {"", "1"} else f" {pretty(unit)}"
-    if value is None:
+    if math.isnan(value):
         return "not known"
     if std == 0.0:
         return f"{value:.4g}{shown} {FIXED}"
-    if not std or not math.isfinite(std):
+    if not math.isfinite(std):
         return f"{value:.4g}{shown}"
     exponent = math.floor(math.log10(max(abs(value), std)))
     scale = exponent if not -4 <= exponent <= 5 else 0
@@ -115,18 +110,18 @@ def with_sigma(value: float | None, std: float | None, unit: str) -> str:
     return f"({pair}) \N{MULTIPLICATION SIGN} 10{_raised(scale)}{shown}" if scale else f"{pair}{shown}"
 
 
-def ruled_out_rows(d: Section) -> list[tuple[str, str, str]]:
+def ruled_out_rows(d: Result) -> list[tuple[str, str, str]]:
     """First those that act where a finding acts, then in the order of the catalogue."""
-    hit = {_acts_on(f["effect"]) for f in d["findings"]} | {f["acts_on"] for f in d["findings"]}
-    rows = [(r["effect"], _acts_on(r["effect"]), r["because"].replace("+-", "±")) for r in d["ruled_out"]]
+    hit = {_acts_on(f.effect) for f in d.findings} | {f.acts_on for f in d.findings}
+    rows = [(r.effect, _acts_on(r.effect), r.because.replace("+-", "±")) for r in d.ruled_out]
     return sorted(rows, key=lambda row: (row[1] not in hit, _place(row[0])))
 
 
-def detectable_rows(d: Section) -> list[tuple[str, ...]]:
+def detectable_rows(d: Result) -> list[tuple[str, ...]]:
     """In the order of the catalogue; with the sizes that the catalogue holds for plausible."""
     rows: list[tuple[str, ...]] = []
-    for effect, found in sorted(d["detectable"].items(), key=lambda item: _place(item[0])):
-        unit, size = found["unit"], found["smallest"]
+    for effect, found in sorted(d.detectable.items(), key=lambda item: _place(item[0])):
+        unit, size = found.unit, found.smallest
         known = catalogue().get(effect)
         fitting = [p for p in known.parameters if p.unit == unit and p.high > 0.0] if known else []
         low, high = (fitting[0].low, fitting[0].high) if fitting else (0.0, math.inf)
@@ -138,55 +133,55 @@ def detectable_rows(d: Section) -> list[tuple[str, ...]]:
     return rows
 
 
-def in_words(finding: Section) -> str:
-    """What is said of a finding as diagnosis.json has it."""
-    text, near = str(finding["sentence"]), finding.get("stand_in")
-    if held_out := finding.get("held_out"):
-        text += f" {SPEAKS[held_out['speaks']]} ({held_out['nats']:+.1f} nats)."
+def in_words(finding: Finding) -> str:
+    """What is said of a finding."""
+    text, near = finding.sentence, finding.surrogate
+    if isinstance(said := finding.held_out, HeldOut):
+        text += f" {SPEAKS[said.speaks]} ({said.nats:+.1f} nats)."
     if near:
-        text += f" In the model {near['effect']} stands in for it: every held-out recording gains by that."
+        text += f" In the model {near.effect} stands in for it: every held-out recording gains by that."
     return text
 
 
-def noise_sentence(s: Section) -> str:
+def noise_sentence(s: Series) -> str:
     """How the noise compares with its data sheet."""
-    parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s["noise"].items() if size is not None]
+    parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s.noise.items() if size is not None]
     return f"Noise as fitted, in units of its data sheet: {', '.join(parts)}." if parts else ""
 
 
-def next_drive_sentences(d: Section) -> list[str]:
+def next_drive_sentences(d: Result) -> list[str]:
     """What to drive next, and what for."""
-    drive = d["next_drive"]
+    drive = d.next_drive
     if drive is None:
         return ["No question is open that another drive would settle."]
-    pairs = listed(listed(group, "from") for group in drive["separates"])
+    pairs = listed(listed(group, "from") for group in drive.separates)
     tells = f", which would tell {pairs}" if pairs else ""
-    gain = "" if drive["nats"] is None else f" By simulation it brings {drive['nats']:.3g} nats between them."
-    manoeuvre = drive["manoeuvre"]
-    return [f"{manoeuvre[0].upper()}{manoeuvre[1:]}, for {drive['minutes']:.3g} minutes{tells}.{gain}"]
+    gain = "" if drive.nats is None else f" By simulation it brings {drive.nats:.3g} nats between them."
+    manoeuvre = drive.manoeuvre
+    return [f"{manoeuvre[0].upper()}{manoeuvre[1:]}, for {drive.minutes:.3g} minutes{tells}.{gain}"]
 
 
-def picture_caption(curve: Section | None, evidence: Section, is_shaded: bool) -> str:
+def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> str:
     """Under a finding's picture."""
     parts = []
     if curve is not None:
-        fitted = ", and the effect as fitted" if curve["fit_x"].size else ", as a smooth curve"
+        fitted = ", and the effect as fitted" if curve.fit_x.size else ", as a smooth curve"
         parts.append(f"What the nominal model does not explain, against what it goes with{fitted}.")
-    if evidence["time_s"].size:
+    if evidence.time_s.size:
         parts.append("How the evidence adds up: where it rises, the data speak for it.")
     if is_shaded:
         parts.append("Shaded: when it acts.")
     return " ".join(parts)
 
 
-def fit_rows(d: Section) -> list[tuple[str, ...]]:
+def fit_rows(d: Result) -> list[tuple[str, ...]]:
     """With the header FIT_HEADER: each figure of the fitted data that is a number, before and after."""
-    before, after = d["fit"]["train"]["before"], d["fit"]["train"]["after"]
+    before, after = d.fit.train.before, d.fit.train.after
     rows: list[tuple[str, ...]] = []
     for key, value in before.items():
         name, _, unit = key.rpartition("_")
         unit = unit if unit in UNITS else ""
-        values = [f"{v:.3g}" if isinstance(v, int | float) else "-" for v in (value, after.get(key))]
+        values = ["-" if v is None else f"{v:.3g}" for v in (value, after.get(key))]
         rows.append((*named_quantity(name if unit else key, unit), *values))
     return rows
 
@@ -202,7 +197,7 @@ def short_number(value: float) -> str:
     return f"{value:.0f}" if 100.0 <= abs(value) < 1e6 else f"{value:.2g}"
 
 
-def rms(values: Any) -> float | None:
+def rms(values: Array) -> float | None:
     """Of those that are numbers."""
     known = [float(v) ** 2 for v in values if math.isfinite(v)]
     return math.sqrt(sum(known) / len(known)) if known else None

@@ -1,14 +1,17 @@
-"""Recordings diagnosed and their files written: one here, several in processes of their own."""
+"""Recordings diagnosed: one here, several in processes of their own; and what several say together."""
 
 import multiprocessing
+import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
+from msgspec import UNSET
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
@@ -17,26 +20,28 @@ from drd.effects.catalogue import catalogue
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.advise import next_drive
+from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.confirm import unseen_rms
-from drd_tools.diagnose.diagnose import Diagnosis, diagnose
+from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.joint import Share, share_of
-from drd_tools.diagnose.library import AUDITED
-from drd_tools.diagnose.prove import judged, save_proven
-from drd_tools.diagnose.report import write_report
+from drd_tools.diagnose.joint import share_of
+from drd_tools.diagnose.pool import combined
+from drd_tools.diagnose.problem import Array
+from drd_tools.diagnose.prove import Proof, validated
+from drd_tools.diagnose.results import Bar, Because, Course, Drive, Fit, Result, Series, Train, Unexplained
+from drd_tools.diagnose.trajectory import judged, paths
 from drd_tools.recordings.folder import Recording
 
 CUT_S: Final = 60.0
-Content = dict[str, Any]
+OTHER_HALF: Final = "other half of the blocks"
+WHITENED: Final = "whitened_rms"
 
 
 class Written(NamedTuple):
-    """diagnosis.json and series.json of a recording, the files that were written, and its part in what several say."""
+    """A diagnosis and its files."""
 
-    content: Content
-    series: Content
+    diagnosis: Diagnosis
     files: list[Path]
-    share: Share
 
 
 def run_all(
@@ -47,7 +52,7 @@ def run_all(
     Raises ConfigError and OSError.
     """
     if len(recordings) == 1:
-        yield run(recordings[0], held_out, folders[0])
+        yield _written(recordings[0], held_out, folders[0])
         return
     context = multiprocessing.get_context("spawn")  # a forked child of a process with threads may lock up
     with (
@@ -70,88 +75,107 @@ def run_all(
             pool.shutdown(cancel_futures=True)
 
 
+def _written(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
+    diagnosis = run(recording, held_out)
+    return Written(diagnosis, diagnosis.report(folder))
+
+
 def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written | tuple[str, str, str, str]:
-    """As `run`; what a ConfigError says comes back as it is, since the error itself cannot be sent."""
+    """As `_written`; what a ConfigError says comes back as it is, since the error itself cannot be sent."""
     try:
-        return run(recording, held_out, folder)
+        return _written(recording, held_out, folder)
     except ConfigError as error:
         return error.where, error.path, error.expected, error.got
 
 
-def run(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
-    """Diagnose a recording and write all files into `folder`. Raises ConfigError and OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
+    """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
-    with threadpool_limits(limits=1):
-        result = diagnose(recording)
-        content, series = _write(result, held_out, folder)
-    found = result.conclusion.found
-    files = [folder / "diagnosis.json", folder / "model.yaml", *write_report(folder)]
-    return Written(content, series, files, share_of(found.problem, found.fit))
+    with threadpool_limits(limits=1), tempfile.TemporaryDirectory() as folder:
+        analysis, model_file = analyse(recording), Path(folder) / "model.yaml"
+        conclusion, findings = analysis.conclusion, outcome.findings_of(analysis.conclusion)
+        build = partial(outcome.model_of, recording=recording, names=recording.name, version=drd.__version__)
+        proof = validated(model_file, build, outcome.terms_of(conclusion), findings, held_out)
+        train, drive = _trained(analysis, model_file if proof.model.terms else None)
+        unseen = _unseen(analysis)
+        result, series = _result(analysis, proof, train, unseen), _series(analysis, proof, drive, unseen)
+        share = share_of(conclusion.found.problem, conclusion.found.fit)
+    return Diagnosis(result, series, proof.model, recording.notes, share)
 
 
-def _write(result: Diagnosis, held_out: Sequence[Recording], folder: Path) -> tuple[Content, Content]:
-    conclusion, recording = result.conclusion, result.recording
-    found = conclusion.found
-    model_file = folder / "model.yaml"
-    findings = [outcome.plain_finding(f, found.problem) for f in conclusion.findings]
-    make = partial(outcome.model_of, conclusion, recording, drd.__version__)
-    model, proof, bars = save_proven(model_file, make, findings, held_out)
-    has_model = bool(model.terms)
-    before, nominal = judged(recording, None)
-    after, corrected = judged(recording, model_file) if has_model else (dict(before), nominal)
-    train = {"before": before, "after": after}
-    train["before"]["whitened_rms"] = _rms(result.null)
-    train["after"]["whitened_rms"] = _rms(found.fit.left)
-    unseen = unseen_rms(found.problem, found.fit)
-    for name, value in zip(("before", "after"), unseen, strict=True):
-        proof[name]["other half of the blocks"] = {"whitened_rms": value}
-    bars.append(
-        {
-            "name": "other half of the blocks",
-            "quantity": "whitened rms",
-            "unit": "1",
-            "before": unseen[0],
-            "after": unseen[1],
-        }
+def together(
+    recordings: Sequence[Recording], held_out: Sequence[Recording], made: Sequence[Diagnosis], names: str
+) -> Diagnosis:
+    """What several recordings, or parts of one, say together. `names`: of all of them."""
+    result = combined([d.result for d in made], [d.share for d in made if d.share is not None])
+    build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
+    with tempfile.TemporaryDirectory() as folder:
+        terms = outcome.terms_found(result.findings)
+        proof = validated(Path(folder) / "model.yaml", build, terms, result.findings, held_out)
+    fit = Fit(result.fit.train, proof.figures)
+    result = msgspec.structs.replace(result, recording=names, findings=tuple(proof.findings), fit=fit)
+    courses = {c.effect: c for d in reversed(made) for c in d.series.findings}
+    series = msgspec.structs.replace(
+        made[0].series,
+        recordings=[drive for d in made for drive in d.series.recordings],
+        findings=[courses.get(f.effect, Course(f.effect)) for f in result.findings],
+        held_out=proof.bars,
     )
-    e = found.problem.evidence
-    content = {
-        "schema": 1,
-        "recording": recording.name,
-        "verdict": outcome.verdict(conclusion),
-        "findings": findings,
-        "unexplained": {"share_of_residual": conclusion.unexplained, "end_error_m": after.get("end_error_m")},
-        "ruled_out": conclusion.ruled_out,
-        "detectable": conclusion.detectable,
-        "not_observable": not_observable(e, {*conclusion.detectable, *(f["effect"] for f in findings)}),
-        "classes": conclusion.classes,
-        "fit": {"train": train, "held_out": proof},
-        "next_drive": next_drive(result),
-    }
-    if (cut := cut_off(recording, e)) is not None:
-        content["cut"] = cut
-    outcome.write_json(folder / "diagnosis.json", content)
-    series = {
-        "format": "drd-diagnosis-series/1",
-        "recordings": [
-            {
-                "name": recording.name,
-                "duration_s": float(e.time_s[-1] - e.time_s[0]),
-                "path_m": float(0.5 * e.travel_m.sum()),
-                "path": outcome.paths(recording, nominal, corrected if has_model else None),
-            }
-        ],
-        "findings": [outcome.plain_series(f) for f in conclusion.findings],
-        "residual": outcome.residual_series(result.null, conclusion, result.null_problem),
-        "held_out": bars,
-        "noise": result.noise_ratios(),
-    }
-    outcome.write_json(folder / "series.json", series)
-    return content, series
+    return Diagnosis(result, series, proof.model)
 
 
-def _rms(rows: Any) -> float:
+def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
+    """Figures of the data of the fit, without the model and with it, and the paths."""
+    recording, e = analysis.recording, analysis.conclusion.found.problem.evidence
+    before, nominal = judged(recording, None)
+    after, corrected = (before, None) if model is None else judged(recording, model)
+    train = Train(
+        {**before, WHITENED: _rms(analysis.null)}, {**after, WHITENED: _rms(analysis.conclusion.found.fit.left)}
+    )
+    duration_s, path_m = float(e.time_s[-1] - e.time_s[0]), float(0.5 * e.travel_m.sum())
+    return train, Drive(recording.name, duration_s, path_m, paths(recording, nominal, corrected))
+
+
+def _unseen(analysis: Analysis) -> Bar:
+    found = analysis.conclusion.found
+    quantity = WHITENED.replace("_", " ")
+    return Bar(OTHER_HALF, quantity, "1", *unseen_rms(found.problem, found.fit))
+
+
+def _result(analysis: Analysis, proof: Proof, train: Train, unseen: Bar) -> Result:
+    conclusion, e = analysis.conclusion, analysis.conclusion.found.problem.evidence
+    figures = msgspec.structs.replace(
+        proof.figures,
+        before={**proof.figures.before, unseen.name: {WHITENED: unseen.before}},
+        after={**proof.figures.after, unseen.name: {WHITENED: unseen.after}},
+    )
+    cut = cut_off(analysis.recording, e)
+    return Result(
+        recording=analysis.recording.name,
+        verdict=outcome.verdict(conclusion),
+        findings=tuple(proof.findings),
+        unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
+        ruled_out=conclusion.ruled_out,
+        detectable=conclusion.detectable,
+        not_observable=not_observable(e, {*conclusion.detectable, *outcome.names_of(proof.findings)}),
+        classes=conclusion.classes,
+        fit=Fit(train, figures),
+        next_drive=next_drive(analysis),
+        cut=UNSET if cut is None else cut,
+    )
+
+
+def _series(analysis: Analysis, proof: Proof, drive: Drive, unseen: Bar) -> Series:
+    return Series(
+        recordings=[drive],
+        findings=[outcome.course_of(c) for c in analysis.conclusion.causes],
+        residual=outcome.residual_of(analysis.null, analysis.null_problem, analysis.conclusion),
+        held_out=[*proof.bars, unseen],
+        noise=analysis.noise_ratios(),
+    )
+
+
+def _rms(rows: Array) -> float:
     return float(np.sqrt(np.mean(rows**2))) if len(rows) else 0.0
 
 
@@ -165,19 +189,19 @@ def cut_off(recording: Recording, e: Evidence) -> str | None:
     return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were looked at"
 
 
-def not_observable(e: Evidence, seen: set[str]) -> list[dict[str, str]]:
+def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
     """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show."""
     no_wheels = "the recording has no wheel encoders"
     missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
     found = []
     for name, effect in catalogue().items():
         if effect.channel not in e.channels:
-            found.append({"effect": name, "because": missing[effect.channel]})
-        elif name == "gyro_saturation" and not e.has_wheels:
-            found.append({"effect": name, "because": "without wheels nothing tells that the robot turned faster"})
-        elif name not in seen and name not in AUDITED:
+            found.append(Because(name, missing[effect.channel]))
+        elif effect.needs_wheels and not e.has_wheels:
+            found.append(Because(name, effect.needs_wheels))
+        elif name not in seen and effect.searched:
             because = "nothing in this drive and its reference shows it"
             if effect.driver in ("speed", "acceleration") and not e.travel_m.any():
                 because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
-            found.append({"effect": name, "because": because})
+            found.append(Because(name, because))
     return found

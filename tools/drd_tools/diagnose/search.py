@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.effects.effect import ActsOn
+from drd.effects.effect import END, START, ActsOn
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.library import SEVERAL, Candidate, choices, is_plausible, is_possible, library_of
+from drd_tools.diagnose.library import Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, beyond, held_beside, refine, refine_all
 from drd_tools.diagnose.stretches import Stretches, joined, same_window
@@ -216,7 +216,7 @@ class Search:
                 continue
             values = {**best.shape, **dict.fromkeys(stretches.names, 0.0)}
             values |= zip(names, map(float, best.sizes), strict=True)
-            claim = Claim(stretches.effect, values, (*names, "t0", "t1"))
+            claim = Claim(stretches.effect, values, (*names, START.name, END.name))
             if is_plausible(claim):
                 yield best.nats - self.problem.penalty([claim]), claim
 
@@ -272,7 +272,7 @@ class Search:
     def _free(self, fit: Fit, G: Array) -> list[Candidate]:
         """Candidates that a fit leaves something of, and does not have already."""
         free = np.diag(G) > 1e-5 * np.diag(self.library.products)
-        taken = {c.id for c in fit.claims} - set(SEVERAL)
+        taken = {c.id for c in fit.claims if not c.effect.repeats}
         return [c for c in self.library.candidates if c.effect.id not in taken and free[list(c.columns)].all()]
 
     def grown(self, fit: Fit) -> list[Fit]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Effect
+from drd.effects.effect import END, START, Effect
 from drd_tools.diagnose.claim import Claim, Values
 from drd_tools.diagnose.problem import Problem
 
@@ -24,7 +24,7 @@ LEFT_SHARE: Final = 1e-2  # of a stretch's square that what is held beside it mu
 def is_of_stretch(effect: Effect) -> bool:
     """Whether an effect acts from `t0` until `t1`, and has sizes besides."""
     linear = effect.linear()
-    return bool(linear) and {q.name for q in effect.parameters} == {"t0", "t1", *linear}
+    return bool(linear) and {q.name for q in effect.parameters} == {START.name, END.name, *linear}
 
 
 class Best(NamedTuple):
@@ -42,7 +42,7 @@ class Stretches:
         m = problem.signatures.motion
         self.effect, self.names = effect, effect.linear()
         self._edges_s = np.linspace(float(m.time_s[0]), m.end_s, PIECES + 1)
-        shapes = [{"t0": float(a), "t1": float(b)} for a, b in itertools.pairwise(self._edges_s)]
+        shapes = [{START.name: float(a), END.name: float(b)} for a, b in itertools.pairwise(self._edges_s)]
         signatures = [problem.unit(effect, shape, name) for name in self.names for shape in shapes]
         self.columns: Columns = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
         self.products: Columns = self.columns.T @ self.columns
@@ -50,7 +50,7 @@ class Stretches:
     def column(self, shape: Values, name: str) -> Columns:
         """A size's whitened signature (r,) in a stretch of the grid."""
         k = self.names.index(name) * PIECES
-        first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in ("t0", "t1"))
+        first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in (START.name, END.name))
         total: Columns = self.columns[:, first:last].sum(axis=1)
         return total
 
@@ -72,7 +72,8 @@ class Stretches:
         told &= (x[:, unsigned] > 0.0).all(axis=1)
         nats = np.where(told, 0.5 * (b_of * x).sum(axis=1), 0.0)
         w = int(nats.argmax())
-        shape: dict[str, float | str] = {"t0": float(self._edges_s[i[w]]), "t1": float(self._edges_s[j[w]])}
+        edges_s = self._edges_s
+        shape: dict[str, float | str] = {START.name: float(edges_s[i[w]]), END.name: float(edges_s[j[w]])}
         return Best(float(nats[w]), shape, x[w]) if nats[w] > 0.0 else None
 
     def _is_signed(self, name: str) -> bool:
@@ -89,9 +90,9 @@ def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp])
 
 def same_window(claim: Claim) -> list[Claim]:
     """Other effects of a stretch of time, in the stretch of a claim."""
-    if "t1" not in claim.values:
+    if claim.interval_s is None:
         return []
-    return [c for c in _in_window(claim.number("t0"), claim.number("t1")) if c.id != claim.id]
+    return [c for c in _in_window(*claim.interval_s) if c.id != claim.id]
 
 
 def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
@@ -99,17 +100,18 @@ def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
     is found in pieces.
     """
     found = []
-    for a, b in itertools.combinations([c for c in claims if "t1" in c.values], 2):
-        first, last = min(a.number("t0"), b.number("t0")), max(a.number("t1"), b.number("t1"))
-        if max(a.number("t0"), b.number("t0")) - min(a.number("t1"), b.number("t1")) < MEET_S:
-            found += [((a, b), one) for one in _in_window(first, last)]
+    placed = [(c, c.interval_s) for c in claims if c.interval_s is not None]
+    for (a, (a0, a1)), (b, (b0, b1)) in itertools.combinations(placed, 2):
+        if max(a0, b0) - min(a1, b1) < MEET_S:
+            found += [((a, b), one) for one in _in_window(min(a0, b0), max(a1, b1))]
     return found
 
 
 def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
     """Each effect of a stretch of time, with sizes yet to be found."""
+    times = {START.name: t0_s, END.name: t1_s}
     return [
-        Claim(effect, {"t0": t0_s, "t1": t1_s, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), "t0", "t1"))
+        Claim(effect, {**times, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), *times))
         for effect in catalogue().values()
         if is_of_stretch(effect)
     ]

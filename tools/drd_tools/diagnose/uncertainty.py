@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from drd.effects.effect import Parameter
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.library import is_angle, is_plausible
+from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all, response
 
@@ -85,7 +85,7 @@ def _most(problem: Problem, claim: Claim) -> Array:
     """Deviations beyond which a parameter is as good as unknown: for a time, anywhere in the recording."""
     edges = problem.evidence.edges_s
     anywhere_s = float(edges[-1] - edges[0]) / 12.0**0.5
-    return np.array([anywhere_s if name in ("t0", "t1") else np.inf for name in claim.free])
+    return np.array([anywhere_s if claim.parameter(name).moment else np.inf for name in claim.free])
 
 
 def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
@@ -102,7 +102,7 @@ def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
 
 def _is_curved(claim: Claim, name: str) -> bool:
     q = claim.parameter(name)
-    return not q.linear and not is_angle(q) and not q.choices
+    return not q.linear and not q.is_angle and not q.choices
 
 
 def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
@@ -139,4 +139,4 @@ def _squares(fitted: Claim, claim: Claim) -> list[float]:
 
 def _is_inside(problem: Problem, claim: Claim) -> bool:
     begin_s, end_s = problem.evidence.edges_s[[0, -1]].tolist()
-    return all(begin_s < claim.number(name) < end_s for name in ("t0", "t1") if name in claim.values)
+    return all(begin_s < at_s < end_s for at_s in (claim.begin_s, claim.end_s) if at_s is not None)

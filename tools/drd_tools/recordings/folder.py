@@ -226,8 +226,13 @@ def _read_fog(file: Path) -> FogLog:
 def read_reference_log(file: Path) -> ReferenceLog:
     """Read a reference.csv. Raises ConfigError."""
     time_s, x_m, y_m, heading_deg = read_table(file, (POSES,)).values.T
+    return ReferenceLog(time_s, x_m, y_m, continuous_rad(heading_deg))
+
+
+def continuous_rad(heading_deg: Array) -> Array:
+    """Headings (n,) of a reference without jumps of a turn.
+
+    More than a turn in all: whole turns are in the rows, and sparse ones may truly be more than half a turn apart.
+    """
     heading_rad = heading_deg * RAD_PER_DEG
-    # More than a turn in all: whole turns are in the file, and sparse rows may truly be more than half a turn apart.
-    if np.ptp(heading_deg) <= 360.0:
-        heading_rad = np.unwrap(heading_rad)
-    return ReferenceLog(time_s, x_m, y_m, heading_rad)
+    return np.unwrap(heading_rad) if np.ptp(heading_deg) <= 360.0 else heading_rad

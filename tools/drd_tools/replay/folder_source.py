@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from drd.clock import TICK_S
 from drd.config import Config
-from drd.daemon import TICK_S
 from drd.effects.compensation import Compensation
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.estimator import Estimator

@@ -11,8 +11,8 @@ import numpy as np
 from tqdm import tqdm
 
 from drd import __version__
+from drd.clock import TICK_S
 from drd.config import Config
-from drd.daemon import TICK_S
 from drd.pipeline import Pipeline
 from drd.recording.file import RecordingFile
 from drd.recording.in_force import files_in_force

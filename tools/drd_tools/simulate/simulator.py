@@ -141,8 +141,8 @@ def _fog(m: Motion, sheet: FogSheet, effects: Effects, conditions: Conditions, s
     walk = sheet.angle_random_walk_deg_per_sqrt_h or 0.0
     walk *= conditions.gyro_noise * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(interval_s)
     rate = rate + walk * scatter(len(rate), stream(seed, "gyro white"), conditions.tails)
-    for effect, values in effects:
-        rate = _clipped(rate, effect, values)
+    for effect, values in effects:  # a limit of the output holds for the noise as well
+        rate = effect.clipped(rate, values)
     rate_deg_s = rate * DEG_PER_RAD
     if sheet.range_deg_s is not None:
         rate_deg_s = np.clip(rate_deg_s, -sheet.range_deg_s, sheet.range_deg_s)
@@ -152,14 +152,6 @@ def _fog(m: Motion, sheet: FogSheet, effects: Effects, conditions: Conditions, s
         temperature_c = _rounded(temperature_c, THERMOMETER_C)
     stamps_s = _stamped(at_s, conditions.jitter_s, stream(seed, "gyro stamps"))
     return FogLog(stamps_s, np.round(rate_deg_s, DECIMALS) * RAD_PER_DEG, np.round(temperature_c, DECIMALS))
-
-
-def _clipped(rate_rad_s: Array, effect: Effect, values: Values) -> Array:
-    """A limit of the output holds for the noise as well."""
-    if effect.id != "gyro_saturation":
-        return rate_rad_s
-    limit = float(values["limit"])
-    return np.clip(rate_rad_s, -limit, limit)
 
 
 def _encoders(m: Motion, true: Motion, nominal: Nominal, conditions: Conditions, seed: int) -> EncoderLog:

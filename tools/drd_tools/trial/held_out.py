@@ -11,12 +11,14 @@ import numpy.typing as npt
 import drd
 from drd.model import Amount, Term
 from drd_tools.diagnose import outcome
+from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.diagnose import Diagnosis
 from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.finding import named
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.ranges import Seen, seen, within
+from drd_tools.diagnose.ranges import seen, within
 from drd_tools.diagnose.refine import beyond
+from drd_tools.diagnose.results import Ranges
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import table
@@ -24,10 +26,10 @@ from drd_tools.trial.overlay import Effects
 from drd_tools.trial.unknown import HIDDEN
 
 Array = npt.NDArray[np.float64]
-_Ranged = tuple[Claim, Seen]
+_Ranged = tuple[Claim, Ranges]
 
 
-def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any]:
+def judged(result: Analysis, truth: Effects, other: Recording) -> dict[str, Any]:
     """`other`'s mismatch before, with what was found, and with what is true (the oracle), all with values as they are.
 
     `residual`: squared whitened innovations, the reference's own nuisances fitted. `path_m`: rms distance of the
@@ -35,7 +37,7 @@ def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any
     """
     problem = Problem(gather(other))
     home = result.conclusion.found.problem.signatures.motion
-    claims = [(f.claim, seen(home, f.claim)) for f in result.conclusion.findings if f.claim is not None]
+    claims = [(claim, seen(home, claim)) for claim in named(result.conclusion.causes)]
     true: list[_Ranged] = [(Claim(effect, values, ()), {}) for effect, values in truth]
     before = _squares(problem, ())
     found: dict[str, Any] = {
@@ -46,7 +48,8 @@ def judged(result: Diagnosis, truth: Effects, other: Recording) -> dict[str, Any
             "oracle": _corrected(problem, true) if true else before,
         },
     }
-    model = outcome.model_of(result.conclusion, result.recording, drd.__version__).terms
+    recording = result.recording
+    model = outcome.model_of(outcome.terms_of(result.conclusion), recording, recording.name, drd.__version__).terms
     path_m = {"before": _path_m(other, ())}
     path_m["after"] = _path_m(other, model) if model else path_m["before"]
     if not any(effect.id in HIDDEN for effect, _ in truth):
@@ -64,7 +67,7 @@ def _squares(problem: Problem, claims: Sequence[_Ranged]) -> float:
     return float(residual @ beyond(problem.nuisance, residual))
 
 
-def _rows(problem: Problem, claim: Claim, seen: Seen) -> Array:
+def _rows(problem: Problem, claim: Claim, seen: Ranges) -> Array:
     """What a claim explains, its driver held to the range in which it was seen, as model.yaml has it."""
     return problem.along(within(problem.signatures.motion, seen)).effect_rows([claim])
 

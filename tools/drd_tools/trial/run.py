@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
-from drd_tools.diagnose.diagnose import Diagnosis, diagnose
+from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial import held_out
@@ -60,7 +61,7 @@ def simulated(drawing: Drawing, names: Sequence[str]) -> Record:
         return {"case": drawing.name, "kind": drawing.kind, "effects": [], "not_made": str(error)}
     said, result = _said(case.recording, case.effects)
     record = {**case.answer, **said, "baselines": baselines(case.recording, names)}
-    if result is not None and (case.effects or result.conclusion.findings):
+    if result is not None and (case.effects or result.conclusion.causes):
         try:
             record["held_out"] = held_out.judged(result, case.effects, case.again())
         except Exception as error:  # so is a model that cannot be applied
@@ -68,27 +69,27 @@ def simulated(drawing: Drawing, names: Sequence[str]) -> Record:
     return record
 
 
-def _said(recording: Recording, truth: Effects = ()) -> tuple[Record, Diagnosis | None]:
+def _said(recording: Recording, truth: Effects = ()) -> tuple[Record, Analysis | None]:
     began_s = time.perf_counter()
     try:
-        result = diagnose(recording)
+        result = analyse(recording)
     except Exception as error:  # a diagnosis that fails is a result of the trial
         return {"verdict": "failed", "findings": [], "error": f"{type(error).__name__}: {error}"}, None
-    problem, took_s = result.conclusion.found.problem, time.perf_counter() - began_s
+    took_s = time.perf_counter() - began_s
     said = {
-        "verdict": outcome.verdict(result.conclusion),
-        "findings": [outcome.plain_finding(f, problem) for f in result.conclusion.findings],
+        "verdict": outcome.verdict(result.conclusion).value,
+        "findings": plain(outcome.findings_of(result.conclusion)),
         "noise": result.noise_ratios(),
         "took_s": took_s,
     }
-    names = [f.effect for f in result.conclusion.findings]
+    names = [c.effect for c in result.conclusion.causes]
     known = [effect.id for effect, _ in truth if effect.id not in HIDDEN]
     if known and sorted(names) != sorted(known):
         said["truth_nats"] = _truth_nats(result, truth)
     return said, result
 
 
-def _truth_nats(result: Diagnosis, truth: Effects) -> float:
+def _truth_nats(result: Analysis, truth: Effects) -> float:
     """Score of the true effects, refined from their true values, less that of what was found.
 
     Above 0 the search has missed the better answer; below, the evidence as it is weighed speaks for the wrong one.

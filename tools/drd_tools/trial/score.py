@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drd.effects.catalogue import catalogue
+from drd.effects.effect import END, START
 from drd_tools.trial.unknown import PREFIX
 
 Record = dict[str, Any]
@@ -118,10 +119,10 @@ def _right(name: str) -> str:
 def _overlap(true: dict[str, Any], finding: dict[str, Any]) -> float | None:
     """Intersection over union of two windows; None for an effect that has none. One that lasts ends with the drive."""
     windows = finding["windows"]
-    if "t0" not in true or not windows:
+    if START.name not in true or not windows:
         return None
-    low, high, begin = float(windows[0][0]), float(windows[0][1]), float(true["t0"])
-    end = float(true.get("t1", high))
+    low, high, begin = float(windows[0][0]), float(windows[0][1]), float(true[START.name])
+    end = float(true.get(END.name, high))
     return max(0.0, min(high, end) - max(low, begin)) / max(max(high, end) - min(low, begin), 1e-9)
 
 

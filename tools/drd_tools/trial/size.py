@@ -6,11 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.effects.effect import ActsOn, Effect
+from drd.effects.effect import SIDES, ActsOn, Chance, Effect
 from drd.effects.motion import Motion
-from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.claim import BIAS, Claim
-from drd_tools.diagnose.library import AUDITED
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import beyond, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
@@ -36,7 +34,7 @@ def claims_of(effects: Effects) -> list[Claim]:
     claims = [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
     return [
         replace(c, values={**c.values, BIAS.name: 0.0}, free=(*c.free, BIAS.name))
-        if c.effect.acts_on is ActsOn.READOUT and c.id not in AUDITED
+        if c.effect.acts_on is ActsOn.READOUT and c.effect.searched
         else c
         for c in claims
     ]
@@ -92,38 +90,21 @@ def sized(problem: Problem, motion: Motion, effect: Effect, d: float, random: Ra
 
 def _shape(effect: Effect, motion: Motion, random: Random) -> Values:
     """Values (SI) of the parameters that are not linear, off the grid on which the search begins."""
-    values: Values = dict(effect.variants(motion)[0])
-    moving = np.abs(motion.left_m_s)
-    moving = moving[moving > 0.05]
     begin_s = float(random.uniform(0.15, 0.7)) * motion.end_s
-    drawn: Values = {
-        "side": ("left", "right")[int(random.integers(2))],
-        "t0": begin_s,
-        "t1": begin_s + float(random.uniform(0.1, 0.25)) * motion.end_s,
-        "phase": float(random.uniform(0.0, 2.0 * math.pi)),
-        "period": float(random.uniform(0.25, 0.6)) * motion.end_s,
-        "pitch": float(random.uniform(3.0, 6.0)),
-        "tau": float(np.exp(random.uniform(np.log(40.0), np.log(400.0)))),
-        "coil_lag_s": float(np.exp(random.uniform(np.log(10.0), np.log(100.0)))),
-        # No speed that is held: a threshold at just that is neither passed nor not.
-        "speed": float(random.uniform(0.3, 0.9)) * (float(moving.max()) if len(moving) else 0.1),
-    }
-    own = {q.name for q in effect.parameters if not q.linear and not q.fixed}
-    return values | {name: value for name, value in drawn.items() if name in own}
+    side = SIDES[int(random.integers(2))]
+    end_s = begin_s + float(random.uniform(0.1, 0.25)) * motion.end_s
+    # Each case draws all of them, so that one effect's values do not depend on what others have.
+    chance = Chance(side, begin_s, end_s, *map(float, random.random(6)))
+    return {**effect.variants(motion)[0], **effect.drawn(motion, chance)}
 
 
 def eventful(motion: Motion, effect: Effect, random: Random) -> Values | None:
     """Values (SI) of an effect that destroys readings, and is seen at once or not at all; None: not in this drive."""
     moving = np.flatnonzero(np.abs(motion.speed_m_s) + motion.tread_m * np.abs(motion.rate_rad_s) > 0.2)
-    rates = np.abs(motion.rate_rad_s[np.abs(motion.rate_rad_s) > 0.02])
-    if not len(moving) or not len(rates):
+    if not len(moving) or not (np.abs(motion.rate_rad_s) > 0.02).any():
         return None
     begin_s = float(motion.time_s[moving[int(random.uniform(0.1, 0.7) * len(moving))]])
-    drawn: Values = {
-        "side": ("left", "right")[int(random.integers(2))],
-        "t0": begin_s,
-        "t1": begin_s + float(random.uniform(3.0, 20.0)),
-        "limit": float(random.uniform(0.6, 0.9) * rates.max()),
-        "band": float(np.exp(random.uniform(np.log(0.05), np.log(0.5)))) * RAD_PER_DEG,
-    }
-    return {q.name: drawn[q.name] for q in effect.parameters}
+    side = SIDES[int(random.integers(2))]
+    end_s = begin_s + float(random.uniform(3.0, 20.0))
+    large, small = map(float, random.random(2))
+    return dict(effect.drawn(motion, Chance(side, begin_s, end_s, large=large, small=small)))

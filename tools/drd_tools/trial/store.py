@@ -9,7 +9,7 @@ import drd.effects
 import drd_tools.diagnose
 import drd_tools.simulate
 from drd.schema import ConfigError
-from drd_tools.diagnose.outcome import finite
+from drd_tools.diagnose.files import plain
 
 Record = dict[str, Any]
 Head = dict[str, Any]
@@ -59,7 +59,7 @@ class Store:
     def add(self, record: Record) -> None:
         """Keep a record. Raises OSError."""
         with self.file.open("a", encoding="utf-8") as out:
-            out.write(json.dumps(finite(record), allow_nan=False) + "\n")
+            out.write(json.dumps(plain(record), allow_nan=False) + "\n")
 
     def read(self) -> tuple[Head, list[Record]]:
         """What is there. A last line that was cut off does not count. Raises ConfigError."""
@@ -73,5 +73,5 @@ class Store:
         return rows[0], rows[1:]
 
     def _write(self, rows: list[Any]) -> None:
-        text = "".join(json.dumps(finite(row), allow_nan=False) + "\n" for row in rows)
+        text = "".join(json.dumps(plain(row), allow_nan=False) + "\n" for row in rows)
         self.file.write_text(text, encoding="utf-8")

@@ -5,7 +5,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, both, number
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between, both, number
 from drd.effects.motion import Array, Motion
 
 COIL_LAG_S: Final = 60.0
@@ -33,8 +33,17 @@ class Hidden(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         """One, with a period and a pitch of which a drive holds a few."""
-        middle = {"period": 0.35 * m.end_s, "phase": 0.0, "pitch": 4.0}
+        middle = {PERIOD.name: 0.35 * m.end_s, PHASE.name: 0.0, PITCH.name: 4.0}
         return [{q.name: middle[q.name] for q in self.parameters if not q.linear}]
+
+    def drawn(self, m: Motion, chance: Chance) -> Values:
+        """Off the middle."""
+        found = {
+            PERIOD.name: between(0.25, 0.6, chance.period) * m.end_s,
+            PHASE.name: between(0.0, 2.0 * math.pi, chance.phase),
+            PITCH.name: between(3.0, 6.0, chance.pitch),
+        }
+        return {q.name: found[q.name] for q in self.parameters if not q.linear}
 
 
 class BiasTide(Hidden):

@@ -13,6 +13,7 @@ from drd_tools.diagnose.library import is_plausible, release
 from drd_tools.diagnose.noise_fit import fitted, tempered
 from drd_tools.diagnose.problem import Problem, Temper
 from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.results import Figures
 from drd_tools.diagnose.search import find_roughly, finished, is_rough
 from drd_tools.recordings.folder import Recording
 
@@ -24,7 +25,7 @@ NOISE_CHANGED: Final = 0.1  # relative: the claims are then searched for again
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Analysis:
     """Everything that is known of one recording. `null` (r,): whitened data less the nuisances, before any claim."""
 
     recording: Recording
@@ -33,10 +34,10 @@ class Diagnosis:
     null: Array
     conclusion: Conclusion
 
-    def noise_ratios(self) -> dict[str, float]:
+    def noise_ratios(self) -> Figures:
         """Fitted noise over its data sheet's."""
         noise, sheet = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.sheet
-        heading = {"heading": noise.heading_rad / sheet.heading_rad}
+        heading: Figures = {"heading": noise.heading_rad / sheet.heading_rad}
         if not self.conclusion.found.problem.evidence.has_wheels:
             return heading
         return {
@@ -46,7 +47,7 @@ class Diagnosis:
         }
 
 
-def diagnose(recording: Recording) -> Diagnosis:
+def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
     looked = audit(recording, gather(recording))
     assert looked.evidence is not None
@@ -74,7 +75,7 @@ def diagnose(recording: Recording) -> Diagnosis:
         release(problem)
     conclusion = conclude(found, looked.events)
     release(found.problem)
-    return Diagnosis(recording, looked.events, problem, null.left, conclusion)
+    return Analysis(recording, looked.events, problem, null.left, conclusion)
 
 
 def _is_near(noise: Noise, temper: Temper, problem: Problem) -> bool:

@@ -1,0 +1,43 @@
+"""What is said of a recording, or of several together, with the model, and the files that it becomes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from drd.model import Model, save_model
+from drd_tools.diagnose import files
+from drd_tools.diagnose.joint import Share
+from drd_tools.diagnose.results import Finding, Result, Series, Verdict
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result, what is drawn of it, and the nominal robot with what was found.
+
+    `notes`: sentences about the recording. `share`: its part in what several say together.
+    """
+
+    result: Result
+    series: Series
+    model: Model
+    notes: Sequence[str] = ()
+    share: Share | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """In one word."""
+        return self.result.verdict
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found, the best first."""
+        return self.result.findings
+
+    def report(self, folder: Path) -> list[Path]:
+        """Write diagnosis.json, series.json, model.yaml and the report into a folder; the files. Raises OSError."""
+        from drd_tools.diagnose.report import write_report  # noqa: PLC0415  # matplotlib is slow
+
+        folder.mkdir(parents=True, exist_ok=True)
+        save_model(folder / "model.yaml", self.model)
+        files.save(folder, self.result, self.series)
+        return [folder / files.DIAGNOSIS, folder / "model.yaml", *write_report(folder)]

@@ -1,0 +1,118 @@
+"""diagnosis.json and series.json: the one place where results become JSON, and JSON becomes results."""
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+import numpy as np
+
+from drd.schema import ConfigError
+from drd_tools.diagnose.results import Result, Series, Status, Verdict
+
+T = TypeVar("T")
+
+DIAGNOSIS: Final = "diagnosis.json"
+SERIES: Final = "series.json"
+WORDS: Final = tuple(", ".join(words) for words in (Verdict, Status, ("for", "against", "neither")))
+
+
+def plain(value: object) -> Any:
+    """As JSON and YAML know it: words beside numbers, null for what is not finite, no key without a value."""
+    return _finite(msgspec.to_builtins(value, enc_hook=_built))
+
+
+def _built(value: Any) -> Any:
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else dict(value)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        if "choices" in value:  # of an effect: in files its parameters are one section
+            value = {**value, "parameters": {**value["choices"], **value["parameters"]}}
+            if "status" not in value and not value["seen"]:
+                del value["seen"]
+        return {k: _finite(v) for k, v in value.items() if k not in ("choices", "probability", "why")}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def save(folder: Path, result: Result, series: Series) -> None:
+    """Write both files. Raises OSError."""
+    for name, content in ((DIAGNOSIS, result), (SERIES, series)):
+        (folder / name).write_text(json.dumps(plain(content), indent=1, allow_nan=False), encoding="utf-8")
+
+
+def load(folder: Path) -> tuple[Result, Series]:
+    """Read both files. Raises ConfigError."""
+    result, series = _read(folder / DIAGNOSIS, Result), _read(folder / SERIES, Series)
+    found, drawn = ([f.effect for f in findings] for findings in (result.findings, series.findings))
+    if found != drawn:
+        expected = f"the findings of diagnosis.json ({', '.join(found) or 'none'})"
+        raise ConfigError(str(folder / SERIES), "findings", expected, ", ".join(drawn) or "none")
+    if not series.recordings:
+        raise ConfigError(str(folder / SERIES), "recordings", "at least one", "none")
+    return result, series
+
+
+def _read(file: Path, form: type[T]) -> T:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(str(file), "", "a readable file", str(error.strerror)) from error
+    except (ValueError, RecursionError) as error:  # not UTF-8, or not JSON
+        raise ConfigError(str(file), "", "JSON", f"an error: {error}") from error
+    try:
+        return msgspec.convert(_parted(content), form, dec_hook=_array)
+    except msgspec.ValidationError as error:
+        raise _refused(str(file), content, str(error)) from error
+
+
+def _parted(value: Any) -> Any:
+    """With an effect's words apart from its numbers; a number of null is not known."""
+    if isinstance(value, list):
+        return [_parted(v) for v in value]
+    if not isinstance(value, dict):
+        return value
+    value = {k: _parted(v) for k, v in value.items()}
+    parameters = value.get("parameters")
+    if isinstance(parameters, dict):
+        value["choices"] = {k: v for k, v in parameters.items() if isinstance(v, str)}
+        numbers = {k: v for k, v in parameters.items() if not isinstance(v, str) and v is not None}
+        value["parameters"] = {
+            k: {n: math.nan if x is None else x for n, x in v.items()} if isinstance(v, dict) else v
+            for k, v in numbers.items()
+        }
+    return value
+
+
+def _array(_: type, value: Any) -> Any:
+    """A list of numbers; null is not-a-number. Raises ValueError."""
+    known = isinstance(value, list) and all(
+        v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in value
+    )
+    if not known:
+        raise ValueError("a list of numbers and nulls")
+    return np.array([math.nan if v is None else v for v in value], np.float64)
+
+
+def _refused(file: str, content: Any, message: str) -> ConfigError:
+    """The error that names the place, what is expected there, and what is."""
+    what, _, path = message.partition(" - at `$")
+    path = path.rstrip("`").lstrip(".")
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
+        place = f"{path}.{missing[1]}" if path else missing[1]
+        return ConfigError(file, place, "a value (the key is required)", "nothing")
+    value: Any = content
+    for key, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path):
+        value = value[int(index)] if index else value.get(key) if isinstance(value, dict) else None
+    text = json.dumps(value)
+    got = text if len(text) <= 80 else text[:77] + "..."
+    if what.startswith("Invalid enum value"):
+        words = next((w for w in WORDS if path.endswith("status") and w.startswith(Status.SUSPECTED)), WORDS[0])
+        return ConfigError(file, path, f"one of {words}", got)
+    expected, _, sizes = what.removeprefix("Expected ").partition("; ")
+    return ConfigError(file, path, expected.partition(", got")[0], sizes or got)

@@ -1,0 +1,297 @@
+"""What a diagnosis says, as classes: the content of diagnosis.json and of series.json. `files` turns them into JSON."""
+
+import math
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from msgspec import UNSET, Struct, UnsetType, field
+
+Array = npt.NDArray[np.float64]
+Ranges = Mapping[str, tuple[float, float]]  # low and high of each covariate, in its file's unit
+Figures = dict[str, float | None]  # of an evaluation, by name and unit
+Window = tuple[float, float]
+
+UNNAMED: Final = "unknown"  # in place of an effect's name
+
+
+class Verdict(StrEnum):
+    """What is said of a recording in one word."""
+
+    NOTHING = "nothing_missing"
+    EXPLAINED = "explained"
+    PARTLY = "partly_explained"
+    UNKNOWN = "unknown"
+
+
+class Status(StrEnum):
+    """How sure a finding is, the surest last."""
+
+    SUSPECTED = "suspected"
+    SUPPORTED = "supported"
+    CONFIRMED = "confirmed"
+
+
+class Amount(Struct, frozen=True):
+    """A parameter's estimate and its standard deviation (0: not fitted; NaN: not known), in the catalogue's unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+class Term(Struct, frozen=True, kw_only=True):
+    """An effect as a model has it. `choices`: parameters that are words. `seen`: where its covariate was."""
+
+    effect: str
+    parameters: dict[str, Amount]
+    choices: dict[str, str] = {}
+    seen: Ranges = {}
+    why: str = ""
+
+
+class Support(Struct, frozen=True):
+    """What speaks for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value."""
+
+    gain_nats: float | None
+    family_wise_p: float | None
+    e_value: float | None
+
+
+class HeldOut(Struct, frozen=True):
+    """Log likelihood ratio of an effect in recordings that it was not fitted to, and which way that speaks."""
+
+    nats: float
+    speaks: Literal["for", "against", "neither"]
+
+
+class Finding(Struct, frozen=True, kw_only=True):
+    """One cause: an effect of the catalogue with its parameters, or what is known of one without a name.
+
+    `probability`: posterior one, against what else was tried in its place and against nothing; NaN where a finding
+    was read from a file. `surrogate`: the name that comes nearest to a cause without one.
+    """
+
+    effect: str
+    status: Status
+    also_fits: tuple[str, ...]
+    acts_on: str
+    parameters: dict[str, Amount]
+    choices: dict[str, str] = {}
+    windows: tuple[Window, ...]
+    seen: Ranges = {}
+    covariate: str | None = field(name="driver")
+    evidence: Support
+    explains: float | None
+    surrogate: Term | None = field(name="stand_in", default=None)
+    sentence: str
+    held_out: HeldOut | UnsetType = UNSET
+    probability: float = math.nan
+
+    @property
+    def is_named(self) -> bool:
+        """Whether it is an effect of the catalogue."""
+        return self.effect != UNNAMED
+
+    @property
+    def gain_nats(self) -> float:
+        """The gain in log likelihood; 0 where it is not known."""
+        return self.evidence.gain_nats or 0.0
+
+
+class Unexplained(Struct, frozen=True):
+    """What is left. `end_error_m`: None where no reference tells it."""
+
+    share_of_residual: float | None
+    end_error_m: float | None
+
+
+class Because(Struct, frozen=True):
+    """An effect that was ruled out, or cannot be observed, and why."""
+
+    effect: str
+    because: str
+
+
+class Smallest(Struct, frozen=True):
+    """The smallest size that would be found, in its parameter's unit."""
+
+    smallest: float | None
+    unit: str
+
+
+class Train(Struct, frozen=True):
+    """Figures of the data that were fitted, without and with the model."""
+
+    before: Figures
+    after: Figures
+
+
+class Validation(Struct, frozen=True):
+    """Figures of data that had no part in the fit, by their name, without and with the model."""
+
+    before: dict[str, Figures | float | None]
+    after: dict[str, Figures | float | None]
+
+
+class Fit(Struct, frozen=True):
+    """How well the model fits, on the data of the fit and on others."""
+
+    train: Train
+    held_out: Validation
+
+
+class Alternative(Struct, frozen=True):
+    """Another manoeuvre: how many questions it settles."""
+
+    manoeuvre: str
+    minutes: float
+    settles: float
+    nats: float | None
+
+
+class NextDrive(Struct, frozen=True):
+    """The drive that settles most open questions; `separates`: the pairs of names that it tells apart."""
+
+    manoeuvre: str
+    minutes: float
+    separates: list[list[str]]
+    nats: float | None
+    unsettled: list[list[str]] = []
+    alternatives: list[Alternative] = []
+    sentence: str = ""
+
+
+class Result(Struct, frozen=True, kw_only=True):
+    """The content of diagnosis.json."""
+
+    schema: Literal[1] = 1
+    recording: str | list[str]
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    unexplained: Unexplained
+    ruled_out: list[Because]
+    detectable: dict[str, Smallest]
+    not_observable: list[Because] | UnsetType = UNSET
+    classes: list[list[str]]
+    fit: Fit
+    next_drive: NextDrive | None
+    cut: str | UnsetType = UNSET
+
+    @property
+    def unobservable(self) -> Sequence[Because]:
+        """Effects of which the data say nothing; none where the file does not tell."""
+        return () if isinstance(self.not_observable, UnsetType) else self.not_observable
+
+
+# ---- series.json -----------------------------------------------------------------------------------------------
+
+
+def _alike(series: Struct, *names: str) -> None:
+    """Lists that are drawn against each other. Raises ValueError."""
+    sizes = [len(getattr(series, name)) for name in names]
+    if len(set(sizes)) > 1:
+        raise ValueError(f"{', '.join(names)} of one length; {', '.join(map(str, sizes))}")
+
+
+class Line(Struct, frozen=True, eq=False):
+    """A path's poses, thinned."""
+
+    time_s: Array
+    x_m: Array
+    y_m: Array
+
+    def __post_init__(self) -> None:
+        _alike(self, "time_s", "x_m", "y_m")
+
+
+class Paths(Struct, frozen=True):
+    """Paths to be drawn; None where there is none."""
+
+    reference: Line | None
+    nominal: Line
+    corrected: Line | None
+
+
+class Drive(Struct, frozen=True):
+    """One recording."""
+
+    name: str
+    duration_s: float
+    path_m: float
+    path: Paths
+
+
+class Mismatch(Struct, frozen=True, eq=False):
+    """The error of a channel against its covariate, with sigmas, and the fitted effect with its 95 % band."""
+
+    covariate: str = field(name="driver")
+    covariate_unit: str = field(name="driver_unit")
+    error_unit: str
+    channel: str
+    x: Array
+    mismatch: Array
+    sigma: Array
+    fit_x: Array
+    fit: Array
+    low: Array
+    high: Array
+
+    def __post_init__(self) -> None:
+        _alike(self, "x", "mismatch", "sigma")
+        _alike(self, "fit_x", "fit", "low", "high")
+
+
+class Gain(Struct, frozen=True, eq=False):
+    """How the evidence for a finding adds up over time."""
+
+    time_s: Array
+    nats: Array
+
+    def __post_init__(self) -> None:
+        _alike(self, "time_s", "nats")
+
+
+NO_GAIN: Final = Gain(np.zeros(0), np.zeros(0))
+
+
+class Course(Struct, frozen=True):
+    """What is drawn of a finding."""
+
+    effect: str
+    curve: Mismatch | None = None
+    evidence: Gain = NO_GAIN
+
+
+class Residual(Struct, frozen=True, eq=False):
+    """Rms of the whitened data per block, before and after."""
+
+    time_s: Array
+    before: Array
+    after: Array
+
+    def __post_init__(self) -> None:
+        _alike(self, "time_s", "before", "after")
+
+
+class Bar(Struct, frozen=True):
+    """A figure of data that had no part in the fit, without and with the model."""
+
+    name: str
+    quantity: str
+    unit: str
+    before: float | None
+    after: float | None
+
+
+class Series(Struct, frozen=True, kw_only=True):
+    """The content of series.json."""
+
+    format: Literal["drd-diagnosis-series/1"] = "drd-diagnosis-series/1"
+    recordings: list[Drive]
+    findings: list[Course]
+    residual: Residual
+    held_out: list[Bar]
+    noise: Figures
