@@ -1,5 +1,6 @@
 """What several recordings show together, though none shows it alone."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -45,6 +46,13 @@ def test_weak_in_each_is_found_in_all() -> None:
         assert k.value == pytest.approx(true_k, abs=4.0 * k.std)
         assert k.std < 0.5 * true_k
     assert "all 10 together" in found.sentence
+
+
+def test_a_recording_that_shows_an_effect_at_one_value_only_is_no_error() -> None:
+    parts = [part(D, seed) for seed in range(10)]
+    parts[3] = replace(parts[3], ranges={name: {} for name in parts[3].ranges})
+    (found,) = together(parts, set())
+    assert found.seen == parts[0].ranges[found.effect]
 
 
 def test_what_a_recording_claims_itself_is_not_found_again() -> None:

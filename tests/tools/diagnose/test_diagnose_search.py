@@ -9,7 +9,7 @@ from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Found, Search, _contested, find_roughly, finished, is_rough
+from drd_tools.diagnose.search import Found, Search, _contested, _one_more, find_roughly, finished, is_rough
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -143,3 +143,13 @@ def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> 
     assert np.abs(calm[straight]).max() < 8.0 * sigma_rad_s
     driven = straight & (m.speed_m_s > 0.1)
     assert np.std(calm[driven]) < 0.8 * np.std(m.rate_rad_s[driven])
+
+
+def test_what_explains_less_than_nothing_did_before_is_no_error() -> None:
+    """Around a path that a dead counter has bent, and with its noise, all scores may be far below the first one."""
+    late = problem(SLALOM, 1, claim("encoder_latency", delay=0.1))
+    fit = refine(late, ())
+    score = Search(late).score(fit)
+    found = _one_more(Search(late), Found(late, fit, score, score + 1e6))
+    assert found is not None
+    assert [c.id for c in found.fit.claims] == ["encoder_latency"]

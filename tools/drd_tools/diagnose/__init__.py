@@ -1,1 +1,7 @@
 """Find the physics that a nominal model leaves out, name it, model it, and show that it holds."""
+
+from drd_tools.diagnose.api import diagnose
+from drd_tools.diagnose.diagnosis import Diagnosis
+from drd_tools.diagnose.results import Amount, Finding, Verdict
+
+__all__ = ["Amount", "Diagnosis", "Finding", "Verdict", "diagnose"]

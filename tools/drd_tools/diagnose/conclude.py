@@ -16,6 +16,7 @@ from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import is_possible
+from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.search import CLASS_NATS, Found, Search, linearised
@@ -156,7 +157,9 @@ def _finding(
     fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
     pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.claims)]
     scores = [_best_score(found, search, claim, r, f) for r, f in pairs]
-    also = unique(r.id for (r, _), score in zip(pairs, scores, strict=True) if score > found.score - CLASS_NATS)
+    least = found.score - CLASS_NATS
+    alike = [r.id for (r, _), s in zip(pairs, scores, strict=True) if s + _forgiven_nats(problem, claim, r) > least]
+    also = unique(alike)
     rival = smooths.best(fit.claims, claim)
     score_of_name = worth - problem.penalty([claim])
     if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
@@ -189,12 +192,12 @@ def _best_score(found: Found, search: Search, claim: Claim, rival: Claim, fit: F
     score = search.score(fit)
     if claim.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
         score = max(score, linearised(found.problem, fit, found.null).score)
-    return score + _forgiven(claim, rival) * found.problem.per_parameter
+    return score
 
 
-def _forgiven(claim: Claim, rival: Claim) -> int:
-    """Parameters of a rival that do not speak against it: two sizes where one is enough cost it no likelihood."""
-    return int(rival.begin_s is None and len(rival.free) == len(claim.free) + 1)
+def _forgiven_nats(problem: Problem, claim: Claim, rival: Claim) -> float:
+    """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
+    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(claim.free) + 1 else 0.0
 
 
 def unique(names: Iterable[str]) -> tuple[str, ...]:

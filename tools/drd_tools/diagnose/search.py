@@ -148,7 +148,8 @@ def _one_more(search: "Search", found: Found) -> Found | None:
     best = tried[0]
     if not _needs_linearising(best.claims, search.score(best) - found.null):
         return Found(found.problem, best, search.score(best), found.null)
-    margin = CLOSE_SHARE * (search.score(best) - found.null)
+    # Along another path, or with other noise, the best may explain less than nothing does here.
+    margin = CLOSE_SHARE * max(search.score(best) - found.null, 0.0)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
     chosen = max((linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
     return chosen if chosen.score > found.score else None

@@ -1,0 +1,54 @@
+"""What several recordings say together: nothing is made up, and nothing is dropped."""
+
+from pathlib import Path
+
+import diagnosis_files
+import numpy as np
+from msgspec import UNSET
+from msgspec.structs import replace
+
+from drd_tools.diagnose.files import load
+from drd_tools.diagnose.joint import Share, united
+from drd_tools.diagnose.pool import combined
+from drd_tools.diagnose.results import Because, Result, Smallest, Unexplained
+
+EMPTY = Share((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
+
+
+def said(folder: Path, name: str, end_error_m: float | None = None) -> Result:
+    result, _ = load(diagnosis_files.write(folder, diagnosis_files.nothing_missing()))
+    return replace(result, recording=name, unexplained=Unexplained(0.0, end_error_m))
+
+
+def together(*results: Result) -> Result:
+    return combined(results, [EMPTY] * len(results))
+
+
+def test_without_a_reference_no_end_error_is_known(tmp_path: Path) -> None:
+    one, two = said(tmp_path, "one"), said(tmp_path, "two")
+    assert together(one, two).unexplained.end_error_m is None
+    assert together(one, said(tmp_path, "two", 0.12)).unexplained.end_error_m == 0.12
+
+
+def test_what_no_recording_can_show_stays_unobservable(tmp_path: Path) -> None:
+    no_gyro, nothing = Because("gyro_lag", "the recording has no gyro"), Because("turn_scrub", "nothing shows it")
+    one = replace(said(tmp_path, "one"), not_observable=[no_gyro, nothing])
+    two = replace(said(tmp_path, "two"), not_observable=[no_gyro])
+    assert together(one, two).unobservable == [no_gyro]
+    assert together(one, replace(two, not_observable=UNSET)).unobservable == []
+
+
+def test_what_any_recording_rules_out_is_as_it_would_be_seen_best(tmp_path: Path) -> None:
+    small, large = Smallest(0.001, "1"), Smallest(0.1, "1")
+    tread, slip = Because("tread_error", "k = 0.0"), Because("surface_slip", "left = 0.0")
+    one = replace(said(tmp_path, "one"), ruled_out=[slip], detectable={"tread_error": small})
+    two = replace(said(tmp_path, "two"), ruled_out=[tread], detectable={"tread_error": large})
+    three = replace(said(tmp_path, "three"), ruled_out=[tread, slip], detectable={"tread_error": small})
+    assert together(one, two).ruled_out == [Because("tread_error", "two: k = 0.0")]
+    assert together(two, three).ruled_out == [Because("tread_error", "three: k = 0.0")]
+    assert [row.effect for row in together(three, three).ruled_out] == ["surface_slip", "tread_error"]
+
+
+def test_a_recording_that_shows_a_covariate_at_one_value_has_no_range_of_it() -> None:
+    assert united([{"curvature": (0.1, 0.5)}, {}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.1, 0.9)}
+    assert united([{}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.2, 0.9)}
