@@ -4,9 +4,9 @@ from functools import lru_cache
 
 from drd.effects.catalogue import catalogue
 from drd.nominal import Nominal
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.missions import make_drive
@@ -20,10 +20,10 @@ LATE_5_MS = Conditions(reference=Reference(latency_s=0.005))
 ASIDE_4_CM = Conditions(reference=Reference(lever_m=(0.0, 0.04)))
 
 
-def claim(effect: str, **values: float | str) -> Claim:
+def selected(effect: str, **values: float | str) -> Selected:
     """An effect at values in SI, all linear parameters free."""
     found = catalogue()[effect]
-    return Claim(found, values, found.linear())
+    return Selected(found, values, found.linear())
 
 
 @lru_cache
@@ -34,21 +34,23 @@ def truth(mission: str, seconds: float, temperature: str = "warmup") -> Truth:
 def simulated(
     drive: tuple[str, float],
     seed: int,
-    *claims: Claim,
+    *selection: Selected,
     conditions: Conditions | None = None,
     nominal: Nominal = DEFAULT,
     temperature: str = "warmup",
 ) -> Simulated:
-    """Drive with the claims' effects."""
-    effects = [(c.effect, c.values) for c in claims]
+    """Drive with the selected effects' effects."""
+    effects = [(c.effect, c.values) for c in selection]
     return simulate(truth(*drive, temperature), nominal, effects, conditions or Conditions(), seed=seed)
 
 
-def recorded(drive: tuple[str, float], seed: int, *claims: Claim, conditions: Conditions | None = None) -> Recording:
+def recorded(
+    drive: tuple[str, float], seed: int, *selection: Selected, conditions: Conditions | None = None
+) -> Recording:
     """What is recorded then."""
-    return simulated(drive, seed, *claims, conditions=conditions).recording
+    return simulated(drive, seed, *selection, conditions=conditions).recording
 
 
-def problem(drive: tuple[str, float], seed: int, *claims: Claim, conditions: Conditions | None = None) -> Problem:
+def problem(drive: tuple[str, float], seed: int, *selection: Selected, conditions: Conditions | None = None) -> Problem:
     """What it says, with the noise of the data sheets."""
-    return Problem(gather(recorded(drive, seed, *claims, conditions=conditions)))
+    return Problem(gather(recorded(drive, seed, *selection, conditions=conditions)))

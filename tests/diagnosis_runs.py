@@ -5,19 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from diagnosis_drives import SLALOM, claim, simulated
+from diagnosis_drives import SLALOM, selected, simulated
 
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.model import load_model
 from drd.nominal import FogSheet
-from drd_tools.diagnose.claim import Claim
+from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.robot import DEFAULT
 
-SCALE = claim("gyro_scale_error", k=0.003)
-TREAD = claim("tread_error", k=0.05)
+SCALE = selected("gyro_scale_error", k=0.003)
+TREAD = selected("tread_error", k=0.05)
 NO_GYRO = replace(DEFAULT, fog=FogSheet())
 SPEEDS = replace(DEFAULT, wheel=replace(DEFAULT.wheel, counts_per_revolution=None))
 KEYS = {
@@ -31,14 +31,14 @@ OF_FINDING = {
 
 def written(
     folder: Path,
-    *claims: Claim,
+    *selection: Selected,
     reference: str = "full",
     drive: tuple[str, float] = SLALOM,
     seed: int = 1,
     **kwargs: Any,
 ) -> Path:
     conditions = Conditions(reference=Reference.parse(reference))
-    write_folder(simulated(drive, seed, *claims, conditions=conditions, **kwargs), folder, {})
+    write_folder(simulated(drive, seed, *selection, conditions=conditions, **kwargs), folder, {})
     return folder
 
 

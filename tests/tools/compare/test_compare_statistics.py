@@ -1,4 +1,4 @@
-"""The statistics behind `drd compare`: noise as claimed, shares of the right driver, nothing where nothing is."""
+"""The statistics behind `drd compare`: noise as selected, shares of the right driver, nothing where nothing is."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
 from drd_tools.compare.noise import Expected, draw, expected
 from drd_tools.compare.shares import Share, curve, shares, whitened
 from drd_tools.diagnose.evidence import Evidence, gather
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.nominal_path import follow
 from drd_tools.diagnose.path import Path as Poses
 
@@ -101,7 +101,7 @@ def test_nominal_recordings_have_the_noise_that_is_expected_of_them(drive: tuple
     squares: dict[str, list[float]] = {name: [] for name in noise}
     for _ in range(6):
         drawn = draw(e, path, rng)
-        found = mismatches(drawn, follow(drawn), Signature(), 0.0)
+        found = mismatches(drawn, follow(drawn), Sensitivity(), 0.0)
         for name, channel in noise.items():
             squares[name].append(float(np.mean(whitened(blocks.means(found[name]), channel).y ** 2)))
     for name, values in squares.items():
@@ -111,7 +111,7 @@ def test_nominal_recordings_have_the_noise_that_is_expected_of_them(drive: tuple
 def test_a_perfect_drive_has_no_mismatch(drive: tuple[Evidence, Poses]) -> None:
     e, path = drive
     turned, rolled = np.radians(0.02), 1e-4
-    for name, steps in mismatches(e, path, Signature(), np.radians(0.05)).items():
+    for name, steps in mismatches(e, path, Sensitivity(), np.radians(0.05)).items():
         is_angle = next(k for k in KINDS if k.id == name).angle
         assert np.abs(np.cumsum(steps)).max() < (10.0 * turned if is_angle else 30.0 * rolled), name
 

@@ -17,7 +17,6 @@ from drd_tools.diagnose.advise import (
     options_for,
 )
 from drd_tools.diagnose.analysis import Analysis
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.finding import Cause
@@ -27,6 +26,7 @@ from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine_all
 from drd_tools.diagnose.results import NextDrive, Status, Support
 from drd_tools.diagnose.search import Found
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.missions import make_drive
@@ -38,12 +38,14 @@ CIRCLES = next(name for name in MANOEUVRES if name.startswith("circles"))
 WEAK = ("a slalom", "straight lines", "figures of eight")
 
 
-def claim(name: str, **values: float) -> Claim:
+def selected(name: str, **values: float) -> Selected:
     effect = catalogue()[name]
-    return Claim(effect, values, tuple(q.name for q in effect.parameters if q.name in values and not q.fixed))
+    return Selected(effect, values, tuple(q.name for q in effect.parameters if q.name in values and not q.fixed))
 
 
-def finding(of: Claim | None, *also_fits: str, status: Status = Status.CONFIRMED, curve: Curve | None = None) -> Cause:
+def finding(
+    of: Selected | None, *also_fits: str, status: Status = Status.CONFIRMED, curve: Curve | None = None
+) -> Cause:
     return Cause(of, status, also_fits, (), Support(50.0, 0.001, 1e6), 0.9, "", 0.99, curve)
 
 
@@ -56,7 +58,7 @@ def recorded(reference: str) -> tuple[Recording, Problem]:
 
 def diagnosed(*findings: Cause, reference: str = "full") -> Analysis:
     recording, problem = recorded(reference)
-    fit = Fit(tuple(f.claim for f in findings if f.claim is not None), 0.0, np.zeros(0), problem.data)
+    fit = Fit(tuple(f.selected for f in findings if f.selected is not None), 0.0, np.zeros(0), problem.data)
     found = Found(problem, fit, 0.0, 0.0)
     return Analysis(recording, [], problem, problem.data, Conclusion(list(findings), found, [], {}, [], 0.0))
 
@@ -69,15 +71,15 @@ def advised(*findings: Cause, reference: str = "full") -> NextDrive:
 
 def test_without_an_open_question_there_is_nothing_to_drive() -> None:
     assert next_drive(diagnosed()) is None
-    assert next_drive(diagnosed(finding(claim("tread_error", k=0.02)))) is None
-    step = claim("gyro_bias_step", b=1e-4, t0=30.0)
+    assert next_drive(diagnosed(finding(selected("tread_error", k=0.02)))) is None
+    step = selected("gyro_bias_step", b=1e-4, t0=30.0)
     assert next_drive(diagnosed(finding(step, status=Status.SUSPECTED))) is None
 
 
 def test_questions_are_all_that_also_fits_and_what_is_only_suspected() -> None:
-    sure = finding(claim("gyro_scale_error", k=0.001))
-    either = finding(claim("tread_error", k=0.02), "turn_scrub", "terrain_tread", status=Status.SUSPECTED)
-    maybe = finding(claim("gyro_lag", tau=0.1), status=Status.SUSPECTED)
+    sure = finding(selected("gyro_scale_error", k=0.001))
+    either = finding(selected("tread_error", k=0.02), "turn_scrub", "terrain_tread", status=Status.SUSPECTED)
+    maybe = finding(selected("gyro_lag", tau=0.1), status=Status.SUSPECTED)
     assert open_questions([sure, either, maybe]) == [
         (either, "turn_scrub"),
         (either, "terrain_tread"),
@@ -87,7 +89,7 @@ def test_questions_are_all_that_also_fits_and_what_is_only_suspected() -> None:
 
 @pytest.mark.parametrize(("name", "rival"), [("tread_error", "turn_scrub"), ("turn_scrub", "tread_error")])
 def test_constant_against_growing_tread_takes_tight_and_wide_turns(name: str, rival: str) -> None:
-    diagnosis = diagnosed(finding(claim(name, k=0.05), rival))
+    diagnosis = diagnosed(finding(selected(name, k=0.05), rival))
     advice = next_drive(diagnosis)
     assert advice is not None
     assert advice.manoeuvre == CIRCLES
@@ -100,7 +102,7 @@ def test_constant_against_growing_tread_takes_tight_and_wide_turns(name: str, ri
 
 
 def test_warm_up_against_temperature_takes_a_temperature_that_falls_again() -> None:
-    warmup = claim("gyro_warmup", b=math.radians(0.012), tau=175.0)
+    warmup = selected("gyro_warmup", b=math.radians(0.012), tau=175.0)
     advice = advised(finding(warmup, "gyro_bias_temperature", "gyro_bias_temperature_rate"))
     assert "cooled" in advice.manoeuvre
     assert len(advice.separates) == 2
@@ -109,7 +111,7 @@ def test_warm_up_against_temperature_takes_a_temperature_that_falls_again() -> N
 
 
 def test_what_no_drive_settles_is_said() -> None:
-    advice = advised(finding(claim("tread_error", k=1e-4), "turn_scrub"))
+    advice = advised(finding(selected("tread_error", k=1e-4), "turn_scrub"))
     assert advice.separates == []
     assert advice.unsettled == [["tread_error", "turn_scrub"]]
     assert advice.nats is not None
@@ -118,7 +120,7 @@ def test_what_no_drive_settles_is_said() -> None:
 
 
 def test_more_minutes_bring_more() -> None:
-    diagnosis = diagnosed(finding(claim("gyro_scale_error", k=0.0003), "gyro_scale_asymmetry"))
+    diagnosis = diagnosed(finding(selected("gyro_scale_error", k=0.0003), "gyro_scale_asymmetry"))
     options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
     for name in {o.manoeuvre for o in options}:
         nats = [o.nats[0] for o in sorted(options, key=lambda o: o.minutes) if o.manoeuvre == name]
@@ -128,12 +130,12 @@ def test_more_minutes_bring_more() -> None:
 
 @pytest.mark.parametrize("reference", ["full", "sparse:20", "ends", "none"])
 def test_it_serves_every_kind_of_reference(reference: str) -> None:
-    suspected = finding(claim("tread_error", k=0.01), status=Status.SUSPECTED)
+    suspected = finding(selected("tread_error", k=0.01), status=Status.SUSPECTED)
     assert advised(suspected, reference=reference).separates == [["tread_error", NOTHING]]
 
 
 def test_it_says_the_same_twice() -> None:
-    suspected = finding(claim("gyro_warmup", b=math.radians(0.02), tau=100.0), status=Status.SUSPECTED)
+    suspected = finding(selected("gyro_warmup", b=math.radians(0.02), tau=100.0), status=Status.SUSPECTED)
     first = advised(suspected)
     _driven.cache_clear()
     assert advised(suspected) == first
@@ -147,16 +149,16 @@ def test_a_curve_without_a_name_is_put_against_names() -> None:
 
 
 def test_a_stretch_of_ground_is_driven_over_again() -> None:
-    slip = claim("surface_slip", t0=20.0, t1=30.0, left=0.03, right=0.03)
+    slip = selected("surface_slip", t0=20.0, t1=30.0, left=0.03, right=0.03)
     assert "same ground again" in advised(finding(slip, status=Status.SUSPECTED)).sentence
 
 
 def test_a_robot_without_gyro_or_thermometer() -> None:
     recording, problem = recorded("full")
     without = replace(recording, fog=None)
-    blind = Problem(gather(without))
-    diagnosis = diagnosed(finding(claim("wheel_radius_error", left=0.004, right=0.004), "wheel_radius_speed"))
-    found = replace(diagnosis.conclusion.found, problem=blind)
+    gyroless = Problem(gather(without))
+    diagnosis = diagnosed(finding(selected("wheel_radius_error", left=0.004, right=0.004), "wheel_radius_speed"))
+    found = replace(diagnosis.conclusion.found, problem=gyroless)
     advice = next_drive(replace(diagnosis, recording=without, conclusion=replace(diagnosis.conclusion, found=found)))
     assert advice is not None
     assert advice.separates
@@ -164,7 +166,7 @@ def test_a_robot_without_gyro_or_thermometer() -> None:
 
 
 def test_the_nats_are_those_of_real_drives() -> None:
-    tread = claim("tread_error", k=0.03)
+    tread = selected("tread_error", k=0.03)
     diagnosis = diagnosed(finding(tread, "turn_scrub"))
     options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
     promised = next(o.nats[0] for o in options if o.manoeuvre == CIRCLES and o.minutes == 2)
@@ -173,7 +175,7 @@ def test_the_nats_are_those_of_real_drives() -> None:
     for seed in range(4):
         recording = simulate(truth, DEFAULT, ((tread.effect, tread.values),), Conditions(), seed).recording
         problem = Problem(gather(recording))
-        right, wrong = refine_all(problem, [[tread], [claim("turn_scrub", k=0.03)]])
+        right, wrong = refine_all(problem, [[tread], [selected("turn_scrub", k=0.03)]])
         gained.append(wrong.cost - right.cost)
     assert promised > 10.0
     assert 0.4 * promised < np.mean(gained) < 2.5 * promised

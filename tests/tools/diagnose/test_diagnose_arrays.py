@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, claim, recorded
+from diagnosis_drives import SLALOM, recorded, selected
 
 from drd.schema import ConfigError
 from drd_tools.diagnose import Amount, Diagnosis, Verdict, diagnose
@@ -28,7 +28,7 @@ assert not {{"drd.daemon", "drd.output.zenoh_link"}} & sys.modules.keys()
 @pytest.fixture(scope="module")
 def columns() -> tuple[Columns, Columns, Columns]:
     """A robot whose gyro's scale is 1 % off, as a data frame would have it."""
-    recording = recorded(SLALOM, 1, claim("gyro_scale_error", k=0.01))
+    recording = recorded(SLALOM, 1, selected("gyro_scale_error", k=0.01))
     fog, log, pose = recording.fog, recording.encoders, recording.reference
     assert fog is not None
     assert pose is not None

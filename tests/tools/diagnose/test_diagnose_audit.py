@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, WAREHOUSE, claim, recorded, simulated
+from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected, simulated
 
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.audit import Event, audit
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Ground
 
@@ -23,38 +23,38 @@ def events(recording: Recording) -> list[Event]:
 @pytest.mark.parametrize("conditions", [Conditions(), Conditions(tails=4.0), Conditions(jitter_s=0.003)])
 @pytest.mark.parametrize("drive", [SLALOM, ("eights", 120.0), ("field", 180.0), SQUARE])
 def test_clean_data_have_no_events(drive: tuple[str, float], conditions: Conditions) -> None:
-    assert [e.claim.id for seed in range(3) for e in events(recorded(drive, seed, conditions=conditions))] == []
+    assert [e.selected.id for seed in range(3) for e in events(recorded(drive, seed, conditions=conditions))] == []
 
 
 @pytest.mark.parametrize("drive", FLAT)
 def test_turns_at_a_constant_rate_and_standstill_are_no_events(drive: tuple[str, float]) -> None:
-    assert [e.claim.id for seed in range(4) for e in events(recorded(drive, seed))] == []
+    assert [e.selected.id for seed in range(4) for e in events(recorded(drive, seed))] == []
 
 
 @pytest.mark.parametrize("drive", [WAREHOUSE, SLALOM])
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("length_s", [0.3, 1.0, 4.0])
 def test_a_dropout_is_found_with_its_side_and_window(drive: tuple[str, float], side: str, length_s: float) -> None:
-    missing = claim("encoder_dropout", side=side, t0=41.0, t1=41.0 + length_s)
+    missing = selected("encoder_dropout", side=side, t0=41.0, t1=41.0 + length_s)
     found = events(recorded(drive, 1, missing))
-    assert [(e.claim.id, e.claim.values["side"]) for e in found] == [("encoder_dropout", side)]
+    assert [(e.selected.id, e.selected.values["side"]) for e in found] == [("encoder_dropout", side)]
     ((t0, t1),) = found[0].windows
     assert (t0, t1) == pytest.approx((41.0, 41.0 + length_s), abs=0.06)  # a row of the counters
 
 
 def test_two_dropouts_are_two_events() -> None:
-    missing = [claim("encoder_dropout", side=s, t0=t, t1=t + 1.0) for s, t in (("left", 41.0), ("right", 60.0))]
+    missing = [selected("encoder_dropout", side=s, t0=t, t1=t + 1.0) for s, t in (("left", 41.0), ("right", 60.0))]
     found = events(recorded(SLALOM, 1, *missing))
-    assert [e.claim.values["side"] for e in found] == ["left", "right"]
+    assert [e.selected.values["side"] for e in found] == ["left", "right"]
     assert [round(e.windows[0][0]) for e in found] == [41, 60]
 
 
 @pytest.mark.parametrize("limit", [0.4, 0.55])
 def test_clipping_is_found_where_the_robot_turned_faster(limit: float) -> None:
-    run = simulated(SLALOM, 1, claim("gyro_saturation", limit=limit))
+    run = simulated(SLALOM, 1, selected("gyro_saturation", limit=limit))
     (found,) = events(run.recording)
-    assert found.claim.id == "gyro_saturation"
-    assert found.claim.number("limit") == pytest.approx(limit, rel=1e-3)
+    assert found.selected.id == "gyro_saturation"
+    assert found.selected.number("limit") == pytest.approx(limit, rel=1e-3)
     times, faster = run.truth.middle_s, np.abs(run.truth.rate_rad_s) > limit * 1.01
     inside = np.zeros(len(times), bool)
     for t0, t1 in found.windows:
@@ -66,10 +66,10 @@ def test_clipping_is_found_where_the_robot_turned_faster(limit: float) -> None:
 
 @pytest.mark.parametrize(
     "missing",
-    [claim("gyro_saturation", limit=0.3), claim("encoder_dropout", side="right", t0=41.02, t1=47.04)],
+    [selected("gyro_saturation", limit=0.3), selected("encoder_dropout", side="right", t0=41.02, t1=47.04)],
     ids=lambda c: c.id,
 )
-def test_an_event_leaves_nothing_else_to_be_found(missing: Claim) -> None:
+def test_an_event_leaves_nothing_else_to_be_found(missing: Selected) -> None:
     """Neither where it clips half of all turns, nor where it begins and ends within a row of the counters."""
     for seed in range(3):
         found = analyse(recorded(("eights", 200.0), seed, missing))
@@ -78,7 +78,7 @@ def test_an_event_leaves_nothing_else_to_be_found(missing: Claim) -> None:
 
 
 def test_steps_at_a_dropout_are_doubted_and_others_are_not() -> None:
-    recording = recorded(SQUARE, 1, claim("encoder_dropout", side="left", t0=41.0, t1=42.0))
+    recording = recorded(SQUARE, 1, selected("encoder_dropout", side="left", t0=41.0, t1=42.0))
     e = audit(recording, gather(recording)).evidence
     assert e is not None
     inside = (e.time_s > 41.0 + 0.05) & (e.time_s < 42.0 + 0.05)
@@ -96,6 +96,6 @@ def test_steps_at_a_dropout_are_doubted_and_others_are_not() -> None:
 )
 def test_bumps_are_found_by_their_one_sidedness(drive: tuple[str, float]) -> None:
     found = events(recorded(drive, 1, conditions=ROUGH))
-    assert [e.claim.id for e in found] == ["bump_counts"]
+    assert [e.selected.id for e in found] == ["bump_counts"]
     # Bumps below 5 sigma of the slip are not seen one by one.
-    assert 0.003 < found[0].claim.number("travel_per_m") < 0.006
+    assert 0.003 < found[0].selected.number("travel_per_m") < 0.006

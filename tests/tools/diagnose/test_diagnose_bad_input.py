@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from diagnosis_drives import claim, recorded, simulated
+from diagnosis_drives import recorded, selected, simulated
 from diagnosis_runs import written
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -172,7 +172,7 @@ def test_a_hole_in_a_log_is_no_physics(which: str, length_s: float, drive: tuple
 
 
 def test_an_effect_is_found_beside_holes() -> None:
-    recording = recorded(("slalom", 120.0), 2, claim("gyro_scale_error", k=0.003))
+    recording = recorded(("slalom", 120.0), 2, selected("gyro_scale_error", k=0.003))
     for which, begin_s in (("fog", 40.02), ("wheels", 70.02), ("fog", 90.02)):
         time_s = getattr(recording, which).time_s
         recording = changed(recording, which, (time_s < begin_s) | (time_s > begin_s + 3.0))

@@ -5,19 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, claim, problem
+from diagnosis_drives import SLALOM, problem, selected
 from scipy import stats
 
-from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.confirm import blocks, chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
+from drd_tools.diagnose.confirm import blocks, chance_gains, e_value, family_wise_p, gain_over_time, predictive_nats
 from drd_tools.diagnose.identify import Identifiability
 from drd_tools.diagnose.library import Library
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
 
-SCALE = claim("gyro_scale_error", k=0.001)
-TREAD = claim("tread_error", k=0.02)
+SCALE = selected("gyro_scale_error", k=0.001)
+TREAD = selected("tread_error", k=0.02)
 
 
 @lru_cache
@@ -54,14 +54,14 @@ def test_sign_flips_do_not_call_a_visible_effect_chance() -> None:
 
 
 @pytest.mark.parametrize("missing", [SCALE, TREAD], ids=lambda c: c.id)
-def test_a_true_effect_holds_on_the_half_it_was_not_fitted_to(missing: Claim) -> None:
+def test_a_true_effect_holds_on_the_half_it_was_not_fitted_to(missing: Selected) -> None:
     for seed in range(4):
         p = problem(SLALOM, seed, missing)
         fit = refine(p, [missing])
-        nats = unseen_nats(p, Library(p), fit, fit.claims[0])
+        nats = predictive_nats(p, Library(p), fit, fit.selection[0])
         assert min(nats) > 0.0
         assert e_value(nats) > 100.0
-        times, gains = gain_over_time(p, fit, fit.claims[0])
+        times, gains = gain_over_time(p, fit, fit.selection[0])
         assert gains[-1] > gains[len(gains) // 2] > 0.0
         assert (np.diff(times) > 0.0).all()
 
@@ -76,7 +76,7 @@ def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
         share = float(row @ p.data) / float(row @ row)
         fitted = replace(TREAD, values={"k": TREAD.number("k") * share})
         fit = Fit((fitted,), 0.0, np.zeros(0), p.data - share * row)
-        found.append(sum(unseen_nats(p, library, fit, fitted)))
+        found.append(sum(predictive_nats(p, library, fit, fitted)))
     null.cache_clear()
     # Each half: s t - s^2/2 of two independent standard normals has the mean -1/2.
     assert np.mean(found) == pytest.approx(-1.0, abs=0.7)
@@ -84,16 +84,16 @@ def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
 
 
 def test_half_of_the_data_that_shows_little_foretells_little() -> None:
-    """Start and end only: one fix holds all the evidence. It speaks for the claim, although the rest knows no size."""
-    seen = replace(claim("gyro_heading_dependent_bias", b=1.5e-4, phase=2.0), free=("b", "phase"))
+    """Start and end only: one fix holds all the evidence. It speaks for the effect, although the rest knows no size."""
+    seen = replace(selected("gyro_heading_dependent_bias", b=1.5e-4, phase=2.0), free=("b", "phase"))
     ends = Conditions(reference=Reference(period_s=None))
     p = problem(("square-cw", 280.0), 1, seen, conditions=ends)
     fit = refine(p, [seen])
-    nats = unseen_nats(p, Library(p), fit, fit.claims[0])
+    nats = predictive_nats(p, Library(p), fit, fit.selection[0])
     assert sum(nats) > 20.0
     p = problem(("square-cw", 280.0), 1, conditions=ends)
     fit = refine(p, [seen])
-    assert e_value(unseen_nats(p, Library(p), fit, fit.claims[0])) < 10.0
+    assert e_value(predictive_nats(p, Library(p), fit, fit.selection[0])) < 10.0
 
 
 def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
@@ -102,10 +102,10 @@ def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
     for _ in range(12):
         p.data = rng.standard_normal(len(p.data))
         slip = replace(
-            claim("surface_slip", t0=40.0, t1=60.0, left=1e-3, right=-1e-3), free=("t0", "t1", "left", "right")
+            selected("surface_slip", t0=40.0, t1=60.0, left=1e-3, right=-1e-3), free=("t0", "t1", "left", "right")
         )
         fit = refine(p, [slip])
-        found.append(sum(unseen_nats(p, library, fit, fit.claims[0])))
+        found.append(sum(predictive_nats(p, library, fit, fit.selection[0])))
     null.cache_clear()
     assert np.mean(np.array(found) > 0.0) < 0.5
 
@@ -125,6 +125,6 @@ def test_what_is_detectable_would_gain_just_its_cost() -> None:
     p, library = null()
     smallest = Identifiability(p, library).detectable()["gyro_scale_error"]
     assert smallest.unit == "1"
-    row = p.effect_rows([claim("gyro_scale_error", k=smallest.smallest or 0.0)])
+    row = p.effect_rows([selected("gyro_scale_error", k=smallest.smallest or 0.0)])
     held = row - p.nuisance @ np.linalg.solve(p.nuisance.T @ p.nuisance + np.eye(3), p.nuisance.T @ row)
     assert 0.5 * float(row @ held) == pytest.approx(p.per_parameter + p.per_effect, rel=1e-3)

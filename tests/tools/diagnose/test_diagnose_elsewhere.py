@@ -9,7 +9,7 @@ from msgspec import UNSET
 
 from drd.effects.catalogue import catalogue
 from drd.model import Amount, Model, Term, load_model
-from drd_tools.diagnose.elsewhere import CONTRADICTED_NATS, nats_elsewhere
+from drd_tools.diagnose.held_out import CONTRADICTED_NATS, held_out_nats
 from drd_tools.diagnose.prove import Proof, validated
 from drd_tools.diagnose.report_text import in_words
 from drd_tools.diagnose.results import Finding, Status, Support
@@ -69,7 +69,7 @@ def test_a_term_that_is_wrong_is_refused_and_the_true_one_beside_it_is_not(
     true, other = treaded
     wrong = change(true)
     terms = [wrong] if wrong.effect is true.effect else [wrong, true]
-    nats = nats_elsewhere(terms, [other])
+    nats = held_out_nats(terms, [other])
     assert nats[wrong.effect.id] < 2.0 * CONTRADICTED_NATS
     assert wrong.effect is true.effect or nats[true.effect.id] > 10.0
 
@@ -78,8 +78,8 @@ def test_of_what_a_recording_does_not_show_it_says_nothing(treaded: tuple[Term, 
     _, other = treaded
     unseen = term("gyro_scale_error", k=(1e-6, 1e-6))
     lasting_no_longer = term("gyro_bias_step", b=(0.5, 1e-4), t0=(60.0, 1.0))
-    assert abs(nats_elsewhere([unseen, lasting_no_longer], [other]).pop("gyro_scale_error")) < 0.1
-    assert nats_elsewhere([lasting_no_longer], [other]) == {}
+    assert abs(held_out_nats([unseen, lasting_no_longer], [other]).pop("gyro_scale_error")) < 0.1
+    assert held_out_nats([lasting_no_longer], [other]) == {}
 
 
 def test_the_model_leaves_out_what_is_refused_and_the_finding_says_so(

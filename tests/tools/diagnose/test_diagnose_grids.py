@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, claim, recorded, simulated
+from diagnosis_drives import WAREHOUSE, recorded, selected, simulated
 
 from drd_tools.diagnose import grids
 from drd_tools.diagnose.analysis import analyse
@@ -44,10 +44,10 @@ def test_rows_of_a_fast_gyro_are_added_up(rate_hz: float, step_s: float) -> None
 def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
     """Also what is faster than the steps."""
     fast = replace(DEFAULT, fog=replace(DEFAULT.fog, rate_hz=100.0))
-    late = claim("gyro_latency", delay=0.02)
+    late = selected("gyro_latency", delay=0.02)
     (found,) = analyse(simulated(WAREHOUSE, 3, late, nominal=fast).recording).conclusion.causes
     assert "gyro_latency" in {found.effect, *found.also_fits}
-    assert found.claim is not None
-    (name,) = found.claim.free
-    assert found.claim.number(name) == pytest.approx(0.02, abs=3.0 * found.claim.sigma(name))
-    assert found.claim.sigma(name) < 0.005
+    assert found.selected is not None
+    (name,) = found.selected.free
+    assert found.selected.number(name) == pytest.approx(0.02, abs=3.0 * found.selected.sigma(name))
+    assert found.selected.sigma(name) < 0.005

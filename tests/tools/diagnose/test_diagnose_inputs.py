@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from diagnosis_drives import claim
+from diagnosis_drives import selected
 from diagnosis_runs import NO_GYRO, SCALE, SPEEDS, TREAD, diagnosed, names, written
 
 from drd.cli import main
@@ -12,7 +12,7 @@ from drd.cli import main
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_dropout_is_told_with_its_side(tmp_path: Path, side: str) -> None:
-    missing = claim("encoder_dropout", side=side, t0=41.0, t1=42.0)
+    missing = selected("encoder_dropout", side=side, t0=41.0, t1=42.0)
     finding = diagnosed(written(tmp_path / "run", missing), tmp_path / "out")["findings"][0]
     assert finding["effect"] == "encoder_dropout"
     assert side in json.dumps(finding["parameters"]["side"])

@@ -5,13 +5,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, claim, problem
+from diagnosis_drives import SLALOM, problem, selected
 
 from drd_tools.diagnose.joint import Share, share_of, shared, together
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
 
-TREAD = claim("tread_error", k=1.0)
+TREAD = selected("tread_error", k=1.0)
 D = 3.5  # visibility in each recording: 6 nats, where 8 are asked for
 
 
@@ -63,6 +63,6 @@ def test_what_a_recording_claims_itself_is_not_found_again() -> None:
 
 
 def test_noise_and_contradictions_are_no_findings() -> None:
-    claims = [together([part(0.0, 10 * k + seed) for seed in range(6)], set()) for k in range(20)]
-    assert sum(map(bool, claims)) <= 1
+    selection = [together([part(0.0, 10 * k + seed) for seed in range(6)], set()) for k in range(20)]
+    assert sum(map(bool, selection)) <= 1
     assert together([part((-1.0) ** seed * 3.0 * D, seed) for seed in range(10)], set()) == []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, claim
+from diagnosis_drives import WAREHOUSE, selected
 from diagnosis_runs import diagnosed, written
 
 import drd.effects
@@ -70,7 +70,7 @@ def read_table(file: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 @pytest.mark.usefixtures("added")
 def test_a_file_more_is_simulated_found_reported_and_taken_off(tmp_path: Path) -> None:
     size = np.radians(0.05)
-    folder = written(tmp_path / "run", claim(NAME, field=size), drive=WAREHOUSE)
+    folder = written(tmp_path / "run", selected(NAME, field=size), drive=WAREHOUSE)
     found = diagnosed(folder, tmp_path / "out")
     assert [f["effect"] for f in found["findings"]] == [NAME]
     field = found["findings"][0]["parameters"]["field"]

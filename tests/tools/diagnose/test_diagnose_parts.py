@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import claim, recorded
+from diagnosis_drives import recorded, selected
 from diagnosis_runs import written
 
 from drd.cli import main
@@ -14,7 +14,7 @@ from drd_tools.diagnose import parts as parts_module
 from drd_tools.diagnose.parts import parts
 from drd_tools.recordings.folder import Recording
 
-SCALE = claim("gyro_scale_error", k=0.01)
+SCALE = selected("gyro_scale_error", k=0.01)
 DRIVE = ("warehouse", 260.0)
 
 

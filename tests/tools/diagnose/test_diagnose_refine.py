@@ -1,22 +1,24 @@
-"""The fit of given claims: it ends where it should from near and far, by slopes of what is explained."""
+"""The fit of given selected effects: it ends where it should from near and far, by slopes of what is explained."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
+from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import FORM_SHARE, refine, refine_all, soft_forms
+from drd_tools.diagnose.refine import DISCREPANCY_SHARE, discrepancies, refine, refine_all
+from drd_tools.diagnose.selected import Selected
 
-GROUND = replace(claim("terrain_tread", t0=40.0, t1=90.0, tread=0.02, gain=0.003), free=("t0", "t1", "tread", "gain"))
-LATE = replace(claim("encoder_latency", delay=0.06), free=("delay",))
-SCALE_AND_BIAS = claim("gyro_scale_nonlinearity", a2=1e-4, a3=-2e-4, largest_rate=0.9)
+GROUND = replace(
+    selected("terrain_tread", t0=40.0, t1=90.0, tread=0.02, gain=0.003), free=("t0", "t1", "tread", "gain")
+)
+LATE = replace(selected("encoder_latency", delay=0.06), free=("delay",))
+SCALE_AND_BIAS = selected("gyro_scale_nonlinearity", a2=1e-4, a3=-2e-4, largest_rate=0.9)
 
 
-def with_noise(drive: tuple[str, float], truth: Claim, seed: int = 4) -> Problem:
+def with_noise(drive: tuple[str, float], truth: Selected, seed: int = 4) -> Problem:
     p = problem(drive, 3)
     p.data = np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth])
     return p
@@ -31,26 +33,28 @@ def with_noise(drive: tuple[str, float], truth: Claim, seed: int = 4) -> Problem
         (LATE, {"delay": 0.15}),
     ],
 )
-def test_a_fit_from_afar_ends_where_one_from_the_truth_does(truth: Claim, begin: dict[str, float]) -> None:
+def test_a_fit_from_afar_ends_where_one_from_the_truth_does(truth: Selected, begin: dict[str, float]) -> None:
     p = with_noise(WAREHOUSE, truth)
     near, far = refine(p, [truth]), refine(p, [replace(truth, values={**truth.values, **begin})])
     assert far.cost == pytest.approx(near.cost, abs=0.5)
     for name in truth.free:
-        assert far.claims[0].number(name) == pytest.approx(near.claims[0].number(name), abs=near.claims[0].sigma(name))
+        assert far.selection[0].number(name) == pytest.approx(
+            near.selection[0].number(name), abs=near.selection[0].sigma(name)
+        )
 
 
 def test_what_cannot_reach_the_score_is_given_up_and_what_can_is_not() -> None:
     p = with_noise(WAREHOUSE, GROUND)
-    right, wrong = replace(GROUND, values={**GROUND.values, "t0": 46.0}), claim("gyro_scale_error", k=0.001)
+    right, wrong = replace(GROUND, values={**GROUND.values, "t0": 46.0}), selected("gyro_scale_error", k=0.001)
     whole = refine(p, [right])
-    least = -whole.cost - p.penalty(whole.claims) - 1.0
+    least = -whole.cost - p.penalty(whole.selection) - 1.0
     first, second = refine_all(p, [[right], [wrong]], least)
     assert first.cost == pytest.approx(whole.cost, abs=0.5)
-    assert -second.cost - p.penalty(second.claims) < least
+    assert -second.cost - p.penalty(second.selection) < least
 
 
 @pytest.mark.parametrize("truth", [GROUND, LATE, SCALE_AND_BIAS])
-def test_slopes_are_those_of_what_is_explained(truth: Claim) -> None:
+def test_slopes_are_those_of_what_is_explained(truth: Selected) -> None:
     p = problem(SLALOM, 3)
     tangents = p.tangents([truth])
     for name, tangent in zip(truth.free, tangents.T, strict=True):
@@ -63,20 +67,20 @@ def test_slopes_are_those_of_what_is_explained(truth: Claim) -> None:
 
 
 @pytest.mark.parametrize("truth", [GROUND, LATE, SCALE_AND_BIAS])
-def test_other_shapes_are_beyond_the_parameters_reach(truth: Claim) -> None:
+def test_other_shapes_are_beyond_the_parameters_reach(truth: Selected) -> None:
     p = problem(SLALOM, 3)
-    shapes, tangents = soft_forms(p, truth), p.tangents([truth])
+    shapes, tangents = discrepancies(p, truth), p.tangents([truth])
     assert shapes.size
     tangents = tangents / np.linalg.norm(tangents, axis=0)
-    whole = FORM_SHARE * np.linalg.norm(p.effect_rows([truth]))
+    whole = DISCREPANCY_SHARE * np.linalg.norm(p.effect_rows([truth]))
     assert np.abs(tangents.T @ shapes).max() < 1e-6 * whole
     assert np.linalg.norm(shapes, axis=0).max() <= whole * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("effect", ["encoder_latency", "gyro_latency"])
 def test_a_delay_of_many_steps_is_found_and_nothing_else(effect: str) -> None:
-    (found,) = analyse(recorded(WAREHOUSE, 3, claim(effect, delay=0.35))).conclusion.causes
+    (found,) = analyse(recorded(WAREHOUSE, 3, selected(effect, delay=0.35))).conclusion.causes
     assert found.effect == effect
-    assert found.claim is not None
-    assert found.claim.number("delay") == pytest.approx(0.35, abs=3.0 * found.claim.sigma("delay"))
-    assert found.claim.sigma("delay") < 0.02
+    assert found.selected is not None
+    assert found.selected.number("delay") == pytest.approx(0.35, abs=3.0 * found.selected.sigma("delay"))
+    assert found.selected.sigma("delay") < 0.02

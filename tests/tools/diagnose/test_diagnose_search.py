@@ -1,77 +1,89 @@
-"""The search among sets of claims."""
+"""The search among sets of selected effects."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, WAREHOUSE, claim, problem, recorded
+from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import Found, Search, _contested, _one_more, find_roughly, finished, is_rough
+from drd_tools.diagnose.search import (
+    Found,
+    Search,
+    _one_more,
+    _relinearised_rivals,
+    coarse_search,
+    full_search,
+    is_rough,
+)
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
     p = problem(WAREHOUSE, 3)
-    whole = claim("surface_slip", t0=40.0, t1=90.0, left=0.01, right=0.008)
+    whole = selected("surface_slip", t0=40.0, t1=90.0, left=0.01, right=0.008)
     p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([whole])
     free = ("t0", "t1", "left", "right")
     pieces = [
-        replace(claim("surface_slip", t0=t0, t1=t1, left=0.01, right=0.008), free=free)
+        replace(selected("surface_slip", t0=t0, t1=t1, left=0.01, right=0.008), free=free)
         for t0, t1 in ((40.0, 75.0), (76.0, 90.0))
     ]
-    fit = Search(p).settled(refine(p, pieces))
-    assert len(fit.claims) == 1
-    assert fit.claims[0].number("t0") == pytest.approx(40.0, abs=4.0)
-    assert fit.claims[0].number("t1") == pytest.approx(90.0, abs=4.0)
+    fit = Search(p).backward_swapped(refine(p, pieces))
+    assert len(fit.selection) == 1
+    assert fit.selection[0].number("t0") == pytest.approx(40.0, abs=4.0)
+    assert fit.selection[0].number("t1") == pytest.approx(90.0, abs=4.0)
 
 
 def test_every_stretch_of_the_grid_is_weighed_as_if_it_had_been_whitened_itself() -> None:
     p = problem(WAREHOUSE, 3)
-    slip = claim("surface_slip", t0=30.0, t1=71.0, left=0.01, right=0.004)
+    slip = selected("surface_slip", t0=30.0, t1=71.0, left=0.01, right=0.004)
     p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([slip])
-    fit = refine(p, [claim("tread_error", k=0.001)])
+    fit = refine(p, [selected("tread_error", k=0.001)])
     gain, best = next((g, c) for g, c in Search(p).ranked(fit) if c.id == "surface_slip")
     free = ("left", "right")
     assert set(best.free) == {*free, "t0", "t1"}
-    sizes_only = refine(p, [*fit.claims, replace(best, free=free)])
-    beside = refine(p, [*fit.claims, replace(claim("surface_slip", **{**best.values, "left": 0.0, "right": 0.0}))])
+    sizes_only = refine(p, [*fit.selection, replace(best, free=free)])
+    beside = refine(
+        p, [*fit.selection, replace(selected("surface_slip", **{**best.values, "left": 0.0, "right": 0.0}))]
+    )
     # Its form's own doubt, and the search's single precision, are not in the gain.
-    assert gain + p.penalty([best]) == pytest.approx(refine(p, fit.claims).cost - sizes_only.cost, rel=0.05)
-    assert beside.claims[-1].number("left") == pytest.approx(best.number("left"), rel=0.05)
-    edges = np.linspace(float(p.signatures.motion.time_s[0]), p.signatures.motion.end_s, 33)
+    assert gain + p.penalty([best]) == pytest.approx(refine(p, fit.selection).cost - sizes_only.cost, rel=0.05)
+    assert beside.selection[-1].number("left") == pytest.approx(best.number("left"), rel=0.05)
+    edges = np.linspace(float(p.sensitivities.motion.time_s[0]), p.sensitivities.motion.end_s, 33)
     for t0, t1 in ((edges[i], edges[j]) for i in range(4, 12) for j in range(14, 22)):
         other = replace(best, values={**best.values, "t0": float(t0), "t1": float(t1)}, free=free)
-        assert refine(p, [*fit.claims, other]).cost > sizes_only.cost - 0.05 * gain
+        assert refine(p, [*fit.selection, other]).cost > sizes_only.cost - 0.05 * gain
 
 
 def test_two_delays_that_stand_for_one_become_one() -> None:
-    p = problem(SLALOM, 3, claim("gyro_latency", delay=0.08))
-    lag, late = claim("gyro_lag", tau=0.07), claim("gyro_latency", delay=0.01)
+    p = problem(SLALOM, 3, selected("gyro_latency", delay=0.08))
+    lag, late = selected("gyro_lag", tau=0.07), selected("gyro_latency", delay=0.01)
     both = [replace(lag, free=("tau",)), replace(late, free=("delay",))]
     around = p.around(both)
     fit = refine(around, both)
-    found = _contested(Search(around), Found(around, fit, Search(around).score(fit), 0.0))
-    (only,) = found.fit.claims
+    found = _relinearised_rivals(Search(around), Found(around, fit, Search(around).score(fit), 0.0))
+    (only,) = found.fit.selection
     assert only.id == "gyro_latency"
     assert only.number("delay") == pytest.approx(0.08, abs=0.005)
 
 
 def test_what_acts_all_the_way_is_no_stretch() -> None:
     p = problem(WAREHOUSE, 3)
-    end_s = p.signatures.motion.end_s
-    stretches = [claim("surface_slip", t0=t0, t1=end_s, left=0.01, right=0.004) for t0 in (0.0, 0.6 * end_s)]
-    assert [is_possible(p, stretch) for stretch in stretches] == [False, True]
-    assert is_possible(p, claim("encoder_dropout", side="left", t0=0.0, t1=end_s))
+    end_s = p.sensitivities.motion.end_s
+    intervals = [selected("surface_slip", t0=t0, t1=end_s, left=0.01, right=0.004) for t0 in (0.0, 0.6 * end_s)]
+    assert [is_possible(p, interval) for interval in intervals] == [False, True]
+    assert is_possible(p, selected("encoder_dropout", side="left", t0=0.0, t1=end_s))
 
 
 def test_events_are_never_joined() -> None:
     p = problem(WAREHOUSE, 3)
-    dropout = replace(claim("encoder_dropout", side="left", t0=40.0, t1=44.0), free=())
-    slip = replace(claim("surface_slip", t0=44.0, t1=90.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right"))
+    dropout = replace(selected("encoder_dropout", side="left", t0=40.0, t1=44.0), free=())
+    slip = replace(
+        selected("surface_slip", t0=44.0, t1=90.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right")
+    )
     p.data = np.random.default_rng(5).standard_normal(len(p.data)) + p.effect_rows([dropout, slip])
-    found = Search(p, [dropout]).settled(refine(p, [dropout, slip])).claims
+    found = Search(p, [dropout]).backward_swapped(refine(p, [dropout, slip])).selection
     assert {c.id for c in found} >= {"encoder_dropout"}
     assert found[0].number("t1") == 44.0
 
@@ -79,12 +91,12 @@ def test_events_are_never_joined() -> None:
 def test_two_that_hide_each_other_are_found_together() -> None:
     """Bumps count too much way, a wheel that grows with speed counts too little: alone neither is worth its cost."""
     p = problem(WAREHOUSE, 3)
-    bumps, growth = claim("bump_counts", travel_per_m=1.0), claim("wheel_radius_speed", k=1.0)
+    bumps, growth = selected("bump_counts", travel_per_m=1.0), selected("wheel_radius_speed", k=1.0)
     a, b = (row / np.linalg.norm(row) for row in (p.effect_rows([bumps]), p.effect_rows([growth])))
     p.data = 30.0 * (a + b) + np.random.default_rng(4).standard_normal(len(a))
     search, empty = Search(p), refine(p, ())
     assert not {"bump_counts", "wheel_radius_speed"} & {c.id for _, c in search.ranked(empty)}
-    assert {c.id for c in search.grown(empty)[0].claims} == {"bump_counts", "wheel_radius_speed"}
+    assert {c.id for c in search.grown(empty)[0].selection} == {"bump_counts", "wheel_radius_speed"}
 
 
 def test_pairs_are_rarely_found_in_noise() -> None:
@@ -97,8 +109,8 @@ def test_pairs_are_rarely_found_in_noise() -> None:
 
 
 def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
-    bumps = claim("bump_counts", travel_per_m=0.003)
-    ripple = claim("wheel_eccentricity", side="right", e=0.006, phase=1.0)
+    bumps = selected("bump_counts", travel_per_m=0.003)
+    ripple = selected("wheel_eccentricity", side="right", e=0.006, phase=1.0)
     result = analyse(recorded(("square-cw", 300.0), 5, bumps, ripple)).conclusion
     named = [{f.effect, *f.also_fits} for f in result.causes]
     assert len(named) == 2
@@ -108,35 +120,35 @@ def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
 
 def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:
     p = problem(WAREHOUSE, 3)
-    scrub = replace(claim("turn_scrub", k=0.02), free=("k",))
+    scrub = replace(selected("turn_scrub", k=0.02), free=("k",))
     row = p.effect_rows([scrub])
     p.data = 12.0 * row / np.linalg.norm(row)
-    found = finished(find_roughly(p))
-    assert [c.id for c in found.fit.claims] == ["turn_scrub"]
-    exact = Search(p).exact_score(refine(p, [claim("tread_error", k=0.0)]))
+    found = full_search(coarse_search(p))
+    assert [c.id for c in found.fit.selection] == ["turn_scrub"]
+    exact = Search(p).exact_score(refine(p, [selected("tread_error", k=0.0)]))
     assert Search(p).exact_score(found.fit) > exact
 
 
 def test_a_rough_search_ends_where_little_changes_and_can_be_gone_on_with() -> None:
     p = problem(WAREHOUSE, 3)
     true = (
-        (claim("tread_error", k=0.01), 30.0),
-        (claim("gyro_vibration_bias", k=1e-4), 24.0),
-        (claim("rotation_centre_offset", a=0.01), 20.0),
+        (selected("tread_error", k=0.01), 30.0),
+        (selected("gyro_vibration_bias", k=1e-4), 24.0),
+        (selected("rotation_centre_offset", a=0.01), 20.0),
     )
     p.data = 2.0 * np.random.default_rng(4).standard_normal(len(p.data))
     for one, size in true:
         row = p.effect_rows([one])
         p.data = p.data + size * row / np.linalg.norm(row)
-    rough = find_roughly(p)
+    rough = coarse_search(p)
     assert is_rough(rough.fit)
-    assert 0 < len(rough.fit.claims) < 3
-    assert {c.id for c in finished(rough).fit.claims} >= {one.id for one, _ in true}
+    assert 0 < len(rough.fit.selection) < 3
+    assert {c.id for c in full_search(rough).fit.selection} >= {one.id for one, _ in true}
 
 
 def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> None:
     p = problem(("square-ccw", 200.0), 3)
-    e, m, calm = p.evidence, p.signatures.motion, p.signatures.calm_rate_rad_s
+    e, m, calm = p.evidence, p.sensitivities.motion, p.sensitivities.calm_rate_rad_s
     sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
     straight = np.abs(m.rate_rad_s) < 5.0 * sigma_rad_s
     assert straight.mean() > 0.2
@@ -147,9 +159,9 @@ def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> 
 
 def test_what_explains_less_than_nothing_did_before_is_no_error() -> None:
     """Around a path that a dead counter has bent, and with its noise, all scores may be far below the first one."""
-    late = problem(SLALOM, 1, claim("encoder_latency", delay=0.1))
+    late = problem(SLALOM, 1, selected("encoder_latency", delay=0.1))
     fit = refine(late, ())
     score = Search(late).score(fit)
     found = _one_more(Search(late), Found(late, fit, score, score + 1e6))
     assert found is not None
-    assert [c.id for c in found.fit.claims] == ["encoder_latency"]
+    assert [c.id for c in found.fit.selection] == ["encoder_latency"]

@@ -9,30 +9,30 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from diagnosis_drives import claim, recorded, simulated
+from diagnosis_drives import recorded, selected, simulated
 from diagnosis_runs import diagnosed, names, written
 
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Errors
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.columns import Signatures
+from drd_tools.diagnose.columns import Sensitivities
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
 from drd_tools.diagnose.results import Status
 from drd_tools.diagnose.run import not_observable
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.conditions import Conditions, Reference
 
 DRIVE = ("warehouse", 150.0)
-SCALE = claim("gyro_scale_error", k=0.01)
+SCALE = selected("gyro_scale_error", k=0.01)
 REFERENCES = ("full", "sparse:60", "ends", "none")
 
 
-def folder(path: Path, *claims: Any, gyro: bool, wheels: bool, reference: str, drive: Any = DRIVE) -> Path:
-    written(path, *claims, reference=reference, drive=drive, seed=3)
+def folder(path: Path, *selection: Any, gyro: bool, wheels: bool, reference: str, drive: Any = DRIVE) -> Path:
+    written(path, *selection, reference=reference, drive=drive, seed=3)
     for name, there in (("fog.csv", gyro), ("encoders.csv", wheels)):
         if not there:
             (path / name).unlink()
@@ -100,15 +100,17 @@ def test_a_gyro_alone_is_judged_by_its_heading_on_unseen_data_too(
     assert json.loads((tmp_path / "out/series.json").read_text())["noise"].keys() == {"heading"}
 
 
-@pytest.mark.parametrize("late", [claim("gyro_lag", tau=0.12), claim("gyro_latency", delay=0.12)], ids=lambda c: c.id)
-def test_without_a_reference_nothing_is_lost_where_the_time_is_shifted_by_a_claim(late: Claim) -> None:
+@pytest.mark.parametrize(
+    "late", [selected("gyro_lag", tau=0.12), selected("gyro_latency", delay=0.12)], ids=lambda c: c.id
+)
+def test_without_a_reference_nothing_is_lost_where_the_time_is_shifted_by_a_claim(late: Selected) -> None:
     """Turns that were dragged back into their old place would cost some 200 nats at the stops."""
     conditions = Conditions(reference=Reference.parse("none"))
     p = Problem(gather(recorded(("eights", 240.0), 7, late, conditions=conditions)))
     as_it_is, shifted = (-refine(q, [late]).cost for q in (p, p.around([late])))
     assert shifted > as_it_is - 5.0
     (name,) = late.values
-    found = refine(p.around([late]), [replace(late, free=(name,))]).claims[0]
+    found = refine(p.around([late]), [replace(late, free=(name,))]).selection[0]
     assert abs(found.number(name) - 0.12) < 4.0 * found.sigma(name)
 
 
@@ -124,9 +126,9 @@ def test_without_wheels_positions_say_nothing_and_headings_all() -> None:
     e = gather(without_wheels(recorded(DRIVE, 1)))
     problem = Problem(e)
     assert len(problem.data) == len(e.fix) + e.still.sum() == len(problem.row_time_s)
-    signatures = Signatures(e, problem.path)
-    assert np.abs(problem.whiten([signatures.of(Errors(lateral_m_s=np.ones(len(signatures.h))))])).max() < 1e-9
-    turning = signatures.of(Errors(gyro_rad_s=0.01 * signatures.motion.rate_rad_s))
+    sensitivities = Sensitivities(e, problem.path)
+    assert np.abs(problem.whiten([sensitivities.of(Errors(lateral_m_s=np.ones(len(sensitivities.h))))])).max() < 1e-9
+    turning = sensitivities.of(Errors(gyro_rad_s=0.01 * sensitivities.motion.rate_rad_s))
     assert np.linalg.norm(problem.whiten([turning])) > 10.0
 
 
@@ -188,6 +190,6 @@ def test_one_mark_that_a_gyro_misses_is_no_outlier() -> None:
 def test_clocks_that_nothing_tells_apart_are_a_class() -> None:
     """Without a reference a gyro that counts its samples too fast looks like encoders' clocks that run slow."""
     conditions = Conditions(reference=Reference.parse("none"))
-    recording = recorded(("spins", 270.0), 4, claim("gyro_sample_clock", ratio=0.99985), conditions=conditions)
+    recording = recorded(("spins", 270.0), 4, selected("gyro_sample_clock", ratio=0.99985), conditions=conditions)
     (found,) = analyse(recording).conclusion.causes
     assert {"gyro_sample_clock", "encoder_clock_skew"} <= {found.effect, *found.also_fits}

@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, claim, problem
+from diagnosis_drives import WAREHOUSE, problem, selected
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine
-from drd_tools.diagnose.uncertainty import drawn_in, told
+from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.uncertainty import shrunk, told
 
 Z_90 = 1.645
 COST_NATS = 4.5  # of a parameter, where there are 8000 rows
@@ -21,7 +21,7 @@ def null() -> Problem:
     return problem(WAREHOUSE, 0)
 
 
-def fitted(truth: Claim, seed: int) -> tuple[Problem, Fit]:
+def fitted(truth: Selected, seed: int) -> tuple[Problem, Fit]:
     """White noise and an effect, fitted from the truth on."""
     p = null()
     p.data = np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth])
@@ -29,7 +29,9 @@ def fitted(truth: Claim, seed: int) -> tuple[Problem, Fit]:
 
 
 def test_a_windows_edges_and_sizes_are_covered() -> None:
-    slip = replace(claim("surface_slip", t0=45.0, t1=75.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right"))
+    slip = replace(
+        selected("surface_slip", t0=45.0, t1=75.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right")
+    )
     size = float(np.linalg.norm(null().effect_rows([slip])))
     slip = replace(slip, values={**slip.values, "left": 0.12 / size, "right": 0.12 / size})  # visibility of 12
     inside, curved = [], []
@@ -39,54 +41,54 @@ def test_a_windows_edges_and_sizes_are_covered() -> None:
         for name in slip.free:
             error = abs(found.number(name) - slip.number(name))
             inside.append(error < Z_90 * found.sigma(name))
-            curved.append(error < Z_90 * fit.claims[0].sigma(name))
-            assert found.sigma(name) >= fit.claims[0].sigma(name)
+            curved.append(error < Z_90 * fit.selection[0].sigma(name))
+            assert found.sigma(name) >= fit.selection[0].sigma(name)
     assert np.mean(inside) > 0.8
     assert np.mean(inside) > np.mean(curved)
 
 
 def test_a_parameter_that_was_left_out_is_told_with_its_deviation() -> None:
-    bias = claim("gyro_bias_temperature", b1=2e-5, b2=0.0)
+    bias = selected("gyro_bias_temperature", b1=2e-5, b2=0.0)
     p, fit = fitted(replace(bias, free=("b1",)), 1)
     (found,) = told(p, fit)
     assert set(found.free) == {"b1", "b2"}
     assert found.sigma("b2") > 0.0
-    assert found.sigma("b1") > 1.5 * fit.claims[0].sigma("b1")
+    assert found.sigma("b1") > 1.5 * fit.selection[0].sigma("b1")
     assert found.number("b1") == pytest.approx(2e-5, abs=3.5 * found.sigma("b1"))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_a_drive_says_nothing_of_is_told_as_nothing(seed: int) -> None:
     """On the spot no wheel goes straight: the gain of other ground is anything, and would spoil a drive that does."""
-    ground = claim("terrain_tread", t0=60.0, t1=140.0, tread=0.01, gain=0.0)
+    ground = selected("terrain_tread", t0=60.0, t1=140.0, tread=0.01, gain=0.0)
     p = problem(("spins", 200.0), seed, ground)
     fit = refine(p, [replace(ground, free=("tread", "gain"))])
     (found,) = told(p, fit)
-    assert abs(found.number("gain")) < 0.1 * abs(fit.claims[0].number("gain"))
+    assert abs(found.number("gain")) < 0.1 * abs(fit.selection[0].number("gain"))
     assert found.sigma("gain") > 10.0 * abs(found.number("gain"))
-    assert found.number("tread") == pytest.approx(fit.claims[0].number("tread"), abs=0.5 * found.sigma("tread"))
+    assert found.number("tread") == pytest.approx(fit.selection[0].number("tread"), abs=0.5 * found.sigma("tread"))
 
 
 @pytest.mark.parametrize(("size", "sigma"), [(0.3, 0.05), (0.001, 0.0001)])
 def test_what_a_drive_tells_stays_as_it_fits(size: float, sigma: float) -> None:
     """Also where it is larger than is usual."""
-    scale = replace(claim("gyro_scale_error", k=size), covariance=np.array([[sigma**2]]))
-    (found,) = drawn_in([scale], scale.covariance, COST_NATS)
+    scale = replace(selected("gyro_scale_error", k=size), covariance=np.array([[sigma**2]]))
+    (found,) = shrunk([scale], scale.covariance, COST_NATS)
     assert found.number("k") == pytest.approx(size, abs=0.5 * sigma)
 
 
 def test_where_a_drive_tells_a_sum_only_its_parts_are_small_and_add_up() -> None:
-    shape = claim("gyro_scale_nonlinearity", a2=0.5, a3=-0.4, largest_rate=1.0)
+    shape = selected("gyro_scale_nonlinearity", a2=0.5, a3=-0.4, largest_rate=1.0)
     apart, together = np.array([1.0, -1.0]), np.array([1.0, 1.0])
     covariance = np.outer(apart, apart) + 1e-8 * np.outer(together, together)
-    (found,) = drawn_in([shape], covariance, COST_NATS)
+    (found,) = shrunk([shape], covariance, COST_NATS)
     assert found.number("a2") + found.number("a3") == pytest.approx(0.1, abs=1e-3)
     assert max(abs(found.number("a2")), abs(found.number("a3"))) < 0.1
 
 
 def test_what_is_known_by_logic_stays_as_it_is() -> None:
-    p, fit = fitted(claim("tread_error", k=0.02), 2)
-    assert told(p, fit, {"tread_error"}) == fit.claims
+    p, fit = fitted(selected("tread_error", k=0.02), 2)
+    assert told(p, fit, {"tread_error"}) == fit.selection
 
 
 def test_nothing_found_is_nothing_told() -> None:

@@ -1,4 +1,4 @@
-"""Whitened data are white, signatures are what effects add, and the reference's own errors are no findings."""
+"""Whitened data are white, sensitivities are what effects add, and the reference's own errors are no findings."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -6,15 +6,15 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import pytest
-from diagnosis_drives import ASIDE_4_CM, LATE_5_MS, SLALOM, WAREHOUSE, claim, problem, simulated
+from diagnosis_drives import ASIDE_4_CM, LATE_5_MS, SLALOM, WAREHOUSE, problem, selected, simulated
 from scipy import stats
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.linear import Linear, Signature
+from drd_tools.diagnose.linear import Linear, Sensitivity
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Conditions
 from drd_tools.simulate.robot import DEFAULT
 
@@ -24,18 +24,18 @@ SEEDS = 20
 FINE = replace(DEFAULT, wheel=replace(DEFAULT.wheel, counts_per_revolution=2e7))
 # Effects of all channels, of a size between just and well visible, and how far the linear model may be off.
 LINEAR = [
-    (claim("tread_error", k=0.01), 0.03),
-    (claim("wheel_radius_error", left=0.001, right=0.0), 0.03),
-    (claim("terrain_tread", t0=40.0, t1=80.0, tread=0.02, gain=0.005), 0.03),
-    (claim("surface_slip", t0=60.0, t1=90.0, left=0.007, right=0.0), 0.03),
-    (claim("rotation_centre_offset", a=0.01), 0.03),
-    (claim("lateral_slip_turning", k=0.01), 0.05),
-    (claim("gyro_scale_error", k=0.001), 0.01),
-    (claim("gyro_bias_step", t0=60.0, b=1e-4), 0.01),
-    (claim("gyro_warmup", b=2e-4, tau=200.0), 0.01),
-    (claim("gyro_lag", tau=0.05), 0.05),
-    (claim("gyro_latency", delay=0.02), 0.05),
-    (claim("encoder_latency", delay=0.02), 0.15),
+    (selected("tread_error", k=0.01), 0.03),
+    (selected("wheel_radius_error", left=0.001, right=0.0), 0.03),
+    (selected("terrain_tread", t0=40.0, t1=80.0, tread=0.02, gain=0.005), 0.03),
+    (selected("surface_slip", t0=60.0, t1=90.0, left=0.007, right=0.0), 0.03),
+    (selected("rotation_centre_offset", a=0.01), 0.03),
+    (selected("lateral_slip_turning", k=0.01), 0.05),
+    (selected("gyro_scale_error", k=0.001), 0.01),
+    (selected("gyro_bias_step", t0=60.0, b=1e-4), 0.01),
+    (selected("gyro_warmup", b=2e-4, tau=200.0), 0.01),
+    (selected("gyro_lag", tau=0.05), 0.05),
+    (selected("gyro_latency", delay=0.02), 0.05),
+    (selected("encoder_latency", delay=0.02), 0.15),
 ]
 NAMES = [c.id for c, _ in LINEAR]
 
@@ -52,10 +52,10 @@ def null_rows(drive: tuple[str, float]) -> tuple[Array, Array]:
     return np.concatenate(wheels), np.concatenate(fixes)
 
 
-def in_bounds(rows: Array, beyond: float = 0.0) -> bool:
-    """Mean square of white rows, by chi-square at 1e-4; `beyond`: what the noise model is known to be off."""
+def in_bounds(rows: Array, projected: float = 0.0) -> bool:
+    """Mean square of white rows, by chi-square at 1e-4; `projected`: what the noise model is known to be off."""
     low, high = stats.chi2.ppf([5e-5, 1.0 - 5e-5], len(rows)) / len(rows)
-    return bool(low - beyond < np.mean(rows**2) < high)
+    return bool(low - projected < np.mean(rows**2) < high)
 
 
 @pytest.mark.parametrize("drive", [WAREHOUSE, SLALOM])
@@ -70,7 +70,7 @@ def test_whitened_fixes_without_any_effect_have_unit_variance_and_no_memory(driv
 @pytest.mark.parametrize("drive", [WAREHOUSE, SLALOM])
 def test_whitened_wheels_have_unit_variance_but_at_stops_where_the_model_is_cautious(drive: tuple[str, float]) -> None:
     wheels, _ = null_rows(drive)
-    assert in_bounds(wheels, beyond=0.2)  # the most of three steps' travel: too large where the speed changes
+    assert in_bounds(wheels, projected=0.2)  # the most of three steps' travel: too large where the speed changes
     memory = float(wheels[1:] @ wheels[:-1]) / float(wheels @ wheels)
     assert abs(memory) < 5.0 / np.sqrt(len(wheels))  # counts' rounding leaves a trace
 
@@ -80,7 +80,7 @@ def test_noise_that_is_drawn_from_the_model_itself_comes_out_white() -> None:
     p = problem(SLALOM, 0)
     e, noise, n = p.evidence, p.noise, len(p.evidence.time_s)
     model, rng = Linear(e, p.path, noise), np.random.default_rng(4)
-    signatures = []
+    sensitivities = []
     for _ in range(SEEDS):
         bias = noise.bias_rad_s * rng.standard_normal() + np.cumsum(
             noise.bias_walk_rad_s_per_sqrt_s * np.sqrt(e.step_s) * rng.standard_normal(n)
@@ -91,8 +91,8 @@ def test_noise_that_is_drawn_from_the_model_itself_comes_out_white() -> None:
         sideways = noise.lateral_m_per_sqrt_m * np.sqrt(e.travel_m / 2.0) * rng.standard_normal(n)
         sigma = [noise.position_m, noise.position_m, noise.heading_rad]
         fix = np.array(sigma) * rng.standard_normal((len(e.fix), 3))
-        signatures.append(Signature(gyro, left, right, sideways, fix))
-    wheels, fixes = model.whiten(signatures)
+        sensitivities.append(Sensitivity(gyro, left, right, sideways, fix))
+    wheels, fixes = model.whiten(sensitivities)
     assert in_bounds(wheels[~e.still].ravel())
     # The path moves by the most of three steps' travel here, the filter's Q by the step's own: nearly the same.
     assert np.mean(fixes**2) == pytest.approx(1.0, abs=0.02)
@@ -101,7 +101,7 @@ def test_noise_that_is_drawn_from_the_model_itself_comes_out_white() -> None:
 @pytest.mark.parametrize("drive", [WAREHOUSE, SLALOM])
 @pytest.mark.parametrize(("missing", "share"), LINEAR, ids=NAMES)
 def test_data_less_an_effects_signature_are_the_data_without_it(
-    drive: tuple[str, float], missing: Claim, share: float
+    drive: tuple[str, float], missing: Selected, share: float
 ) -> None:
     exact = Conditions(quantise=False)
     without = Problem(gather(simulated(drive, 3, conditions=exact, nominal=FINE).recording))
@@ -112,27 +112,27 @@ def test_data_less_an_effects_signature_are_the_data_without_it(
     assert np.linalg.norm(added - told) < share * np.linalg.norm(added)
 
 
-def estimates(missing: Claim, seeds: int) -> Array:
+def estimates(missing: Selected, seeds: int) -> Array:
     """Of the effect's first linear parameter: error over the sigma that the whitened norm predicts, (seeds,)."""
     name, found = missing.free[0], []
     for seed in range(seeds):
         p = problem(SLALOM, seed, missing)
         fit = refine(p, [replace(missing, free=missing.free[:1])])
-        found.append((fit.claims[0].number(name) - missing.number(name)) / fit.claims[0].sigma(name))
+        found.append((fit.selection[0].number(name) - missing.number(name)) / fit.selection[0].sigma(name))
     return np.array(found)
 
 
 @pytest.mark.parametrize(
     "missing",
     [
-        claim("tread_error", k=0.01),
-        claim("gyro_scale_error", k=0.0007),
-        claim("gyro_bias_step", t0=60.0, b=2e-4),
-        claim("surface_slip", t0=40.0, t1=80.0, left=0.007, right=0.0),
+        selected("tread_error", k=0.01),
+        selected("gyro_scale_error", k=0.0007),
+        selected("gyro_bias_step", t0=60.0, b=2e-4),
+        selected("surface_slip", t0=40.0, t1=80.0, left=0.007, right=0.0),
     ],
     ids=lambda c: c.id,
 )
-def test_an_estimate_scatters_as_its_signatures_norm_predicts(missing: Claim) -> None:
+def test_an_estimate_scatters_as_its_signatures_norm_predicts(missing: Selected) -> None:
     z = estimates(missing, 16)
     low, high = stats.chi2.ppf([1e-4, 1.0 - 1e-4], len(z))
     assert low < float(z @ z) < high

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, claim, simulated
+from diagnosis_drives import SLALOM, selected, simulated
 from diagnosis_runs import diagnosed, names
 from recorded_daemon import daemon_log
 from recorded_drive import drive, recordings
@@ -27,7 +27,7 @@ from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.raw import START_NS, START_WALL_NS
 
 SHORT = ("slalom", 30.0)
-SCALE = claim("gyro_scale_error", k=0.003)
+SCALE = selected("gyro_scale_error", k=0.003)
 
 
 def test_the_folder_and_the_daemons_file_of_a_drive_say_the_same(tmp_path: Path) -> None:

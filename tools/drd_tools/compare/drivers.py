@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 MOST_KNOTS: Final = 9
 BLOCKS_PER_KNOT: Final = 6
-MOST_TIME_KNOTS: Final = 18  # a stretch of time is narrower than what a speed or a temperature does
+MOST_TIME_KNOTS: Final = 18  # an interval of time is narrower than what a speed or a temperature does
 BLOCKS_PER_TIME_KNOT: Final = 5
 FEWEST_KNOTS: Final = 3
 TURN_DEG: Final = 360.0

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from drd.effects.chain import add
 from drd.effects.effect import Errors
 from drd.model import Term
-from drd_tools.diagnose.columns import Signatures
+from drd_tools.diagnose.columns import Sensitivities
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.path import Path, within_steps
 
 Array = npt.NDArray[np.float64]
@@ -73,15 +73,15 @@ def standstill(e: Evidence, effects_rad: Array | float = 0.0) -> Standstill:
     return Standstill(float((e.gyro_rad - effects_rad)[known].sum()) / seen_s, seen_s)
 
 
-def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Signature:
+def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Sensitivity:
     """What a model's effects add to the increments along the path."""
     if not terms:
-        return Signature()
-    signatures = Signatures(e, path)
+        return Sensitivity()
+    sensitivities = Sensitivities(e, path)
     bias_rad_s = standstill(e).bias_rad_s  # limits and dead bands act on the sum of rate and bias
-    motion = replace(signatures.motion, rate_rad_s=signatures.motion.rate_rad_s + bias_rad_s)
+    motion = replace(sensitivities.motion, rate_rad_s=sensitivities.motion.rate_rad_s + bias_rad_s)
     changed, lateral_m_s = add(motion, [(term.effect, term.values()) for term in terms])
-    return signatures.of(
+    return sensitivities.of(
         Errors(
             changed.rate_rad_s - motion.rate_rad_s,
             changed.left_m_s - motion.left_m_s,
@@ -91,7 +91,7 @@ def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Signature:
     )
 
 
-def mismatches(e: Evidence, path: Path, model: Signature, bias_rad_s: float) -> dict[str, Array]:
+def mismatches(e: Evidence, path: Path, model: Sensitivity, bias_rad_s: float) -> dict[str, Array]:
     """Recorded less simulated increments of each channel, (n,) each, rad or m. (53)"""
     forward, sideways, turn = path.steps()
     half = 0.5 * e.tread_m

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from drd_tools.compare.blocks import Blocks
 from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.nominal_path import follow
 from drd_tools.diagnose.path import Path
 
@@ -55,7 +55,7 @@ def expected(e: Evidence, path: Path, blocks: Blocks, still: Standstill, seed: i
     names = [kind.id for kind in kinds_of(e)]
     draws: dict[str, list[Array]] = {name: [] for name in names}
     for drawn, its_path in _simulated(e, path, rng, count):
-        found = mismatches(drawn, its_path, Signature(), 0.0)
+        found = mismatches(drawn, its_path, Sensitivity(), 0.0)
         for name in names:
             draws[name].append(blocks.means(found[name]))
     variances, disturbed = white(e), reference_errors(e, path)

@@ -17,17 +17,17 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
 from drd.nominal import FogSheet, Nominal
 from drd_tools.diagnose.analysis import Analysis
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.generic import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
 from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
 from drd_tools.diagnose.path import Path
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import soft_forms
+from drd_tools.diagnose.refine import discrepancies
 from drd_tools.diagnose.results import Alternative, NextDrive, Status
+from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
@@ -62,10 +62,10 @@ class _Option:
     @property
     def rank(self) -> tuple[float, ...]:
         """Larger is better: questions settled, then minutes, then nats."""
-        settled = sum(n >= SETTLED_NATS for n in self.nats)
+        backward_swapped = sum(n >= SETTLED_NATS for n in self.nats)
         unsettled = sum(min(n, SETTLED_NATS) for n in self.nats)
-        minutes = self.minutes if settled else 0
-        return (settled, -minutes, unsettled, sum(self.nats))
+        minutes = self.minutes if backward_swapped else 0
+        return (backward_swapped, -minutes, unsettled, sum(self.nats))
 
 
 def next_drive(analysis: Analysis) -> NextDrive | None:
@@ -94,7 +94,7 @@ def open_questions(findings: Sequence[Cause]) -> list[Question]:
     """Findings, each with what it may be instead."""
     questions: list[Question] = []
     for finding in findings:
-        if finding.claim is not None and not finding.claim.effect.recurs:
+        if finding.selected is not None and not finding.selected.effect.recurs:
             continue
         rivals = finding.also_fits or ((NOTHING,) if finding.status is Status.SUSPECTED else ())
         questions += [(finding, rival) for rival in rivals]
@@ -122,7 +122,7 @@ def options_for(analysis: Analysis, questions: Sequence[Question]) -> list[_Opti
         reference = replace(reference, period_s=FIX_S)
     knows_temperature = bool(np.isfinite(e.temperature_c).any())
     some_slow = any(_is_slow(of) for question in questions for of in question)
-    others = [c for c in found.fit.claims if c.begin_s is None]
+    others = [c for c in found.fit.selection if c.begin_s is None]
     options: list[_Option] = []
     for name, manoeuvre in MANOEUVRES.items():
         if manoeuvre.cold and not some_slow:
@@ -174,15 +174,15 @@ class _Rivals(Library):
 
     def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Cause]):
         self.candidates = []
-        signatures: list[Signature] = []
+        sensitivities: list[Sensitivity] = []
         for name in names:
             effect = catalogue()[name]
             for shape in self._shapes(problem, effect):
-                signatures += self._add(problem, effect, shape, len(signatures))
-        rows = problem.whiten([*signatures, *(_signature(problem, f) for f in findings)])
-        self.rows, self.found = rows[:, : len(signatures)], rows[:, len(signatures) :]
+                sensitivities += self._add(problem, effect, shape, len(sensitivities))
+        rows = problem.whiten([*sensitivities, *(_sensitivity(problem, f) for f in findings)])
+        self.rows, self.found = rows[:, : len(sensitivities)], rows[:, len(sensitivities) :]
 
-    def best(self, problem: Problem, name: str, data: Array) -> Claim | None:
+    def best(self, problem: Problem, name: str, data: Array) -> Selected | None:
         """The variant of an effect, with parameters, that explains most of the data beside the nuisances."""
         own = [c for c in self.candidates if c.effect.id == name]
         columns = sorted({i for c in own for i in c.columns})
@@ -192,7 +192,7 @@ class _Rivals(Library):
         C = N.T @ S
         G = S.T @ S - C.T @ np.linalg.solve(A, C)
         b = S.T @ data - C.T @ np.linalg.solve(A, N.T @ data)
-        best: tuple[float, Claim] | None = None
+        best: tuple[float, Selected] | None = None
         for candidate in own:
             index = [at[i] for i in candidate.columns]
             if candidate.effect.linear():
@@ -200,38 +200,38 @@ class _Rivals(Library):
             else:  # what is not linear has another form at another size
                 x = np.ones(1)
             gain = float(b[index] @ x - 0.5 * x @ G[np.ix_(index, index)] @ x) - candidate.penalty
-            if (best is None or gain > best[0]) and (claim := candidate.claim(x)) is not None:
-                best = (gain, claim)
+            if (best is None or gain > best[0]) and (selected := candidate.selected(x)) is not None:
+                best = (gain, selected)
         return None if best is None else best[1]
 
 
-def _signature(problem: Problem, finding: Cause) -> Signature:
-    if finding.claim is not None:
-        return problem.signature(finding.claim.effect, _again(finding.claim).values)
+def _sensitivity(problem: Problem, finding: Cause) -> Sensitivity:
+    if finding.selected is not None:
+        return problem.sensitivity(finding.selected.effect, _again(finding.selected).values)
     assert finding.curve is not None
-    return _curve_signature(problem, finding.curve)
+    return _curve_sensitivity(problem, finding.curve)
 
 
-def _again(claim: Claim) -> Claim:
+def _again(selected: Selected) -> Selected:
     """A stretch of ground is driven over again; all else acts throughout."""
-    if claim.begin_s is None:
-        return claim
+    if selected.begin_s is None:
+        return selected
     times = {START.name: STRETCH_FROM_S}
-    if claim.end_s is not None:
-        times[END.name] = STRETCH_FROM_S + min(claim.end_s - claim.begin_s, STRETCH_S)
-    return replace(claim, values={**claim.values, **times})
+    if selected.end_s is not None:
+        times[END.name] = STRETCH_FROM_S + min(selected.end_s - selected.begin_s, STRETCH_S)
+    return replace(selected, values={**selected.values, **times})
 
 
-def _curve_signature(problem: Problem, curve: Curve) -> Signature:
+def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
     """What a curve without a name adds; beyond its ends it stays as it is there."""
-    m, known = problem.signatures.motion, drivers(problem)
+    m, known = problem.sensitivities.motion, drivers(problem)
     if curve.driver not in known:
-        return Signature()
+        return Sensitivity()
     period = 360.0 if curve.driver in PERIODIC else None
     x = known[curve.driver][0] * DRIVER_UNITS[curve.driver][1]
     value = np.interp(x, curve.knots, curve.value, period=period)
     errors = errors_along(m)[curve.channel](value / CHANNELS[curve.channel].public)
-    return problem.signatures.of(errors)
+    return problem.sensitivities.of(errors)
 
 
 def _nats(
@@ -239,7 +239,7 @@ def _nats(
     path: Path,
     noise: Noise,
     questions: Sequence[Question],
-    others: Sequence[Claim],
+    others: Sequence[Selected],
     minutes: Sequence[int],
 ) -> list[tuple[float, ...]]:
     """For each duration, what the drive brings for each question."""
@@ -249,14 +249,14 @@ def _nats(
     rivals = _Rivals(problem, names, findings)
     data = {id(f): rivals.found[:, k] for k, f in enumerate(findings)}
     fitted = [rivals.best(problem, name, data[id(f)]) if name != NOTHING else None for f, name in questions]
-    others = [c for c in others if any(c is not f.claim for f, _ in questions)]
+    others = [c for c in others if any(c is not f.selected for f, _ in questions)]
     used = [*others, *(c for c in fitted if c is not None)]
     problem.units(
-        problem.wanted_rows(used) + problem.wanted_tangents(used) + [w for c in used for w in problem.wanted_forms(c)]
+        problem.wanted_rows(used) + problem.wanted_tangents(used) + [w for c in used for w in problem.wanted_shapes(c)]
     )
     left: list[tuple[float, list[tuple[Array, Array]]]] = []
     for (finding, _), rival in zip(questions, fitted, strict=True):
-        beside = [c for c in others if c is not finding.claim]
+        beside = [c for c in others if c is not finding.selected]
         # A rival of no size is none: it never does worse.
         ways = [_fitted_to(problem, data[id(finding)], beside, r) for r in ([None, rival] if rival else [None])]
         left.append((_price(problem, finding, rival), ways))
@@ -264,19 +264,25 @@ def _nats(
     return [tuple(min(_half_square(r[k], held[k]) for r, held in ways) - price for price, ways in left) for k in kept]
 
 
-def _price(problem: Problem, finding: Cause, rival: Claim | None) -> float:
+def _price(problem: Problem, finding: Cause, rival: Selected | None) -> float:
     """What the finding costs more than its rival: so much must the data bring before it is preferred."""
-    mine = problem.penalty([finding.claim]) if finding.claim is not None else problem.per_parameter + problem.per_effect
+    mine = (
+        problem.penalty([finding.selected])
+        if finding.selected is not None
+        else problem.per_parameter + problem.per_effect
+    )
     return max(0.0, mine - (problem.penalty([rival]) if rival is not None else 0.0))
 
 
-def _fitted_to(problem: Problem, data: Array, beside: Sequence[Claim], rival: Claim | None) -> tuple[Array, Array]:
+def _fitted_to(
+    problem: Problem, data: Array, beside: Sequence[Selected], rival: Selected | None
+) -> tuple[Array, Array]:
     """Data less the rival, (r,), and what else may explain them, (r, q), scaled so that the priors are 1."""
-    claims = [*beside, rival] if rival is not None else list(beside)
-    T = problem.tangents(claims)
+    selection = [*beside, rival] if rival is not None else list(beside)
+    T = problem.tangents(selection)
     norms = np.linalg.norm(T, axis=0)
     T = T[:, norms > 0.0] / norms[norms > 0.0] * FREE
-    held = np.column_stack([problem.nuisance, T, *(soft_forms(problem, c) for c in claims)])
+    held = np.column_stack([problem.nuisance, T, *(discrepancies(problem, c) for c in selection)])
     return data - (problem.effect_rows([rival]) if rival is not None else 0.0), held
 
 
@@ -292,8 +298,8 @@ def _half_square(residual: Array, held: Array) -> float:
 
 
 def _least(option: _Option) -> float:
-    settled = [n for n in option.nats if n >= SETTLED_NATS]
-    return round(max(0.0, min(settled) if settled else max(option.nats)), 1)
+    backward_swapped = [n for n in option.nats if n >= SETTLED_NATS]
+    return round(max(0.0, min(backward_swapped) if backward_swapped else max(option.nats)), 1)
 
 
 def _sentence(best: _Option, separates: list[list[str]], unsettled: list[list[str]], nats: float) -> str:

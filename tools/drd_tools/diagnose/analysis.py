@@ -10,23 +10,23 @@ from drd_tools.diagnose.audit import Event, audit
 from drd_tools.diagnose.conclude import Conclusion, conclude
 from drd_tools.diagnose.evidence import Noise, gather
 from drd_tools.diagnose.library import is_plausible, release
-from drd_tools.diagnose.noise_fit import fitted, tempered
-from drd_tools.diagnose.problem import Problem, Temper
+from drd_tools.diagnose.noise_fit import fitted, inflated
+from drd_tools.diagnose.problem import Inflation, Problem
 from drd_tools.diagnose.refine import refine
 from drd_tools.diagnose.results import Figures
-from drd_tools.diagnose.search import find_roughly, finished, is_rough
+from drd_tools.diagnose.search import coarse_search, full_search, is_rough
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
 
 NOISE_ROUNDS: Final = 2
 ROUGH_ROUNDS: Final = 4  # where the data are far off
-NOISE_CHANGED: Final = 0.1  # relative: the claims are then searched for again
+NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything that is known of one recording. `null` (r,): whitened data less the nuisances, before any claim."""
+    """Everything that is known of one recording. `null` (r,): whitened data less the nuisances, before any effect."""
 
     recording: Recording
     events: list[Event]
@@ -51,25 +51,25 @@ def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
     looked = audit(recording, gather(recording))
     assert looked.evidence is not None
-    known = [event.claim for event in looked.events]
+    known = [event.selected for event in looked.events]
     problem = Problem(looked.evidence)
     # What was seen as an event must also be of the right sign and size.
-    known = [c for c in refine(problem, known).claims if is_plausible(c)]
+    known = [c for c in refine(problem, known).selection if is_plausible(c)]
     for _ in range(NOISE_ROUNDS):
         noise, doubt = fitted(problem, refine(problem, known), searched=False)
         problem = Problem(problem.evidence, problem.path, noise, doubt)
-    found = find_roughly(problem, known)
+    found = coarse_search(problem, known)
     for i in range(ROUGH_ROUNDS):
-        # The claims are off now, so that what is left tells the noise better than before.
+        # The selected effects are off now, so that what is left tells the noise better than before.
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
             break
         noise, doubt = fitted(found.problem, found.fit, searched=True)
-        temper = tempered(found.problem, found.fit.left)
-        if _is_near(noise, temper, found.problem) and not is_rough(found.fit):
+        inflation = inflated(found.problem, found.fit.left)
+        if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
-        problem = Problem(problem.evidence, problem.path, noise, doubt, temper=temper)
-        found = find_roughly(problem, known)
-    found = finished(found, known)
+        problem = Problem(problem.evidence, problem.path, noise, doubt, inflation=inflation)
+        found = coarse_search(problem, known)
+    found = full_search(found, known)
     null = refine(problem, known)
     if found.problem is not problem:
         release(problem)
@@ -78,14 +78,14 @@ def analyse(recording: Recording) -> Analysis:
     return Analysis(recording, looked.events, problem, null.left, conclusion)
 
 
-def _is_near(noise: Noise, temper: Temper, problem: Problem) -> bool:
+def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:
     """Whether a problem has this noise already."""
-    before, was = problem.noise, problem.temper
+    before, was = problem.noise, problem.inflation
     pairs = (
         (noise.slip_m_per_sqrt_m, before.slip_m_per_sqrt_m),
         (noise.position_m, before.position_m),
         (noise.heading_rad, before.heading_rad),
-        (temper.wheels, was.wheels),
-        *zip(temper.fixes, was.fixes, strict=True),
+        (inflation.wheels, was.wheels),
+        *zip(inflation.fixes, was.fixes, strict=True),
     )
     return all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)

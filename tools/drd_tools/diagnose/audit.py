@@ -13,8 +13,8 @@ from scipy.ndimage import binary_dilation, median_filter
 
 from drd.effects.catalogue import showing
 from drd.effects.effect import SIDES, Symptom
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Evidence
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import EncoderLog, Recording
 
 Array = npt.NDArray[np.float64]
@@ -34,9 +34,9 @@ ONE_SIDED_P: Final = 1e-6
 
 @dataclass(frozen=True)
 class Event:
-    """A claim that was found by logic: `windows` (s), `nats` of evidence, and what was seen."""
+    """A selected effect that was found by logic: `windows` (s), `nats` of evidence, and what was seen."""
 
-    claim: Claim
+    selected: Selected
     windows: tuple[tuple[float, float], ...]
     nats: float
     seen: str
@@ -89,7 +89,7 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
     effect = showing(Symptom.CLIPPED)
     nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
     seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
-    return [Event(Claim(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
+    return [Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
 
 
 def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
@@ -112,10 +112,10 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
             inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
             doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
             effect = showing(Symptom.STOPPED)
-            claim = Claim(effect, effect.shown(side, stop.t0, stop.t1), ())
+            selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
             rest_s = stop.t1 - stop.t0
             seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
-            events.append(Event(claim, ((stop.t0, stop.t1),), stop.nats, seen))
+            events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
     return events
 
 
@@ -129,9 +129,9 @@ class _Stop(NamedTuple):
 
 
 def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int) -> _Stop | None:
-    """Rows `first` to `last` of a counter at rest, in stretches in which the other one counts; None: it may well rest.
+    """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
 
-    A stretch that is only likely belongs to one that is certain: the counter has not counted between them.
+    A interval that is only likely belongs to one that is certain: the counter has not counted between them.
     """
     certain: list[tuple[float, float, float, float]] = []
     likely: list[tuple[float, float]] = []
@@ -204,10 +204,10 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     if total == 0 or stats.binomtest(more, total, 0.5, "greater").pvalue > ONE_SIDED_P:
         return []
     effect = showing(Symptom.JUMPED)
-    claim = Claim(effect, effect.shown(size=added / way), effect.linear())
+    selected = Selected(effect, effect.shown(size=added / way), effect.linear())
     nats = (more - less) * float(np.log(2.0))
     seen = f"{more} sudden jumps of a counter ahead, {less} back"
-    return [Event(claim, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]
+    return [Event(selected, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]
 
 
 def _neighbours(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Signatures of the catalogue's effects in one recording."""
+"""Sensitivities of the catalogue's effects in one recording."""
 
 import math
 from functools import cached_property
@@ -12,7 +12,7 @@ from drd.effects.effect import Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.denoise import denoised
 from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.path import Path
 
 Array = npt.NDArray[np.float64]
@@ -101,8 +101,8 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     return np.asarray(np.where(e.still, 0.0, told), float)
 
 
-class Signatures:
-    """Makes signatures along a path."""
+class Sensitivities:
+    """Makes sensitivities along a path."""
 
     def __init__(self, e: Evidence, path: Path):
         self.e, self.motion = e, motion_along(e, path)
@@ -121,18 +121,18 @@ class Signatures:
         sigma_rad_s = np.repeat(np.sqrt(e.sheet.gyro(e)) / e.step_s, SUB)
         return np.where(np.abs(rate - calm) > CALM_SIGMAS * sigma_rad_s, rate, calm)
 
-    def of(self, errors: Errors) -> Signature:
+    def of(self, errors: Errors) -> Sensitivity:
         """Rates on the fine grid, added up over each step."""
 
         def summed(rate: Array | float) -> Array | float:
             # A product is several times as fast as a sum over so short an axis.
             return (rate * self.h).reshape(-1, SUB) @ np.ones(SUB) if isinstance(rate, np.ndarray) else 0.0
 
-        return Signature(*(summed(rate) for rate in errors))
+        return Sensitivity(*(summed(rate) for rate in errors))
 
 
-def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Signature]]:
-    """What a reference may have without anything being missing in the robot: name, prior sigma, signature."""
+def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
+    """What a reference may have without anything being missing in the robot: name, prior sigma, sensitivity."""
     if not len(e.fix):
         return []
     k = e.fix_step
@@ -144,7 +144,7 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Signature]]:
     zero = np.zeros(len(k))
     one = zero + 1
     return [
-        ("reference_latency", 0.010, Signature(fix=-dp)),
-        ("reference_yaw", np.radians(2.0), Signature(fix=np.column_stack([zero, zero, one]))),
-        ("reference_sideways", 0.05, Signature(fix=np.column_stack([-s, c, zero]))),
+        ("reference_latency", 0.010, Sensitivity(fix=-dp)),
+        ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
+        ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]

@@ -1,4 +1,4 @@
-"""From claims to findings: how sure, what else it could be, where, and in words."""
+"""From selected effects to findings: how sure, what else it could be, where, and in words."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -10,17 +10,24 @@ import numpy.typing as npt
 
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.audit import Event
-from drd_tools.diagnose.claim import Claim
-from drd_tools.diagnose.confirm import LARGEST_NATS, chance_gains, e_value, family_wise_p, gain_over_time, unseen_nats
+from drd_tools.diagnose.confirm import (
+    LARGEST_NATS,
+    chance_gains,
+    e_value,
+    family_wise_p,
+    gain_over_time,
+    predictive_nats,
+)
 from drd_tools.diagnose.finding import Cause
-from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, Smooths
+from drd_tools.diagnose.generic import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.identify import Identifiability
+from drd_tools.diagnose.intervals import same_window
 from drd_tools.diagnose.library import is_possible
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.search import CLASS_NATS, Found, Search, linearised
-from drd_tools.diagnose.stretches import same_window
+from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.uncertainty import told
 
 Array = npt.NDArray[np.float64]
@@ -51,31 +58,31 @@ class Conclusion:
 
 
 def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
-    """Judge each claim, and what is left."""
-    search = Search(found.problem, [e.claim for e in events])
-    smooths = Smooths(found.problem)
+    """Judge each selected effect, and what is left."""
+    search = Search(found.problem, [e.selected for e in events])
+    splines = SplineTerms(found.problem)
     identity = Identifiability(found.problem, search.library)
     found = _held(found, search)
     chance = chance_gains(found.problem, search.library, found.fit.left)
-    by_logic = {e.claim.id: e for e in events}
-    by_events = refine(found.problem, [c for c in found.fit.claims if c.id in search.known])
+    by_logic = {e.selected.id: e for e in events}
+    by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
-    found, findings = _in_place_of_several(found, search, smooths, chance)
-    for claim, reported in zip(found.fit.claims, told(found.problem, found.fit, search.known), strict=True):
-        event = by_logic.get(claim.id)
+    found, findings = _in_place_of_several(found, search, splines, chance)
+    for selected, reported in zip(found.fit.selection, told(found.problem, found.fit, search.known), strict=True):
+        event = by_logic.get(selected.id)
         if event is not None:
-            findings.append(_event_finding(claim, event))
+            findings.append(_event_finding(selected, event))
         else:
-            findings.append(_finding(found, search, smooths, claim, reported, chance, total))
-    left = smooths.best(found.fit.claims)
+            findings.append(_finding(found, search, splines, selected, reported, chance, total))
+    left = splines.best(found.fit.selection)
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
     if left is not None and left.gain > max(LEAST_NATS, UNKNOWN_SHARE * all_explained):
         # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
-        rest = found.fit.left - smooths.rows(left)
-        p = family_wise_p(left.gain + smooths.cost, chance_gains(found.problem, search.library, rest))
+        rest = found.fit.left - splines.rows(left)
+        p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
         unexplained = left.gain / (left.gain + total)
-        same = any(f.claim is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
+        same = any(f.selected is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
     findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
@@ -89,7 +96,11 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
     """The best first; several names that one and the same curve beats are one finding."""
     found: dict[tuple[str, str] | int, Cause] = {}
     for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
-        key = i if finding.claim is not None or finding.curve is None else (finding.curve.channel, finding.curve.driver)
+        key = (
+            i
+            if finding.selected is not None or finding.curve is None
+            else (finding.curve.channel, finding.curve.driver)
+        )
         first = found.setdefault(key, finding)
         if first is not finding:
             found[key] = replace(
@@ -101,17 +112,19 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
     return list(found.values())
 
 
-def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance: Array) -> tuple[Found, list[Cause]]:
+def _in_place_of_several(
+    found: Found, search: Search, splines: SplineTerms, chance: Array
+) -> tuple[Found, list[Cause]]:
     """One curve without a name that is better than all names of a channel together takes their place."""
     problem, fit = found.problem, found.fit
     unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
-        group = [c for c in fit.claims if c.id not in search.known and c.effect.channel == acts_on]
+        group = [c for c in fit.selection if c.id not in search.known and c.effect.channel == acts_on]
         if len(group) < 2:
             continue
-        rest = refine(problem, [c for c in fit.claims if c not in group])
+        rest = refine(problem, [c for c in fit.selection if c not in group])
         worth = rest.cost - fit.cost
-        curve = smooths.best(rest.claims)
+        curve = splines.best(rest.selection)
         margin = max(GENERIC_NATS, GENERIC_SHARE * worth)
         if curve is None or CHANNELS[curve.channel].acts_on != acts_on:
             continue
@@ -124,17 +137,17 @@ def _in_place_of_several(found: Found, search: Search, smooths: Smooths, chance:
 
 
 def _held(found: Found, search: Search) -> Found:
-    """Without the claims that fail on data that they were not fitted to, or gain next to nothing.
+    """Without the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
     One that shows in a single fix has no such data: nothing speaks against it there.
     """
     problem, fit = found.problem, found.fit
-    unseen = [sum(unseen_nats(problem, search.library, fit, c)) for c in fit.claims]
-    kept = [c for c, nats in zip(fit.claims, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
-    if len(kept) < len(fit.claims):
+    unseen = [sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
+    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
+    if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
-    while others := [one for one in fit.claims if one.id not in search.known]:
-        rests = refine_all(problem, [[c for c in fit.claims if c is not one] for one in others])
+    while others := [one for one in fit.selection if one.id not in search.known]:
+        rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
         least = min(rests, key=lambda rest: rest.cost)
         if least.cost - fit.cost >= LEAST_NATS:
             break
@@ -143,42 +156,48 @@ def _held(found: Found, search: Search) -> Found:
 
 
 def _finding(
-    found: Found, search: Search, smooths: Smooths, claim: Claim, reported: Claim, chance: Array, total: float
+    found: Found,
+    search: Search,
+    splines: SplineTerms,
+    selected: Selected,
+    reported: Selected,
+    chance: Array,
+    total: float,
 ) -> Cause:
     problem, fit = found.problem, found.fit
-    rest = refine(problem, [c for c in fit.claims if c is not claim])
+    rest = refine(problem, [c for c in fit.selection if c is not selected])
     worth = rest.cost - fit.cost
-    nats = unseen_nats(problem, search.library, fit, claim)
+    nats = predictive_nats(problem, search.library, fit, selected)
     e = e_value(nats)
     p = family_wise_p(worth, chance)
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
-    rivals = same_window(claim) + [c for _, c in search.ranked(rest) if c.id != claim.id][:RIVALS]
-    fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
-    pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.claims)]
-    scores = [_best_score(found, search, claim, r, f) for r, f in pairs]
+    rivals = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:RIVALS]
+    fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
+    pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.selection)]
+    scores = [_best_score(found, search, selected, r, f) for r, f in pairs]
     least = found.score - CLASS_NATS
-    alike = [r.id for (r, _), s in zip(pairs, scores, strict=True) if s + _forgiven_nats(problem, claim, r) > least]
+    alike = [r.id for (r, _), s in zip(pairs, scores, strict=True) if s + _forgiven_nats(problem, selected, r) > least]
     also = unique(alike)
-    rival = smooths.best(fit.claims, claim)
-    score_of_name = worth - problem.penalty([claim])
+    rival = splines.best(fit.selection, selected)
+    score_of_name = worth - problem.penalty([selected])
     if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
-        surrogate = reported if claim.effect.lasting and e >= CONFIRMING_E else None
-        return _unknown(rival, p, worth / total, surrogate, also_fits=(claim.id, *also), e=e, status=status)
-    curve = _curve(smooths, found, claim, rival)
+        surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
+        return _unknown(rival, p, worth / total, surrogate, also_fits=(selected.id, *also), e=e, status=status)
+    curve = _curve(splines, found, selected, rival)
     explains = min(1.0, worth / total)
     return Cause(
-        claim=reported,
+        selected=reported,
         status=status,
         also_fits=also,
-        windows=_windows(claim, problem.evidence.time_s),
+        windows=_windows(selected, problem.evidence.time_s),
         support=Support(worth, p, e),
         explains=explains,
         sentence=sentence(reported, explains, also),
         probability=_probability(found.score, [*scores, search.score(rest)]),
         curve=curve,
-        gain=Gain(*gain_over_time(problem, fit, claim)),
-        fitted=None if curve is None else _told(smooths, claim, curve),
+        gain=Gain(*gain_over_time(problem, fit, selected)),
+        fitted=None if curve is None else _told(splines, selected, curve),
     )
 
 
@@ -187,17 +206,17 @@ def _probability(score: float, others: Sequence[float]) -> float:
     return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
 
 
-def _best_score(found: Found, search: Search, claim: Claim, rival: Claim, fit: Fit) -> float:
-    """Of a fit with a rival in a claim's place; where both shift the time, in its own linearisation."""
+def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
+    """Of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
     score = search.score(fit)
-    if claim.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
+    if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
         score = max(score, linearised(found.problem, fit, found.null).score)
     return score
 
 
-def _forgiven_nats(problem: Problem, claim: Claim, rival: Claim) -> float:
+def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> float:
     """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
-    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(claim.free) + 1 else 0.0
+    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
 
 
 def unique(names: Iterable[str]) -> tuple[str, ...]:
@@ -205,38 +224,38 @@ def unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _told(smooths: Smooths, claim: Claim, curve: Curve) -> Array:
-    """The claim at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
-    told = smooths.told(claim, curve)
+def _told(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
+    """The selected effect at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
+    told = splines.told(selected, curve)
     if curve.channel == "gyro":
         told = told + float(np.average(curve.value - told, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
     return told
 
 
-def _curve(smooths: Smooths, found: Found, claim: Claim, rival: Curve | None) -> Curve | None:
-    """The mismatch that a claim explains, against the claim's own driver where that is one of the smooths'."""
+def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
+    """The mismatch that an effect explains, against the effect's own driver where that is one of the smooths'."""
     options = [
-        smooths.best(found.fit.claims, claim, (channel, claim.effect.driver))
+        splines.best(found.fit.selection, selected, (channel, selected.effect.driver))
         for channel, where in CHANNELS.items()
-        if where.acts_on == claim.effect.channel
+        if where.acts_on == selected.effect.channel
     ]
     curves = [c for c in options if c is not None]
     return max(curves, key=lambda c: c.gain, default=rival)
 
 
-def _event_finding(claim: Claim, event: Event) -> Cause:
+def _event_finding(selected: Selected, event: Event) -> Cause:
     e = math.exp(min(event.nats, LARGEST_NATS))
     p = max(min(1.0, 31.0 / e), 1e-6)
-    text = f"{claim.effect.sentence} Seen: {event.seen}."
+    text = f"{selected.effect.sentence} Seen: {event.seen}."
     support = Support(float(event.nats), p, e)
-    return Cause(claim, Status.CONFIRMED, (), event.windows, support, 1.0, text, e / (1.0 + e))
+    return Cause(selected, Status.CONFIRMED, (), event.windows, support, 1.0, text, e / (1.0 + e))
 
 
 def _unknown(
     curve: Curve,
     p: float,
     explains: float,
-    surrogate: Claim | None = None,
+    surrogate: Selected | None = None,
     also_fits: tuple[str, ...] = (),
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
@@ -255,26 +274,26 @@ def _unknown(
     return Cause(None, status, also_fits, (), support, explains, text, odds / (1.0 + odds), curve, surrogate)
 
 
-def _windows(claim: Claim, time_s: Array) -> tuple[Window, ...]:
-    begin_s, end_s = claim.begin_s, claim.end_s
+def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:
+    begin_s, end_s = selected.begin_s, selected.end_s
     return ((float(time_s[0]) if begin_s is None else begin_s, float(time_s[-1]) if end_s is None else end_s),)
 
 
-def sentence(claim: Claim, explains: float | None, also_fits: Sequence[str]) -> str:
+def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str]) -> str:
     """A finding in words; `explains`: its share of the mismatch, where that is known."""
     shown = []
-    for q in claim.effect.parameters:
+    for q in selected.effect.parameters:
         if q.choices:
-            shown.append(f"{q.name} {claim.values[q.name]}")
-        elif not (q.fixed or (q.linear and q.name not in claim.free)):
+            shown.append(f"{q.name} {selected.values[q.name]}")
+        elif not (q.fixed or (q.linear and q.name not in selected.free)):
             unit = "" if q.unit == "1" else f" {q.unit}"
-            value, sigma = claim.number(q.name) / q.si, claim.sigma(q.name) / q.si
+            value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
             shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
     share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
-    text = f"{claim.effect.sentence} Here {', '.join(shown)}{share}."
+    text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
         text += f" This recording cannot tell it from {', '.join(also_fits)}."
-    return f"{text} {claim.effect.caveat}".rstrip()
+    return f"{text} {selected.effect.caveat}".rstrip()
 
 
 def _rounded(value: float, sigma: float) -> str:

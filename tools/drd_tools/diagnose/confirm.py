@@ -1,4 +1,4 @@
-"""How sure a claim is: against chance anywhere in the catalogue, and on data it was not fitted to."""
+"""How sure a selected effect is: against chance anywhere in the catalogue, and on data it was not fitted to."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.library import Library, is_plausible
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, beyond, held_beside, refine
+from drd_tools.diagnose.refine import Fit, nuisance_design, projected, refine
+from drd_tools.diagnose.selected import Selected
 
 Array = npt.NDArray[np.float64]
 
@@ -47,16 +47,16 @@ def family_wise_p(gain: float, chance: Array) -> float:
     return float((1 + (chance >= gain).sum()) / (1 + len(chance)))
 
 
-def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> tuple[float, float]:
-    """Log likelihood ratio of a claim on each half of the data, its parameters found anew on the other half.
+def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Selected) -> tuple[float, float]:
+    """Log likelihood ratio of a selected effect on each half of the data, its parameters found anew on the other half.
 
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
-    and without the claim the nuisances, and the other claims, are fitted anew.
+    and without the selected effect the nuisances, and the other selected effects, are fitted anew.
     """
-    others = [c for c in fit.claims if c is not claim]
+    others = [c for c in fit.selection if c is not selected]
     data = problem.data - problem.effect_rows(others)
-    held = held_beside(problem, others)
-    seen = problem.effect_rows([claim]) ** 2
+    held = nuisance_design(problem, others)
+    seen = problem.effect_rows([selected]) ** 2
     order = np.argsort(problem.row_time_s, kind="stable")
     total = np.cumsum(seen[order])
     if total[-1] <= 0.0:
@@ -65,29 +65,29 @@ def unseen_nats(problem: Problem, library: Library, fit: Fit, claim: Claim) -> t
     half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
     parts = problem.part(half, data, held), problem.part(~half, data, held)
     return (
-        _nats(library, claim, half, parts[0], parts[1]),
-        _nats(library, claim, ~half, parts[1], parts[0]),
+        _nats(library, selected, half, parts[0], parts[1]),
+        _nats(library, selected, ~half, parts[1], parts[0]),
     )
 
 
-def _nats(library: Library, claim: Claim, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
+def _nats(library: Library, selected: Selected, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
     """Of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none.
 
     How well those know its parameters is integrated over: what was learned from little foretells little.
     """
-    if claim.begin_s is None:
-        found = _relearned(part, library, train, claim)
+    if selected.begin_s is None:
+        found = _relearned(part, library, train, selected)
         choices = 1
     else:
-        # Half of the data does not know where a stretch ends: its place is kept, and its choice among all is paid for.
-        found = _resized(part, claim)
-        choices = max(1, sum(c.effect.id == claim.id for c in library.candidates))
+        # Half of the data does not know where an interval ends: its place is kept, and the choice of it is paid for.
+        found = _resized(part, selected)
+        choices = max(1, sum(c.effect.id == selected.id for c in library.candidates))
     if found is None:
         return 0.0
-    # A claim that was not refined has no covariance; it is taken as it is.
+    # A selected effect that was not refined has no covariance; it is taken as it is.
     T = test.tangents([found]) @ _root(found.covariance) if found.covariance.size else np.zeros((len(test.data), 0))
     effect = test.effect_rows([found])
-    M = beyond(test.nuisance, np.column_stack([effect, test.data, T]))
+    M = projected(test.nuisance, np.column_stack([effect, test.data, T]))
     nats = float(effect @ M[:, 1]) - 0.5 * float(effect @ M[:, 0])
     A, b = np.eye(T.shape[1]) + T.T @ M[:, 2:], T.T @ (M[:, 1] - M[:, 0])
     nats += 0.5 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1])  # (61)
@@ -101,28 +101,28 @@ def _root(P: Array) -> Array:
     return root
 
 
-def _resized(part: Problem, claim: Claim) -> Claim:
-    """The claim with the linear parameters that a part of the data gives it."""
-    free = tuple(name for name in claim.free if claim.parameter(name).linear)
-    return refine(part, [replace(claim, free=free)]).claims[0]
+def _resized(part: Problem, selected: Selected) -> Selected:
+    """The selected effect with the linear parameters that a part of the data gives it."""
+    free = tuple(name for name in selected.free if selected.parameter(name).linear)
+    return refine(part, [replace(selected, free=free)]).selection[0]
 
 
-def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], claim: Claim) -> Claim | None:
-    """The claim's effect as a part of the data alone shows it: its best variant in the library, refined."""
+def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], selected: Selected) -> Selected | None:
+    """The selected effect's effect as a part of the data alone shows it: its best variant in the library, refined."""
     best, most = None, 0.0
-    variants = [c for c in library.candidates if c.effect.id == claim.id]
+    variants = [c for c in library.candidates if c.effect.id == selected.id]
     index = sorted({i for c in variants for i in c.columns})
     columns = library.columns[:, index][train].astype(float)
-    left = beyond(part.nuisance, np.column_stack([columns, part.data]))
+    left = projected(part.nuisance, np.column_stack([columns, part.data]))
     G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]
         gain, found = variant.fitted(G[np.ix_(at, at)], b[at])
-        if gain > most and found is not None and found.free == claim.free:
+        if gain > most and found is not None and found.free == selected.free:
             best, most = found, gain
     if best is None:
         return None
-    refined = refine(part, [best]).claims[0]
+    refined = refine(part, [best]).selection[0]
     return refined if is_plausible(refined) else best
 
 
@@ -131,9 +131,9 @@ def e_value(nats: tuple[float, float]) -> float:
     return float(np.mean([math.exp(min(n, LARGEST_NATS)) for n in nats]))
 
 
-def gain_over_time(problem: Problem, fit: Fit, claim: Claim) -> tuple[Array, Array]:
-    """Cumulative gain of a claim, nats, at the ends of the blocks."""
-    effect = problem.effect_rows([claim])
+def gain_over_time(problem: Problem, fit: Fit, selected: Selected) -> tuple[Array, Array]:
+    """Cumulative gain of a selected effect, nats, at the ends of the blocks."""
+    effect = problem.effect_rows([selected])
     gains = effect * (fit.left + effect) - 0.5 * effect**2
     index = blocks(problem)
     per_block = np.bincount(index, gains)
@@ -151,17 +151,17 @@ def rms_per_block(problem: Problem, left: Array) -> tuple[Array, Array]:
 
 
 def unseen_rms(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Rms of the whitened data without and with the claims; all that is fitted is that of the other half each time.
+    """Rms of the whitened data without and with the effects; all that is fitted is that of the other half each time.
 
     The halves are alternating blocks.
     """
     odd = (blocks(problem) % 2).astype(bool)
     rms = []
-    for claims in ((), fit.claims):
+    for selection in ((), fit.selection):
         left = problem.data.copy()
         for train in (odd, ~odd):
-            known, test = refine(problem.part(train, problem.data), claims), problem.part(~train, problem.data)
-            left[~train] -= test.effect_rows(known.claims) + test.nuisance @ known.nuisance
+            known, test = refine(problem.part(train, problem.data), selection), problem.part(~train, problem.data)
+            left[~train] -= test.effect_rows(known.selection) + test.nuisance @ known.nuisance
         rms.append(_rms(left))
     return rms[0], rms[1]
 

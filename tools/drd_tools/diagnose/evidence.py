@@ -58,7 +58,7 @@ class Noise:
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
         wheels = wheels + (e.left_doubt_m2 + e.right_doubt_m2) / D2
         wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
-        return wheels + np.where(e.blind, 1e-12, self.gyro(e))
+        return wheels + np.where(e.gyroless, 1e-12, self.gyro(e))
 
     def gyro(self, e: "Evidence") -> Array:
         """Variance of the gyro's turn in a step, (n,)."""
@@ -70,7 +70,7 @@ class Noise:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
         forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_doubt_m2 + e.right_doubt_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
-        turn = np.where(e.blind, self.wheels(e, turn_rad), self.gyro(e))
+        turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e))
         Q = np.zeros((len(c), 4, 4))
         Q[:, 0, 0] = forward * c * c + sideways * s * s + turn * hx * hx / 4.0
         Q[:, 1, 1] = forward * s * s + sideways * c * c + turn * hy * hy / 4.0
@@ -120,12 +120,12 @@ class Evidence:
     has_wheels: bool = True
 
     @property
-    def blind(self) -> npt.NDArray[np.bool_]:
+    def gyroless(self) -> npt.NDArray[np.bool_]:
         """Steps whose turn the wheels alone tell, (n,)."""
         return np.isinf(self.gyro_doubt_rad2) | (self.gyro_rad is None)
 
     @property
-    def telling(self) -> slice | npt.NDArray[np.intp]:
+    def observed(self) -> slice | npt.NDArray[np.intp]:
         """Of the rows that the filter gives (those of the wheels (n,), then x, y, heading of each fix), which tell."""
         n = len(self.time_s)
         if not self.has_wheels:

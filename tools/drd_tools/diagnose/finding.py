@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.generic import CHANNELS, Array, Curve
 from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Gain, Status, Support, Window
+from drd_tools.diagnose.selected import Selected
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One cause. `claim` is None where it has no name; `curve` is then all that is known of it, and `surrogate` the
-    name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the claim at the curve's
+    """One cause. `selected` is None where it has no name; `curve` is then all that is known of it, and `surrogate` the
+    name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the effect at the curve's
     knots.
     """
 
-    claim: Claim | None
+    selected: Selected | None
     status: Status
     also_fits: tuple[str, ...]
     windows: tuple[Window, ...]
@@ -24,14 +24,14 @@ class Cause:
     sentence: str
     probability: float
     curve: Curve | None = None
-    surrogate: Claim | None = None
+    surrogate: Selected | None = None
     gain: Gain = NO_GAIN
     fitted: Array | None = None
 
     @property
     def effect(self) -> str:
         """The catalogue's name, or "unknown"."""
-        return self.claim.id if self.claim is not None else UNNAMED
+        return self.selected.id if self.selected is not None else UNNAMED
 
     @property
     def gain_nats(self) -> float:
@@ -41,21 +41,21 @@ class Cause:
     @property
     def acts_on(self) -> str:
         """gyro, wheels, body or timing."""
-        if self.claim is None:
+        if self.selected is None:
             assert self.curve is not None
             return CHANNELS[self.curve.channel].acts_on
-        acts_on = self.claim.effect.acts_on.value
-        return acts_on if acts_on != "readout" else self.claim.effect.channel
+        acts_on = self.selected.effect.acts_on.value
+        return acts_on if acts_on != "readout" else self.selected.effect.channel
 
     @property
     def driver(self) -> str:
         """What it depends on."""
-        if self.claim is not None:
-            return self.claim.effect.driver
+        if self.selected is not None:
+            return self.selected.effect.driver
         assert self.curve is not None
         return self.curve.driver
 
 
-def named(causes: Sequence[Cause]) -> list[Claim]:
+def named(causes: Sequence[Cause]) -> list[Selected]:
     """The causes that have a name."""
-    return [c.claim for c in causes if c.claim is not None]
+    return [c.selected for c in causes if c.selected is not None]

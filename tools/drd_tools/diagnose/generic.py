@@ -11,10 +11,10 @@ import numpy.typing as npt
 from drd.effects.effect import Errors, apart, both
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.columns import SUB
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import held_beside
+from drd_tools.diagnose.refine import nuisance_design
+from drd_tools.diagnose.selected import Selected
 
 Array = npt.NDArray[np.float64]
 
@@ -76,11 +76,11 @@ class Curve:
     knots: Array
     value: Array
     sigma: Array
-    gain: float  # nats above the claims, its freedom paid
+    gain: float  # nats above the selected effects, its freedom paid
 
 
 @dataclass(frozen=True)
-class _Smooth:
+class _SplineTerm:
     channel: str
     driver: str
     knots: Array
@@ -88,13 +88,13 @@ class _Smooth:
     rough: Array  # (k, k): what a curve that is not smooth costs
 
 
-class Smooths:
+class SplineTerms:
     """All smooth curves of a problem, whitened."""
 
     def __init__(self, problem: Problem):
         self._problem = problem
-        self._smooths: list[_Smooth] = []
-        errors, of = errors_along(problem.signatures.motion), problem.signatures.of
+        self._splines: list[_SplineTerm] = []
+        errors, of = errors_along(problem.sensitivities.motion), problem.sensitivities.of
         seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
         for driver, hats, knots in self._hats():
             for name in seen:
@@ -102,8 +102,8 @@ class Smooths:
                     continue
                 made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
-                self._smooths.append(_Smooth(name, driver, knots, rows, _roughness(driver, len(made))))
-        self.cost = math.log(max(len(self._smooths), 1)) + problem.per_parameter
+                self._splines.append(_SplineTerm(name, driver, knots, rows, _roughness(driver, len(made))))
+        self.cost = math.log(max(len(self._splines), 1)) + problem.per_parameter
 
     def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
         """Each driver, its hats on the fine grid, and the knots on which they stand."""
@@ -116,20 +116,20 @@ class Smooths:
             yield PLACE, _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
 
     def best(
-        self, claims: Sequence[Claim], beside: Claim | None = None, wanted: tuple[str, str] | None = None
+        self, selection: Sequence[Selected], beside: Selected | None = None, wanted: tuple[str, str] | None = None
     ) -> Curve | None:
-        """The curve that explains most beside the claims; `beside`: instead of this one of them.
+        """The curve that explains most beside the selected effects; `beside`: instead of this one of them.
 
         `wanted`: channel and driver, if only one curve is asked for.
         """
         problem = self._problem
-        kept = [c for c in claims if c is not beside]
-        held = held_beside(problem, kept)
+        kept = [c for c in selection if c is not beside]
+        held = nuisance_design(problem, kept)
         residual = problem.data - problem.effect_rows(kept)
         A = held.T @ held + np.eye(held.shape[1])
         cleared = residual - held @ np.linalg.solve(A, held.T @ residual)
         best: Curve | None = None
-        for smooth in self._smooths:
+        for smooth in self._splines:
             if wanted is not None and (smooth.channel, smooth.driver) != wanted:
                 continue
             S = smooth.rows.astype(float)
@@ -145,11 +145,11 @@ class Smooths:
                 best = Curve(smooth.channel, smooth.driver, channel.unit, driver_unit, knots, value, sigma, gain)
         return best
 
-    def told(self, claim: Claim, curve: Curve) -> Array:
-        """What a claim says at a curve's knots (k,), in its unit: the hats' best fit to the claim's own signature."""
+    def told(self, selected: Selected, curve: Curve) -> Array:
+        """What an effect says at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
         S = self._of(curve).rows.astype(float)
         G = S.T @ S
-        rows = self._problem.effect_rows([claim])
+        rows = self._problem.effect_rows([selected])
         values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
         result: Array = values * CHANNELS[curve.channel].hat_in_public
         return result
@@ -159,8 +159,8 @@ class Smooths:
         result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
         return result
 
-    def _of(self, curve: Curve) -> _Smooth:
-        return next(s for s in self._smooths if (s.channel, s.driver) == (curve.channel, curve.driver))
+    def _of(self, curve: Curve) -> _SplineTerm:
+        return next(s for s in self._splines if (s.channel, s.driver) == (curve.channel, curve.driver))
 
 
 def _roughness(driver: str, k: int) -> Array:
@@ -233,7 +233,7 @@ DRIVERS_OF: Final = {
 
 def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
     """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
-    m = problem.signatures.motion
+    m = problem.sensitivities.motion
     found: dict[str, tuple[Array, Array]] = {}
     moving = np.abs(m.speed_m_s) > 0.02
     plain = {

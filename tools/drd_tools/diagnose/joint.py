@@ -1,6 +1,6 @@
 """Effects that several recordings of one robot show together, though none shows them alone.
 
-Each recording sends normal equations of its lasting, linear effects; nuisances and its own claims are projected out.
+Each recording sends normal equations of its lasting, linear effects; nuisances and its own effects are projected out.
 Their sums are those of one regression over all recordings, with the parameters in common.
 """
 
@@ -15,16 +15,16 @@ from scipy import stats
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.conclude import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
 from drd_tools.diagnose.confirm import e_value
 from drd_tools.diagnose.library import is_plausible
 from drd_tools.diagnose.outcome import parameters_of
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import seen
-from drd_tools.diagnose.refine import Fit, beyond, held_beside
+from drd_tools.diagnose.refine import Fit, nuisance_design, projected
 from drd_tools.diagnose.results import Finding, Ranges, Status, Support, Window
 from drd_tools.diagnose.search import CLASS_NATS
+from drd_tools.diagnose.selected import Selected
 
 Array = npt.NDArray[np.float64]
 Part = tuple[Array, Array]  # G (p, p) and b (p,)
@@ -37,7 +37,7 @@ class Share:
     """One recording's part: products `G` (p, p) and `b` (p,) of the columns `names`, of `rows` rows of data.
 
     `ranges`: where each effect's driver was, by the effect's name; `span_s`: from when to when. An effect that it
-    claims itself has no column.
+    selected effects itself has no column.
     """
 
     names: tuple[tuple[str, str], ...]
@@ -62,23 +62,23 @@ def shared() -> list[Effect]:
 
 def share_of(problem: Problem, fit: Fit) -> Share:
     """What a recording sends."""
-    claimed = {c.id for c in fit.claims}
-    effects = [e for e in shared() if e.id not in claimed and e.channel in problem.evidence.channels]
+    selected = {c.id for c in fit.selection}
+    effects = [e for e in shared() if e.id not in selected and e.channel in problem.evidence.channels]
     names = tuple((e.id, name) for e in effects for name in e.linear())
     X = np.column_stack(
         [np.zeros((len(problem.data), 0)), *problem.units([(catalogue()[e], {}, name) for e, name in names])]
     )
-    data = problem.data - problem.effect_rows(fit.claims)
-    left = beyond(held_beside(problem, fit.claims), np.column_stack([X, data]))
-    motion = problem.signatures.motion
-    ranges: dict[str, Ranges] = {e.id: seen(motion, Claim(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
+    data = problem.data - problem.effect_rows(fit.selection)
+    left = projected(nuisance_design(problem, fit.selection), np.column_stack([X, data]))
+    motion = problem.sensitivities.motion
+    ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
     span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
     return Share(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
 
 
-def together(shares: Sequence[Share], claimed: set[str]) -> list[Finding]:
-    """Findings of effects that no recording claims by itself."""
-    names = [n for n in shares[0].names if n[0] not in claimed and all(n in s.names for s in shares)]
+def together(shares: Sequence[Share], selected: set[str]) -> list[Finding]:
+    """Findings of effects that no recording selected effects by itself."""
+    names = [n for n in shares[0].names if n[0] not in selected and all(n in s.names for s in shares)]
     parts = [_chosen(s, names) for s in shares]
     rows, chosen, refused, findings = sum(s.rows for s in shares), list[str](), set[str](), list[Finding]()
     while len(findings) < MOST:
@@ -158,10 +158,10 @@ def _finding(
     x, scatter = _solved(G, b, index), _scatter(parts, index)
     covariance = np.asarray(np.linalg.pinv(G[np.ix_(index, index)], rcond=1e-8, hermitian=True) * scatter, float)
     at = [index.index(i) for i in own]
-    claim = Claim(effect, {names[i][1]: float(x[i]) for i in own}, effect.linear(), covariance[np.ix_(at, at)])
+    selected = Selected(effect, {names[i][1]: float(x[i]) for i in own}, effect.linear(), covariance[np.ix_(at, at)])
     gain = (_gain(parts, index) - _gain(parts, _index(names, chosen))) / scatter
     p = min(1.0, float(stats.chi2.sf(2.0 * gain, len(own))) * len(catalogue()))
-    if not is_plausible(claim) or gain < LEAST_NATS or p > FAMILY_WISE:
+    if not is_plausible(selected) or gain < LEAST_NATS or p > FAMILY_WISE:
         return None
     e = e_value((_unseen(parts, index, own, 0) / scatter, _unseen(parts, index, own, 1) / scatter))
     return Finding(
@@ -169,13 +169,13 @@ def _finding(
         status=Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED,
         also_fits=tuple(also),
         acts_on=effect.channel,
-        parameters=parameters_of(claim)[0],
+        parameters=parameters_of(selected)[0],
         windows=((min(s.span_s[0] for s in shares), max(s.span_s[1] for s in shares)),),
         seen=united([s.ranges[best] for s in shares]),
         covariate=effect.driver,
         evidence=Support(gain, p, e),
         explains=1.0,
-        sentence=sentence(claim, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
+        sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
         probability=e / (1.0 + e) / (1 + len(also)),
     )
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
-from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names
-from drd_tools.diagnose.linear import COLUMNS, Signature
+from drd_tools.diagnose.intervals import Columns, Intervals, is_of_interval
+from drd_tools.diagnose.linear import COLUMNS, Sensitivity
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.stretches import Columns, Stretches, is_of_stretch
+from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names
 
 Array = npt.NDArray[np.float64]
 Parameters = dict[str, float | str]
@@ -35,18 +35,18 @@ class Candidate:
     angle: str
     penalty: float
 
-    def fitted(self, G: Array, b: Array) -> tuple[float, Claim | None]:
+    def fitted(self, G: Array, b: Array) -> tuple[float, Selected | None]:
         """What it gains, nats, and its parameters, of its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
-        return 0.5 * float(b @ x), self.claim(x)
+        return 0.5 * float(b @ x), self.selected(x)
 
-    def as_it_is(self, G: Array, b: Array) -> tuple[float, Claim | None]:
+    def as_it_is(self, G: Array, b: Array) -> tuple[float, Selected | None]:
         """As `fitted`, but not scaled: thresholds cannot be, and a longer delay has another shape. Of others -inf."""
         if self.effect.acts_on not in (ActsOn.READOUT, ActsOn.TIMING) or self.names != ("",):
             return -math.inf, None
-        return float(b[0] - 0.5 * G[0, 0]), self.claim(np.ones(1))
+        return float(b[0] - 0.5 * G[0, 0]), self.selected(np.ones(1))
 
-    def claim(self, coefficients: Array) -> Claim | None:
+    def selected(self, coefficients: Array) -> Selected | None:
         """With parameters from the regression's coefficients; None where they make no sense."""
         values = dict(self.shape)
         linear = self.effect.linear()
@@ -64,8 +64,8 @@ class Candidate:
                     at = q.neutral * q.si
                     values[q.name] = at + (float(values[q.name]) - at) * float(coefficients[0])
         chosen = linear if self.angle or self.names == ("",) else self.names
-        claim = Claim(self.effect, values, chosen + _free_shape(self.effect, values))
-        return claim if is_plausible(claim) else None
+        selected = Selected(self.effect, values, chosen + _free_shape(self.effect, values))
+        return selected if is_plausible(selected) else None
 
 
 def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
@@ -73,72 +73,72 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
     return own + ((BIAS.name,) if BIAS.name in values else ())
 
 
-def is_plausible(claim: Claim) -> bool:
+def is_plausible(selected: Selected) -> bool:
     """Of the right sign, and not beyond all sizes."""
-    for q in claim.effect.parameters:
+    for q in selected.effect.parameters:
         if q.choices or q.moment or q.is_angle:
             continue
-        value = claim.number(q.name)
+        value = selected.number(q.name)
         if q.neutral and abs(value / q.si - q.neutral) > 3.0 * abs(q.high - q.neutral):
             return False
         if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
             return False
-    return claim.interval_s is None or claim.interval_s[1] > claim.interval_s[0]
+    return selected.interval_s is None or selected.interval_s[1] > selected.interval_s[0]
 
 
-def is_hidden(problem: Problem, claim: Claim) -> bool:
+def is_hidden(problem: Problem, selected: Selected) -> bool:
     """A threshold that hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
     e = problem.evidence
-    if claim.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
+    if selected.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
         return False
-    rate_rad_s = problem.signatures.calm_rate_rad_s + float(claim.values.get(BIAS.name, 0.0))
-    hidden = claim.effect.hidden(rate_rad_s, claim.values)
+    rate_rad_s = problem.sensitivities.calm_rate_rad_s + float(selected.values.get(BIAS.name, 0.0))
+    hidden = selected.effect.hidden(rate_rad_s, selected.values)
     if hidden is None:
         return False
     sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
     return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
 
 
-def is_everywhere(problem: Problem, claim: Claim) -> bool:
-    """A stretch with next to all of the way: what is as good as always there needs no stretch."""
+def is_everywhere(problem: Problem, selected: Selected) -> bool:
+    """A interval with next to all of the way: what is as good as always there needs no interval."""
     e = problem.evidence
-    if not is_of_stretch(claim.effect) or claim.interval_s is None:
+    if not is_of_interval(selected.effect) or selected.interval_s is None:
         return False
-    begin_s, end_s = claim.interval_s
+    begin_s, end_s = selected.interval_s
     inside = (e.time_s > begin_s) & (e.time_s <= end_s)
     return float(e.travel_m[inside].sum()) > MOST_OF_THE_WAY * float(e.travel_m.sum())
 
 
-def is_possible(problem: Problem, claim: Claim) -> bool:
+def is_possible(problem: Problem, selected: Selected) -> bool:
     """Plausible, and of a kind that this recording can show."""
-    return is_plausible(claim) and not is_hidden(problem, claim) and not is_everywhere(problem, claim)
+    return is_plausible(selected) and not is_hidden(problem, selected) and not is_everywhere(problem, selected)
 
 
 class Library:
-    """The candidates of a problem, and their whitened columns (r, p); of effects of a stretch, all stretches."""
+    """The candidates of a problem, and their whitened columns (r, p); of effects of an interval, all intervals."""
 
     def __init__(self, problem: Problem):
         e = problem.evidence
         effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels]
         self.candidates: list[Candidate] = []
-        self.stretches = [Stretches(problem, effect) for effect in effects if is_of_stretch(effect)]
+        self.intervals = [Intervals(problem, effect) for effect in effects if is_of_interval(effect)]
         whitened: list[Columns] = []
-        signatures: list[Signature] = []
+        sensitivities: list[Sensitivity] = []
         first = 0
-        plain = [effect for effect in effects if not is_of_stretch(effect)]
+        plain = [effect for effect in effects if not is_of_interval(effect)]
         for effect in plain:
             for shape in self._shapes(problem, effect):
-                signatures += self._add(problem, effect, shape, first + len(signatures))
+                sensitivities += self._add(problem, effect, shape, first + len(sensitivities))
             # Those of an hour's drive, all at once, would be 400 MB.
-            if len(signatures) >= COLUMNS or effect is plain[-1]:
-                whitened.append(problem.whiten(signatures, np.float32).astype(np.float32, copy=False))
-                first += len(signatures)
-                signatures = []
-        for stretches in self.stretches:
-            for shape in self._shapes(problem, stretches.effect):
-                columns = [stretches.column(shape, name) for name in stretches.names]
+            if len(sensitivities) >= COLUMNS or effect is plain[-1]:
+                whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
+                first += len(sensitivities)
+                sensitivities = []
+        for intervals in self.intervals:
+            for shape in self._shapes(problem, intervals.effect):
+                columns = [intervals.column(shape, name) for name in intervals.names]
                 if all(c.any() for c in columns):
-                    self._offer(problem, stretches.effect, shape, stretches.names, first)
+                    self._offer(problem, intervals.effect, shape, intervals.names, first)
                     whitened.append(np.column_stack(columns))
                     first += len(columns)
         self.columns = np.concatenate(whitened, axis=1)
@@ -146,24 +146,24 @@ class Library:
 
     @staticmethod
     def _shapes(problem: Problem, effect: Effect) -> list[Parameters]:
-        shapes = effect.variants(problem.signatures.motion)
+        shapes = effect.variants(problem.sensitivities.motion)
         if effect.acts_on is ActsOn.READOUT:
             sigma = problem.evidence.sheet.bias_rad_s
             shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
         return shapes
 
-    def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Signature]:
+    def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Sensitivity]:
         angle = next((q.name for q in effect.parameters if q.is_angle), "")
         names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
         if angle:
             shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
         else:
             shapes = [(shape, name) for name in names]
-        signatures = [problem.unit(effect, s, name) for s, name in shapes]
-        if not all(_is_seen(s) for s in signatures):
+        sensitivities = [problem.unit(effect, s, name) for s, name in shapes]
+        if not all(_is_seen(s) for s in sensitivities):
             return []
         self._offer(problem, effect, shape, names, first, angle)
-        return signatures
+        return sensitivities
 
     def _offer(
         self, problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
@@ -205,5 +205,5 @@ def release(problem: Problem) -> None:
     _MADE.pop(problem, None)
 
 
-def _is_seen(signature: Signature) -> bool:
-    return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in signature.channels)
+def _is_seen(sensitivity: Sensitivity) -> bool:
+    return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in sensitivity.channels)

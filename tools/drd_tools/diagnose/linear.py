@@ -1,7 +1,7 @@
-"""Errors of a recording around a path: a linear model, and the Kalman filter that whitens data and signatures alike.
+"""Errors of a recording around a path: a linear model, and the Kalman filter that whitens data and sensitivities alike.
 
 What is true differs from what sensors, added up, say by a state of four: x, y, heading and the gyro's bias. It grows by
-noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's signature are
+noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's sensitivity are
 sequences in white noise, and what is left is linear regression. (55) to (58)
 """
 
@@ -30,7 +30,7 @@ NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading
 
 
 @dataclass(frozen=True)
-class Signature:
+class Sensitivity:
     """What a cause changes: increments of the sensors' sums, and of the body's own way to the left, (n,) each or 0.
 
     `fix`: of the reference's poses, (m, 3) or 0.
@@ -42,11 +42,11 @@ class Signature:
     lateral_m: Array | float = 0.0
     fix: Array | float = 0.0
 
-    def __add__(self, other: "Signature") -> "Signature":
-        return Signature(*(a + b for a, b in zip(self.channels, other.channels, strict=True)))
+    def __add__(self, other: "Sensitivity") -> "Sensitivity":
+        return Sensitivity(*(a + b for a, b in zip(self.channels, other.channels, strict=True)))
 
-    def __mul__(self, factor: float) -> "Signature":
-        return Signature(*(a * factor for a in self.channels))
+    def __mul__(self, factor: float) -> "Sensitivity":
+        return Sensitivity(*(a * factor for a in self.channels))
 
     @property
     def channels(self) -> tuple[Array | float, ...]:
@@ -76,7 +76,7 @@ class Linear:
 
     # ---- the data -----------------------------------------------------------------------------------------------
 
-    def data(self) -> Signature:
+    def data(self) -> Sensitivity:
         """The recording, less what the path would have given."""
         e, half = self.evidence, 0.5 * self.evidence.tread_m
         gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - self._turn
@@ -84,7 +84,7 @@ class Linear:
         fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
         left, right = self._forward - half * self._turn, self._forward + half * self._turn
         shorter, aside = within_steps(e, self._turn)
-        return Signature(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
+        return Sensitivity(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
 
     def at_fixes(self, poses: Array) -> Array:
         """Poses (n + 1, 3) of the edges, at the times of the fixes (m, 3)."""
@@ -100,7 +100,7 @@ class Linear:
         e = self.evidence
         n, m = len(e.step_s), len(e.fix)
         self._F = np.tile(np.eye(STATES), (n, 1, 1))
-        by_gyro_s = np.where(e.blind, 0.0, e.step_s)
+        by_gyro_s = np.where(e.gyroless, 0.0, e.step_s)
         self._F[:, 0, 2], self._F[:, 1, 2], self._F[:, 2, 3] = self._hx, self._hy, -by_gyro_s
         self._F[:, 0, 3], self._F[:, 1, 3] = -0.5 * by_gyro_s * self._hx, -0.5 * by_gyro_s * self._hy
         self._H = np.zeros((m, 3, STATES))
@@ -135,7 +135,7 @@ class Linear:
             np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
         )  # fmt: skip
         bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
-        compared, identity = (~e.blind).tolist(), np.eye(STATES)
+        compared, identity = (~e.gyroless).tolist(), np.eye(STATES)
         for i in range(n):
             if compared[i]:
                 h = float(e.step_s[i])
@@ -194,7 +194,7 @@ class Linear:
     def _inputs(self) -> Array:
         """What is added to the state in a step per increment of gyro, left, right and lateral, (n, 4, 4)."""
         e, c, s = self.evidence, self._c, self._s
-        turn = np.where(e.blind[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
+        turn = np.where(e.gyroless[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
         forward, lateral = np.array([0.0, 0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
         u = np.zeros((len(c), STATES, 4))
         u[:, 0] = np.outer(c, forward) + np.outer(s, lateral) + 0.5 * self._hx[:, None] * turn
@@ -202,43 +202,43 @@ class Linear:
         u[:, 2] = turn
         return u
 
-    def _channels(self, signatures: Sequence[Signature]) -> Array:
-        """Inputs of each event, (q, p, events): the four channels, and the fixes' three where a signature has them."""
+    def _channels(self, sensitivities: Sequence[Sensitivity]) -> Array:
+        """Inputs of each event, (q, p, events): the four channels, and the fixes' three where there are any."""
         v = self._events
-        has_fix = any(isinstance(s.fix, np.ndarray) for s in signatures)
-        inputs = np.zeros((INPUTS if has_fix else 4, len(signatures), len(v.A)))
-        for j, signature in enumerate(signatures):
+        has_fix = any(isinstance(s.fix, np.ndarray) for s in sensitivities)
+        inputs = np.zeros((INPUTS if has_fix else 4, len(sensitivities), len(v.A)))
+        for j, sensitivity in enumerate(sensitivities):
             for i in range(4):
-                if isinstance(channel := signature.channels[i], np.ndarray):
+                if isinstance(channel := sensitivity.channels[i], np.ndarray):
                     inputs[i, j, v.of_step] = channel
-            if isinstance(signature.fix, np.ndarray):
-                inputs[4:, j, v.of_fix] = signature.fix.T
+            if isinstance(sensitivity.fix, np.ndarray):
+                inputs[4:, j, v.of_fix] = sensitivity.fix.T
         return inputs
 
-    def rows(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
+    def rows(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
         """Innovations over their standard deviations, (n + 3 m, p): of the wheels against the gyro, 0 without one, then
         of the fixes.
         """
         v, n = self._events, len(self.evidence.step_s)
-        rows: Array = np.empty((len(signatures), n + 3 * len(self.evidence.fix)), dtype)
-        for i in range(0, len(signatures), COLUMNS):
+        rows: Array = np.empty((len(sensitivities), n + 3 * len(self.evidence.fix)), dtype)
+        for i in range(0, len(sensitivities), COLUMNS):
             some = slice(i, i + COLUMNS)
-            y = self._filter.outputs(self._channels(signatures[some]))
+            y = self._filter.outputs(self._channels(sensitivities[some]))
             rows[some, :n] = y[:, v.of_step, 0]
             rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
         return rows.T
 
-    def whiten(self, signatures: Sequence[Signature]) -> tuple[Array, Array]:
+    def whiten(self, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
         """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
-        rows, n = self.rows(signatures), len(self.evidence.step_s)
-        return rows[:n], rows[n:].reshape(-1, 3, len(signatures))
+        rows, n = self.rows(sensitivities), len(self.evidence.step_s)
+        return rows[:n], rows[n:].reshape(-1, 3, len(sensitivities))
 
     @property
     def log_likelihood(self) -> float:
         """Of the fixes' innovations, nats, but for what their whitened rows say: the logarithm of the whitener."""
         return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
 
-    def smoothed(self, data: Signature | None = None) -> Path:
+    def smoothed(self, data: Sensitivity | None = None) -> Path:
         """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
         v, s = self._events, self._channels([self.data() if data is None else data])[:, 0]
         X, last = Recursion(v.A).states(np.einsum("nij,jn->ni", v.B[:, :, : len(s)], s)[:, :, None])

@@ -1,4 +1,4 @@
-"""Sizes of the noise: data sheets are the priors, the claims' residual corrects them, robustly."""
+"""Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly."""
 
 import math
 from collections.abc import Sequence
@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import Noise
 from drd_tools.diagnose.linear import Linear
-from drd_tools.diagnose.problem import Problem, Temper
+from drd_tools.diagnose.problem import Inflation, Problem
 from drd_tools.diagnose.refine import Fit
+from drd_tools.diagnose.selected import Selected
 
 Array = npt.NDArray[np.float64]
 
@@ -31,27 +31,27 @@ LEAST_M, LEAST_RAD = 1e-5, 1e-5
 FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
-def tempered(problem: Problem, left: Array) -> Temper:
-    """How far from white what claims leave (r,) of the whitened data is, at the scale where it is worst."""
+def inflated(problem: Problem, left: Array) -> Inflation:
+    """How far from white what selected effects leave (r,) of the whitened data is, at the scale where it is worst."""
     e = problem.evidence
     step_s = float(np.median(e.step_s))
-    wheels, fixes = _untempered(problem, left)
+    wheels, fixes = _not_inflated(problem, left)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
     both = max(sizes[:2])
-    return Temper(_slow(wheels, step_s), (both, both, sizes[2]))
+    return Inflation(_slow(wheels, step_s), (both, both, sizes[2]))
 
 
-def _untempered(problem: Problem, left: Array) -> tuple[Array, Array]:
+def _not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
     """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them.
 
     Without wheels only the fixes' headings are there.
     """
     if not problem.evidence.has_wheels:
         headings = left[len(left) - len(problem.evidence.fix) :]
-        return left[:0], np.outer(headings, (0.0, 0.0, problem.temper.fixes[2]))
+        return left[:0], np.outer(headings, (0.0, 0.0, problem.inflation.fixes[2]))
     n = len(left) - 3 * len(problem.evidence.fix)
-    return left[:n] * problem.temper.wheels, left[n:].reshape(-1, 3) * np.array(problem.temper.fixes)
+    return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * np.array(problem.inflation.fixes)
 
 
 def _slow(rows: Array, every_s: float) -> float:
@@ -72,15 +72,15 @@ def _slow(rows: Array, every_s: float) -> float:
 def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     """Noise, and doubt (m,) of each fix, from what a fit leaves of the whitened data.
 
-    Of few fixes none is doubted before the claims have been searched for: one by itself may be all that tells of them.
+    Of few fixes none is doubted before the effects have been searched for: one by itself may be all that tells of them.
     """
     e, noise = problem.evidence, problem.noise
-    wheels, fixes = _untempered(problem, fit.left)
+    wheels, fixes = _not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
     if len(wheels):
         slip = _scale(wheels[moving])
     else:
-        slip, fixes = _most_likely_slip(problem, fit.claims, fixes)
+        slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
@@ -97,18 +97,18 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     )
 
 
-def _most_likely_slip(problem: Problem, claims: Sequence[Claim], fixes: Array) -> tuple[float, Array]:
+def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Array) -> tuple[float, Array]:
     """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
 
     Without a gyro nothing else tells how much the wheels slip; with few fixes, or without wheels, it stays.
     """
     if not problem.evidence.has_wheels or len(fixes) < FEWEST_ROWS:
         return 1.0, fixes
-    signatures = [problem.linear.data(), *(problem.signature(c.effect, c.values) for c in claims)]
+    sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
     best, most = (1.0, fixes), -math.inf
     for factor in SLIPS:
         linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.doubt)
-        rows = linear.whiten(signatures)[1]
+        rows = linear.whiten(sensitivities)[1]
         left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
         nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
         ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.sheet.slip_m_per_sqrt_m

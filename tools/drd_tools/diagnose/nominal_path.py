@@ -20,7 +20,7 @@ def follow(e: Evidence) -> Path:
     if e.gyro_rad is not None:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
         bias = float(e.gyro_rad[known].sum() / e.step_s[known].sum()) if known.any() else 0.0
-        turn = np.where(e.blind, turn, e.gyro_rad - bias * e.step_s)
+        turn = np.where(e.gyroless, turn, e.gyro_rad - bias * e.step_s)
     path = dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
     for _ in range(ROUNDS if len(e.fix) else 0):
         path = loosened(e, path).smoothed()

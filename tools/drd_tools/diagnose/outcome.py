@@ -7,7 +7,6 @@ import numpy as np
 
 from drd.effects.motion import Motion
 from drd.model import Model, make_model
-from drd_tools.diagnose.claim import SCALE, Claim
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.files import plain
@@ -15,6 +14,7 @@ from drd_tools.diagnose.finding import Cause
 from drd_tools.diagnose.problem import Array, Problem
 from drd_tools.diagnose.ranges import seen
 from drd_tools.diagnose.results import Amount, Course, Finding, Mismatch, Residual, Term, Verdict
+from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
@@ -26,26 +26,26 @@ def verdict(conclusion: Conclusion) -> Verdict:
     causes = conclusion.causes
     if not causes:
         return Verdict.NOTHING
-    if all(c.claim is None for c in causes):
+    if all(c.selected is None for c in causes):
         return Verdict.UNKNOWN
-    if any(c.claim is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
+    if any(c.selected is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
         return Verdict.PARTLY
     return Verdict.EXPLAINED
 
 
-def term_of(m: Motion, claim: Claim) -> Term:
+def term_of(m: Motion, selected: Selected) -> Term:
     """An effect with its parameters in the catalogue's units, and where its covariate was along a motion."""
-    amounts, choices = parameters_of(claim)
-    return Term(effect=claim.id, parameters=amounts, choices=choices, seen=seen(m, claim))
+    amounts, choices = parameters_of(selected)
+    return Term(effect=selected.id, parameters=amounts, choices=choices, seen=seen(m, selected))
 
 
-def parameters_of(claim: Claim) -> tuple[dict[str, Amount], dict[str, str]]:
+def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]]:
     """Its numbers, in the catalogue's units, and its words."""
-    effect = claim.effect
-    absorbed = effect.absorbed(claim.values, claim.number(SCALE.name)) if SCALE.name in claim.values else None
-    values = claim.values if absorbed is None else absorbed
+    effect = selected.effect
+    absorbed = effect.absorbed(selected.values, selected.number(SCALE.name)) if SCALE.name in selected.values else None
+    values = selected.values if absorbed is None else absorbed
     amounts = {
-        q.name: Amount(float(values[q.name]) / q.si, claim.sigma(q.name) / q.si, q.unit)
+        q.name: Amount(float(values[q.name]) / q.si, selected.sigma(q.name) / q.si, q.unit)
         for q in effect.parameters
         if not q.choices
     }
@@ -54,14 +54,14 @@ def parameters_of(claim: Claim) -> tuple[dict[str, Amount], dict[str, str]]:
 
 def terms_of(conclusion: Conclusion) -> list[Term]:
     """The findings as a model's effects, each with the effect beside which alone its form is known."""
-    motion, made = conclusion.found.problem.signatures.motion, []
-    for claim in (c.claim for c in conclusion.causes if c.claim is not None):
-        made.append(term_of(motion, claim))
-        beside = claim.effect.beside
-        if beside and SCALE.name in claim.values and claim.effect.absorbed(claim.values, 0.0) is None:
+    motion, made = conclusion.found.problem.sensitivities.motion, []
+    for selected in (c.selected for c in conclusion.causes if c.selected is not None):
+        made.append(term_of(motion, selected))
+        beside = selected.effect.beside
+        if beside and SCALE.name in selected.values and selected.effect.absorbed(selected.values, 0.0) is None:
             (q,) = beside.parameters
-            amount = Amount(claim.number(SCALE.name) / q.si, claim.sigma(SCALE.name) / q.si, q.unit)
-            why = f"the straight line beside {claim.id}"
+            amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
+            why = f"the straight line beside {selected.id}"
             made.append(Term(effect=beside.id, parameters={q.name: amount}, why=why))
     return made
 
@@ -87,8 +87,8 @@ def model_of(terms: Iterable[Term], recording: Recording, names: str, version: s
 
 def finding_of(cause: Cause, problem: Problem) -> Finding:
     """As it is reported."""
-    motion, time_s = problem.signatures.motion, problem.evidence.time_s
-    amounts, choices = ({}, {}) if cause.claim is None else parameters_of(cause.claim)
+    motion, time_s = problem.sensitivities.motion, problem.evidence.time_s
+    amounts, choices = ({}, {}) if cause.selected is None else parameters_of(cause.selected)
     return Finding(
         effect=cause.effect,
         status=cause.status,
@@ -97,7 +97,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
         parameters=amounts,
         choices=choices,
         windows=cause.windows or ((float(time_s[0]), float(time_s[-1])),),
-        seen={} if cause.claim is None else seen(motion, cause.claim),
+        seen={} if cause.selected is None else seen(motion, cause.selected),
         covariate=cause.driver,
         evidence=cause.support,
         explains=cause.explains,
@@ -118,8 +118,8 @@ def course_of(cause: Cause) -> Course:
     if curve is None:
         return Course(cause.effect, None, cause.gain)
     x, fit, band = nothing, nothing, nothing
-    if fitted is not None and cause.claim is not None:
-        x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.claim) * np.abs(fitted)
+    if fitted is not None and cause.selected is not None:
+        x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
     mismatch = Mismatch(
         curve.driver, curve.driver_unit, curve.unit, curve.channel, curve.knots, curve.value, curve.sigma,
         x, fit, fit - band, fit + band,
@@ -127,9 +127,11 @@ def course_of(cause: Cause) -> Course:
     return Course(cause.effect, mismatch, cause.gain)
 
 
-def _relative_sigma(claim: Claim) -> float:
+def _relative_sigma(selected: Selected) -> float:
     shares = [
-        claim.sigma(n) / abs(claim.number(n)) for n in claim.effect.linear() if n in claim.free and claim.number(n)
+        selected.sigma(n) / abs(selected.number(n))
+        for n in selected.effect.linear()
+        if n in selected.free and selected.number(n)
     ]
     return min(1.0, min(shares, default=0.0))
 

@@ -49,7 +49,7 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
     a gyro.
     """
     edges = e.edges_s
-    turn = turn_rad if e.gyro_rad is None else np.where(e.blind, turn_rad, e.gyro_rad)
+    turn = turn_rad if e.gyro_rad is None else np.where(e.gyroless, turn_rad, e.gyro_rad)
     heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
     inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
     off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]

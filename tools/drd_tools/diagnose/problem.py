@@ -1,4 +1,4 @@
-"""One recording as a regression: whitened data, nuisances, and signatures of effects at any parameters."""
+"""One recording as a regression: whitened data, nuisances, and sensitivities of effects at any parameters."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ import numpy.typing as npt
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
-from drd_tools.diagnose.claim import BIAS, SCALE, Claim, Values, linear_names, parameter, shape_of
-from drd_tools.diagnose.columns import Signatures, nuisances
+from drd_tools.diagnose.columns import Sensitivities, nuisances
 from drd_tools.diagnose.evidence import Evidence, Noise
-from drd_tools.diagnose.linear import Linear, Signature
+from drd_tools.diagnose.linear import Linear, Sensitivity
 from drd_tools.diagnose.nominal_path import follow, loosened
 from drd_tools.diagnose.path import Path
+from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names, parameter, shape_of
 
 Array = npt.NDArray[np.float64]
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
@@ -31,18 +31,18 @@ FORM: Final = "form "
 SLOPE: Final = "slope "
 
 
-class Temper(NamedTuple):
+class Inflation(NamedTuple):
     """How much larger than white the innovations' slow part is, in sigmas: of the wheels, and of x, y, heading.
 
     Real slip and real references hang together over seconds. What is whitened as if they did not would find something
-    everywhere; divided by this, a slow signature has the weight that it deserves.
+    everywhere; divided by this, a slow sensitivity has the weight that it deserves.
     """
 
     wheels: float = 1.0
     fixes: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-UNTEMPERED: Final = Temper()
+NOT_INFLATED: Final = Inflation()
 
 
 class Problem:
@@ -55,16 +55,16 @@ class Problem:
         noise: Noise | None = None,
         doubt: Array | None = None,
         cleared: Evidence | None = None,
-        temper: Temper = UNTEMPERED,
+        inflation: Inflation = NOT_INFLATED,
         near: "Problem | None" = None,
     ):
         self.evidence = evidence
         self.path = follow(evidence) if path is None else path
         self.noise = evidence.sheet if noise is None else noise
-        self.doubt, self.temper = doubt, temper
+        self.doubt, self.inflation = doubt, inflation
         self.linear: Linear = Linear(evidence, self.path, self.noise, doubt, None if near is None else near.linear)
         self._loose: Linear | None = None if near is None else near._loose
-        self.signatures = Signatures(evidence if cleared is None else cleared, self.path)
+        self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
         self.nuisances = nuisances(evidence, self.path)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
@@ -81,10 +81,10 @@ class Problem:
         return made
 
     def along(self, motion: Motion) -> "Problem":
-        """The same with the effects' signatures along another motion."""
+        """The same with the effects' sensitivities along another motion."""
         made = copy(self)
-        made.signatures, made._cache = copy(self.signatures), {}
-        made.signatures.motion = motion
+        made.sensitivities, made._cache = copy(self.sensitivities), {}
+        made.sensitivities.motion = motion
         return made
 
     @property
@@ -97,24 +97,24 @@ class Problem:
         """What the choice of an effect from the catalogue costs, nats."""
         return math.log(len(catalogue()))
 
-    def penalty(self, claims: Sequence[Claim]) -> float:
+    def penalty(self, selection: Sequence[Selected]) -> float:
         """What so many effects and parameters cost, nats."""
-        return sum(len(c.free) * self.per_parameter + self.per_effect for c in claims)
+        return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection)
 
-    def around(self, claims: Sequence[Claim]) -> "Problem":
-        """The same around the path, and along the motion, that the sensors tell once the claims are taken off."""
-        cleared = self._cleared(claims)
+    def around(self, selection: Sequence[Selected]) -> "Problem":
+        """The same around the path, and along the motion, that the sensors tell once the effects are taken off."""
+        cleared = self._cleared(selection)
         if len(cleared.fix):
             self._loose = loosened(cleared, self.path, self._loose)
             path = self._loose.smoothed()
         else:
             path = follow(cleared)
-        return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.temper, near=self)
+        return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.inflation, near=self)
 
-    def _cleared(self, claims: Sequence[Claim]) -> Evidence:
-        """The evidence without the claims: what, with them added, gives the readings."""
+    def _cleared(self, selection: Sequence[Selected]) -> Evidence:
+        """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
-        delays = [c.effect.delays(0.0, c.values) for c in claims]
+        delays = [c.effect.delays(0.0, c.values) for c in selection]
         gyro_s, wheels_s = sum(d.gyro_s for d in delays), sum(d.wheels_s for d in delays)
         clear = replace(
             raw,
@@ -122,7 +122,7 @@ class Problem:
             left_m=np.zeros_like(raw.left_m),
             right_m=np.zeros_like(raw.right_m),
         )
-        added = Signature()
+        added = Sensitivity()
         for _ in range(CLEARINGS):
             gyro = clear.gyro_rad
             if raw.gyro_rad is not None and gyro is not None:
@@ -132,66 +132,66 @@ class Problem:
             right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
-            signatures = Signatures(clear, self.path if len(raw.fix) else follow(clear))
-            added = Signature()
-            for claim in claims:
-                added = added + signatures.of(self._errors(signatures, claim.effect, claim.values))
+            sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
+            added = Sensitivity()
+            for selected in selection:
+                added = added + sensitivities.of(self._errors(sensitivities, selected.effect, selected.values))
         return clear
 
     @staticmethod
-    def _errors(signatures: Signatures, effect: Effect, values: Values) -> Errors:
-        motion = signatures.motion
+    def _errors(sensitivities: Sensitivities, effect: Effect, values: Values) -> Errors:
+        motion = sensitivities.motion
         if effect.acts_on is ActsOn.READOUT:
-            motion = replace(motion, rate_rad_s=signatures.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
+            motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
         errors = effect.error(motion, values)
         if SCALE.name in values:
             beside = _beside(effect, motion, float(values[SCALE.name]))
             errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
         return errors
 
-    def whiten(self, signatures: Sequence[Signature], dtype: type = np.float64) -> Array:
+    def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
         """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes.
 
         Those of absent sensors are left out: without a gyro the first, without wheels the fixes' positions, and of the
         first all but those at standstill.
         """
-        rows, n = self.linear.rows(signatures, dtype), len(self.evidence.step_s)
-        rows[:n] /= self.temper.wheels
-        rows[n:] /= np.tile(self.temper.fixes, len(self.evidence.fix))[:, None]
-        return rows[self.evidence.telling]
+        rows, n = self.linear.rows(sensitivities, dtype), len(self.evidence.step_s)
+        rows[:n] /= self.inflation.wheels
+        rows[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))[:, None]
+        return rows[self.evidence.observed]
 
     @property
     def row_time_s(self) -> Array:
         """When each row is, (r,)."""
         e = self.evidence
         fixes = np.repeat(e.time_s[e.fix_step], 3)
-        return np.concatenate([e.time_s, fixes])[e.telling]
+        return np.concatenate([e.time_s, fixes])[e.observed]
 
-    # ---- signatures of effects, whitened ------------------------------------------------------------------------
+    # ---- sensitivities of effects, whitened ------------------------------------------------------------------------
 
-    def signature(self, effect: Effect, values: Values) -> Signature:
+    def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """What an effect with these parameters adds."""
-        return self.signatures.of(self._errors(self.signatures, effect, values))
+        return self.sensitivities.of(self._errors(self.sensitivities, effect, values))
 
-    def unit(self, effect: Effect, shape: Values, name: str) -> Signature:
+    def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
         """Of a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
-            return self.signatures.of(_beside(effect, self.signatures.motion, 1.0))
+            return self.sensitivities.of(_beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
-            shapes = effect.other_shapes(self.signatures.motion, {**ones, **shape})
-            return self.signatures.of(shapes[int(name.removeprefix(FORM))])
+            shapes = effect.other_shapes(self.sensitivities.motion, {**ones, **shape})
+            return self.sensitivities.of(shapes[int(name.removeprefix(FORM))])
         if name.startswith(SLOPE):
             of = name.removeprefix(SLOPE)
             at = float(shape[of])
             h = parameter(effect, of).step(at)
-            ahead, back = (self.signature(effect, {**shape, of: value}) for value in (at + h, at - h))
+            ahead, back = (self.sensitivity(effect, {**shape, of: value}) for value in (at + h, at - h))
             return (ahead + back * -1.0) * (0.5 / h)
         none = dict.fromkeys(effect.linear(), 0.0)
-        return self.signature(effect, {**shape, **none, name: 1.0} if name else shape)
+        return self.sensitivity(effect, {**shape, **none, name: 1.0} if name else shape)
 
     def units(self, wanted: Sequence[Wanted]) -> list[Array]:
-        """Whitened signatures (r,) of units; each is made once."""
+        """Whitened sensitivities (r,) of units; each is made once."""
         keys: list[Key] = [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
         missing = {key: i for i, key in enumerate(keys) if key not in self._cache}
         if missing:
@@ -202,58 +202,60 @@ class Problem:
         made = [self._cache[key] for key in keys]
         return made if self._rows is None else [row[self._rows] for row in made]
 
-    def forms(self, claim: Claim) -> Array:
-        """Other shapes of a claim's cause, (r, s), each as large as the claim itself."""
-        rows = self.units(self.wanted_forms(claim))
-        explained = self.effect_rows([claim])
+    def discrepancy_shapes(self, selected: Selected) -> Array:
+        """Other shapes of a selected effect's cause, (r, s), each as large as the selected effect itself."""
+        rows = self.units(self.wanted_shapes(selected))
+        explained = self.effect_rows([selected])
         size = math.sqrt(float(explained @ explained))
         sized = [r * (size / norm) for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
         return _columns(sized, len(self.data))
 
-    def wanted_forms(self, claim: Claim) -> list[Wanted]:
-        """Other shapes of a claim's cause, near its own: a rough shape is enough for them."""
+    def wanted_shapes(self, selected: Selected) -> list[Wanted]:
+        """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""
         rough = {
             name: float(f"{value:.2g}") if isinstance(value, float) else value
-            for name, value in shape_of(claim.effect, claim.values).items()
+            for name, value in shape_of(selected.effect, selected.values).items()
         }
-        values = {**rough, **{n: claim.values[n] for n in linear_names(claim.effect, claim.values)}}
-        count = self._form_counts.get(claim.id)
+        values = {**rough, **{n: selected.values[n] for n in linear_names(selected.effect, selected.values)}}
+        count = self._form_counts.get(selected.id)
         if count is None:
-            count = len(claim.effect.other_shapes(self.signatures.motion, values))
-            self._form_counts[claim.id] = count
-        return [(claim.effect, rough, f"{FORM}{i}") for i in range(count)]
+            count = len(selected.effect.other_shapes(self.sensitivities.motion, values))
+            self._form_counts[selected.id] = count
+        return [(selected.effect, rough, f"{FORM}{i}") for i in range(count)]
 
-    def wanted_rows(self, claims: Sequence[Claim]) -> list[Wanted]:
-        """The units that claims are made of."""
+    def wanted_rows(self, selection: Sequence[Selected]) -> list[Wanted]:
+        """The units that selects are made of."""
         return [
             (c.effect, shape_of(c.effect, c.values), name)
-            for c in claims
+            for c in selection
             for name in linear_names(c.effect, c.values) or ("",)
         ]
 
-    def effect_rows(self, claims: Sequence[Claim]) -> Array:
-        """What the claims explain of the data, (r,)."""
-        factors = [f for c in claims for f in _factors(c)]
+    def effect_rows(self, selection: Sequence[Selected]) -> Array:
+        """What the selected effects explain of the data, (r,)."""
+        factors = [f for c in selection for f in _factors(c)]
         total = np.zeros(len(self.data))
-        for factor, rows in zip(factors, self.units(self.wanted_rows(claims)), strict=True):
+        for factor, rows in zip(factors, self.units(self.wanted_rows(selection)), strict=True):
             total += factor * rows
         return total
 
-    def wanted_tangents(self, claims: Sequence[Claim]) -> list[Wanted]:
+    def wanted_tangents(self, selection: Sequence[Selected]) -> list[Wanted]:
         """The units that are derivatives, one for each free parameter."""
         wanted: list[Wanted] = []
-        for claim in claims:
-            shape, names = shape_of(claim.effect, claim.values), linear_names(claim.effect, claim.values)
-            for name in claim.free:
+        for selected in selection:
+            shape, names = shape_of(selected.effect, selected.values), linear_names(selected.effect, selected.values)
+            for name in selected.free:
                 # Differences are taken before they are whitened: so it is one column, whatever moves it.
                 wanted.append(
-                    (claim.effect, shape, name) if name in names else (claim.effect, claim.values, SLOPE + name)
+                    (selected.effect, shape, name)
+                    if name in names
+                    else (selected.effect, selected.values, SLOPE + name)
                 )
         return wanted
 
-    def tangents(self, claims: Sequence[Claim]) -> Array:
+    def tangents(self, selection: Sequence[Selected]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
-        return _columns(self.units(self.wanted_tangents(claims)), len(self.data))
+        return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
 
 
 def _beside(effect: Effect, motion: Motion, size: float) -> Errors:
@@ -267,5 +269,5 @@ def _columns(rows: Sequence[Array], length: int) -> Array:
     return np.array(rows).reshape(len(rows), length).T
 
 
-def _factors(claim: Claim) -> list[float]:
-    return [claim.number(name) for name in linear_names(claim.effect, claim.values)] or [1.0]
+def _factors(selected: Selected) -> list[float]:
+    return [selected.number(name) for name in linear_names(selected.effect, selected.values)] or [1.0]

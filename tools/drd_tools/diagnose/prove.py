@@ -12,7 +12,7 @@ import msgspec
 
 from drd.model import Model, save_model
 from drd_tools.diagnose.conclude import CONFIRMING_E
-from drd_tools.diagnose.elsewhere import CONTRADICTED_NATS, nats_elsewhere
+from drd_tools.diagnose.held_out import CONTRADICTED_NATS, held_out_nats
 from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.trajectory import judged
 from drd_tools.recordings.folder import Recording
@@ -41,7 +41,7 @@ def validated(
 
     The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
     """
-    nats = nats_elsewhere(build(terms).terms, held_out)
+    nats = held_out_nats(build(terms).terms, held_out)
     refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
     findings = [_told(f, nats.get(f.effect)) for f in findings]
 

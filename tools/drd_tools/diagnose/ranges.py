@@ -7,17 +7,17 @@ import numpy as np
 
 from drd.effects.motion import Motion
 from drd.model import DRIVERS
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.results import Ranges
+from drd_tools.diagnose.selected import Selected
 
 TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
 SLOWEST_M_S: Final = 1e-3
 
 
-def seen(m: Motion, claim: Claim) -> dict[str, tuple[float, float]]:
+def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
     """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
     turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
-    lag_s = claim.effect.lag_s(claim.values)
+    lag_s = selected.effect.lag_s(selected.values)
     values = {
         "time": m.time_s,
         "yaw_rate": m.rate_rad_s,
@@ -27,11 +27,11 @@ def seen(m: Motion, claim: Claim) -> dict[str, tuple[float, float]]:
         "curvature": np.abs(m.rate_rad_s[turning]) / np.maximum(np.abs(m.speed_m_s[turning]), SLOWEST_M_S),
         "temperature": m.temperature_c,
         "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
-    }.get(claim.effect.driver, np.zeros(0))
-    if not claim.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
+    }.get(selected.effect.driver, np.zeros(0))
+    if not selected.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
         return {}
-    si = DRIVERS[claim.effect.driver].si
-    return {claim.effect.driver: (float(values.min()) / si, float(values.max()) / si)}
+    si = DRIVERS[selected.effect.driver].si
+    return {selected.effect.driver: (float(values.min()) / si, float(values.max()) / si)}
 
 
 def within(m: Motion, ranges: Ranges) -> Motion:

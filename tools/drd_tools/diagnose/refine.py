@@ -1,4 +1,4 @@
-"""Fit the parameters of claimed effects together: Gauss and Newton, each step bounded where the model is not linear."""
+"""Fit the parameters of effects together: Gauss and Newton, each step bounded where the model is not linear."""
 
 import math
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.problem import Problem, Wanted
+from drd_tools.diagnose.selected import Selected
 
 Array = npt.NDArray[np.float64]
 
@@ -22,34 +22,34 @@ CLEAR_ROUNDS: Final = 3  # after so many, if
 HOPED: Final = 5.0  # times what the linear model still expects would not be enough
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
-FORM_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
+DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Claims with fitted parameters.
+    """Selected effects with fitted parameters.
 
-    `cost`: nats by which the data are unlikely under the claims, nuisances and other shapes integrated over.
-    `nuisance`: coefficients in units of their priors. `left` (r,): whitened data less claims, nuisances and shapes.
+    `cost`: nats by which the data are unlikely under the selected effects, nuisances and other shapes integrated over.
+    `nuisance`: coefficients in units of their priors. `left` (r,): whitened data less effects, nuisances and shapes.
     """
 
-    claims: tuple[Claim, ...]
+    selection: tuple[Selected, ...]
     cost: float
     nuisance: Array
     left: Array
 
 
-def refine(problem: Problem, claims: Sequence[Claim]) -> Fit:
+def refine(problem: Problem, selection: Sequence[Selected]) -> Fit:
     """Improve the parameters until the cost stays."""
-    return refine_all(problem, [claims])[0]
+    return refine_all(problem, [selection])[0]
 
 
-def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]], least: float = -math.inf) -> list[Fit]:
-    """Several sets of claims side by side: passing all their signatures at once costs little more than one.
+def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: float = -math.inf) -> list[Fit]:
+    """Several sets of effects side by side: passing all their sensitivities at once costs little more than one.
 
     Those that will clearly not reach the score `least` are left as they are.
     """
-    searches = [_Descent(problem, tuple(claims), least) for claims in sets]
+    searches = [_Descent(problem, tuple(selection), least) for selection in sets]
     for _ in range(ROUNDS):
         active = [s for s in searches if not s.done]
         if not active:
@@ -61,11 +61,11 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Claim]], least: float =
 
 
 class _Descent:
-    """One set of claims on its way down."""
+    """One set of selected effects on its way down."""
 
-    def __init__(self, problem: Problem, claims: tuple[Claim, ...], least: float):
-        self._problem, self._current = problem, claims
-        self._enough = -least - problem.penalty(claims)
+    def __init__(self, problem: Problem, selection: tuple[Selected, ...], least: float):
+        self._problem, self._current = problem, selection
+        self._enough = -least - problem.penalty(selection)
         self._rounds = 0
         self._best: Fit | None = None
         self._moves: Array = np.zeros(0)
@@ -84,9 +84,9 @@ class _Descent:
         return self._best
 
     def wanted(self) -> list[Wanted]:
-        problem, claims = self._problem, self._current
-        forms = [w for c in claims for w in problem.wanted_forms(c)]
-        return problem.wanted_rows(claims) + problem.wanted_tangents(claims) + forms
+        problem, selection = self._problem, self._current
+        discrepancy_shapes = [w for c in selection for w in problem.wanted_shapes(c)]
+        return problem.wanted_rows(selection) + problem.wanted_tangents(selection) + discrepancy_shapes
 
     def step(self) -> None:
         fit, moves, reachable = _evaluate(self._problem, self._current)
@@ -101,51 +101,51 @@ class _Descent:
             least = self._share * self._gain / (fit.cost - self._best.cost + 2.0 * self._share * self._gain)
             self._share *= min(max(least, SHORTEST), 0.5)
         self.done = self.done or self._share * self._gain < ENOUGH_NATS
-        self._current = _moved(self._best.claims, self._moves * self._share)
+        self._current = _moved(self._best.selection, self._moves * self._share)
 
 
-def _evaluate(problem: Problem, claims: tuple[Claim, ...]) -> tuple[Fit, Array, float]:
-    """Cost of claims as they are; the moves that a linear model proposes; and the cost that it expects then."""
-    residual, T = problem.data - problem.effect_rows(claims), problem.tangents(claims).T
-    soft = np.concatenate([problem.nuisance.T, *(soft_forms(problem, claim).T for claim in claims)])
+def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, Array, float]:
+    """Cost of effects as they are; the moves that a linear model proposes; and the cost that it expects then."""
+    residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
+    soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected).T for selected in selection)])
     A, b = soft @ soft.T + np.eye(len(soft)), soft @ residual
     L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
-    # Of the nuisances' determinant a constant part is the same for all claims.
+    # Of the nuisances' determinant a constant part is the same for all selected effects.
     cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
-    fit = Fit(claims, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
+    fit = Fit(selection, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
     if not len(T):
         return fit, np.zeros(0), cost
-    priors = np.concatenate([_priors(c) for c in claims])
+    priors = np.concatenate([_priors(c) for c in selection])
     # In the directions that nuisances and shapes leave.
     C = soft @ T.T
     S = T @ T.T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
     g = T @ fit.left
     inverse = _inverse(S)
     moves = inverse @ g
-    return replace(fit, claims=_with_covariance(claims, inverse)), moves, cost - 0.5 * float(g @ moves)
+    return replace(fit, selection=_with_covariance(selection, inverse)), moves, cost - 0.5 * float(g @ moves)
 
 
 class Response(NamedTuple):
-    """How the claims' free parameters (k,), one claim after the other, answer to what is not certain.
+    """How the effects' free parameters (k,), one selected effect after the other, answer to what is not certain.
 
-    `covariance` (k, k). `forms` (k, s): what other shapes of the claims' causes, each as large as its claim, move them
-    by.
+    `covariance` (k, k). `discrepancy_shapes` (k, s): what other shapes of the effects' causes, each as large as its
+    effect, move them by.
     """
 
     covariance: Array
-    forms: Array
+    discrepancy_shapes: Array
 
 
 def response(problem: Problem, fit: Fit) -> Response:
     """Of the parameters of a fit."""
-    claims = fit.claims
-    T = problem.tangents(claims)
-    soft = np.column_stack([problem.nuisance, *(soft_forms(problem, claim) for claim in claims)])
-    F = np.column_stack([np.zeros((len(T), 0)), *(problem.forms(claim) for claim in claims)])
+    selection = fit.selection
+    T = problem.tangents(selection)
+    soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])
+    F = np.column_stack([np.zeros((len(T), 0)), *(problem.discrepancy_shapes(selected) for selected in selection)])
     A = soft.T @ soft + np.eye(soft.shape[1])
     C = soft.T @ T
-    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in claims)])
+    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in selection)])
     S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
     b = T.T @ F - C.T @ np.linalg.solve(A, soft.T @ F)
     covariance = _inverse(S)
@@ -158,55 +158,55 @@ def _inverse(S: Array) -> Array:
     return inverse
 
 
-def soft_forms(problem: Problem, claim: Claim) -> Array:
-    """Other shapes of a claim's cause (r, s), as large as they may be, less what its own parameters can make of them.
+def discrepancies(problem: Problem, selected: Selected) -> Array:
+    """Other shapes of an effect's cause (r, s), as large as they may be, less what its own parameters can make of them.
 
     What is left of them cannot be traded for the parameters: they keep their meaning.
     """
-    F, T = FORM_SHARE * problem.forms(claim).T, problem.tangents([claim]).T
+    F, T = DISCREPANCY_SHARE * problem.discrepancy_shapes(selected).T, problem.tangents([selected]).T
     if F.size and T.size:
         F -= F @ T.T @ _inverse(T @ T.T) @ T
     return F.T
 
 
-def held_beside(problem: Problem, claims: Sequence[Claim]) -> Array:
-    """Columns (r, s), of prior 1: the nuisances, the claims' parameters as good as free, and their causes' shapes."""
-    T = problem.tangents(claims)
+def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
+    """Columns (r, s), of prior 1: the nuisances, the effects' parameters as good as free, and their causes' shapes."""
+    T = problem.tangents(selection)
     norms = np.linalg.norm(T, axis=0)
     seen = norms > 0.0
     freed = T[:, seen] / norms[seen] * FREE
-    return np.column_stack([problem.nuisance, freed, *(soft_forms(problem, c) for c in claims)])
+    return np.column_stack([problem.nuisance, freed, *(discrepancies(problem, c) for c in selection)])
 
 
-def beyond(held: Array, rows: Array) -> Array:
+def projected(held: Array, rows: Array) -> Array:
     """Rows (r, p) times the inverse covariance of data in which the columns `held` (r, s) vary with prior 1."""
     result: Array = rows - held @ np.linalg.solve(held.T @ held + np.eye(held.shape[1]), held.T @ rows)
     return result
 
 
-def _priors(claim: Claim) -> Array:
-    sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(claim.parameter, claim.free)]
+def _priors(selected: Selected) -> Array:
+    sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(selected.parameter, selected.free)]
     return 1.0 / np.array(sizes) ** 2
 
 
-def _with_covariance(claims: Sequence[Claim], covariance: Array) -> tuple[Claim, ...]:
+def _with_covariance(selection: Sequence[Selected], covariance: Array) -> tuple[Selected, ...]:
     result, i = [], 0
-    for claim in claims:
-        k = len(claim.free)
-        result.append(replace(claim, covariance=covariance[i : i + k, i : i + k]))
+    for selected in selection:
+        k = len(selected.free)
+        result.append(replace(selected, covariance=covariance[i : i + k, i : i + k]))
         i += k
     return tuple(result)
 
 
-def _moved(claims: Sequence[Claim], moves: Array) -> tuple[Claim, ...]:
+def _moved(selection: Sequence[Selected], moves: Array) -> tuple[Selected, ...]:
     """Take the moves, bounded where the model is not linear."""
     result, i = [], 0
-    for claim in claims:
-        values = dict(claim.values)
-        for name in claim.free:
-            at = claim.number(name)
-            d = claim.parameter(name).bounded(at, float(moves[i]))
+    for selected in selection:
+        values = dict(selected.values)
+        for name in selected.free:
+            at = selected.number(name)
+            d = selected.parameter(name).bounded(at, float(moves[i]))
             values[name] = at + d if math.isfinite(d) else at
             i += 1
-        result.append(replace(claim, values=values))
+        result.append(replace(selected, values=values))
     return tuple(result)

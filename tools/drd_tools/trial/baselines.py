@@ -13,11 +13,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.claim import SCALE
 from drd_tools.diagnose.evidence import Evidence, gather
 from drd_tools.diagnose.library import library_of
-from drd_tools.diagnose.linear import Signature
+from drd_tools.diagnose.linear import Sensitivity
 from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.selected import SCALE
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +46,7 @@ def installed() -> tuple[str, ...]:
 
 
 def baselines(recording: Recording, names: Sequence[str]) -> dict[str, list[str]]:
-    """The effects that each method claims, the most important first."""
+    """The effects that each method selected effects, the most important first."""
     if not names:
         return {}
     regression = regress(recording)
@@ -55,26 +55,26 @@ def baselines(recording: Recording, names: Sequence[str]) -> dict[str, list[str]
 
 
 def regress(recording: Recording) -> Regression:
-    """The residual increments and the library's signatures in them."""
+    """The residual increments and the library's sensitivities in them."""
     problem = Problem(gather(recording))
-    signatures: dict[int, tuple[str, Signature]] = {}
+    sensitivities: dict[int, tuple[str, Sensitivity]] = {}
     for c in library_of(problem).candidates:
         shape = {name: value for name, value in c.shape.items() if name != SCALE.name}
         if c.angle:
             units = [problem.unit(c.effect, {**shape, c.angle: a}, c.names[0]) for a in (0.0, 0.5 * math.pi)]
         else:
             units = [problem.unit(c.effect, shape, name) for name in c.names]
-        signatures |= {i: (c.effect.id, unit) for i, unit in zip(c.columns, units, strict=True)}
+        sensitivities |= {i: (c.effect.id, unit) for i, unit in zip(c.columns, units, strict=True)}
     e = problem.evidence
-    bias = Signature(gyro_rad=e.step_s)
-    rows, residual = _increments(e, [bias, *(unit for _, unit in signatures.values())])
+    bias = Sensitivity(gyro_rad=e.step_s)
+    rows, residual = _increments(e, [bias, *(unit for _, unit in sensitivities.values())])
     known, X = rows[:, :1], rows[:, 1:]
     if e.gyro_rad is not None:
         known = known / np.linalg.norm(known)
         residual, X = residual - known[:, 0] * (known[:, 0] @ residual), X - known @ (known.T @ X)
     scale = np.sqrt(np.mean(X**2, axis=0))
     seen = scale > 1e-9 * scale.max()
-    names = [name for name, _ in signatures.values()]
+    names = [name for name, _ in sensitivities.values()]
     return Regression(
         residual / math.sqrt(float(np.mean(residual**2))),
         X[:, seen] / scale[seen],
@@ -82,10 +82,10 @@ def regress(recording: Recording) -> Regression:
     )
 
 
-def _increments(e: Evidence, signatures: Sequence[Signature]) -> tuple[Array, Array]:
+def _increments(e: Evidence, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
     """Columns (n, p) and residual (n,): gyro against wheels, turn and way against the reference."""
     zero, B = np.zeros_like(e.time_s), e.tread_m
-    gyro, left, right, lateral = (np.column_stack([s.channels[k] + zero for s in signatures]) for k in range(4))
+    gyro, left, right, lateral = (np.column_stack([s.channels[k] + zero for s in sensitivities]) for k in range(4))
     parts: list[tuple[Array, Array]] = []
     if e.gyro_rad is not None:
         starts = np.searchsorted(e.time_s, np.arange(e.time_s[0], e.time_s[-1], BLOCK_S))

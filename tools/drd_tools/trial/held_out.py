@@ -12,13 +12,13 @@ import drd
 from drd.model import Amount, Term
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import Analysis
-from drd_tools.diagnose.claim import Claim
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.finding import named
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.ranges import seen, within
-from drd_tools.diagnose.refine import beyond
+from drd_tools.diagnose.refine import projected
 from drd_tools.diagnose.results import Ranges
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import table
@@ -26,7 +26,7 @@ from drd_tools.trial.overlay import Effects
 from drd_tools.trial.unknown import HIDDEN
 
 Array = npt.NDArray[np.float64]
-_Ranged = tuple[Claim, Ranges]
+_Ranged = tuple[Selected, Ranges]
 
 
 def judged(result: Analysis, truth: Effects, other: Recording) -> dict[str, Any]:
@@ -36,15 +36,15 @@ def judged(result: Analysis, truth: Effects, other: Recording) -> dict[str, Any]
     dead-reckoned path from the reference; with hidden physics there is no oracle for it.
     """
     problem = Problem(gather(other))
-    home = result.conclusion.found.problem.signatures.motion
-    claims = [(claim, seen(home, claim)) for claim in named(result.conclusion.causes)]
-    true: list[_Ranged] = [(Claim(effect, values, ()), {}) for effect, values in truth]
+    home = result.conclusion.found.problem.sensitivities.motion
+    selection = [(selected, seen(home, selected)) for selected in named(result.conclusion.causes)]
+    true: list[_Ranged] = [(Selected(effect, values, ()), {}) for effect, values in truth]
     before = _squares(problem, ())
     found: dict[str, Any] = {
         "rows": len(problem.data),
         "residual": {
             "before": before,
-            "after": _corrected(problem, claims) if claims else before,
+            "after": _corrected(problem, selection) if selection else before,
             "oracle": _corrected(problem, true) if true else before,
         },
     }
@@ -57,19 +57,19 @@ def judged(result: Analysis, truth: Effects, other: Recording) -> dict[str, Any]
     return {**found, "path_m": path_m}
 
 
-def _corrected(problem: Problem, claims: Sequence[_Ranged]) -> float:
-    """Around the path as it is, or around the one without the claims: whichever is nearer to the truth."""
-    return min(_squares(p, claims) for p in (problem, problem.around([claim for claim, _ in claims])))
+def _corrected(problem: Problem, selection: Sequence[_Ranged]) -> float:
+    """Around the path as it is, or around the one without the selected effects: whichever is nearer to the truth."""
+    return min(_squares(p, selection) for p in (problem, problem.around([selected for selected, _ in selection])))
 
 
-def _squares(problem: Problem, claims: Sequence[_Ranged]) -> float:
-    residual = problem.data - sum((_rows(problem, *ranged) for ranged in claims), np.zeros(len(problem.data)))
-    return float(residual @ beyond(problem.nuisance, residual))
+def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
+    residual = problem.data - sum((_rows(problem, *ranged) for ranged in selection), np.zeros(len(problem.data)))
+    return float(residual @ projected(problem.nuisance, residual))
 
 
-def _rows(problem: Problem, claim: Claim, seen: Ranges) -> Array:
-    """What a claim explains, its driver held to the range in which it was seen, as model.yaml has it."""
-    return problem.along(within(problem.signatures.motion, seen)).effect_rows([claim])
+def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
+    """What a selected effect explains, its driver held to the range in which it was seen, as model.yaml has it."""
+    return problem.along(within(problem.sensitivities.motion, seen)).effect_rows([selected])
 
 
 def _term(effect: Any, values: Any) -> Term:

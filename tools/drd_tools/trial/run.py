@@ -23,7 +23,7 @@ from drd_tools.trial.baselines import baselines
 from drd_tools.trial.draw import make
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.plan import Drawing
-from drd_tools.trial.size import claims_of
+from drd_tools.trial.size import selected_of
 from drd_tools.trial.unknown import HIDDEN
 
 Record = dict[str, Any]
@@ -94,10 +94,10 @@ def _truth_nats(result: Analysis, truth: Effects) -> float:
 
     Above 0 the search has missed the better answer; below, the evidence as it is weighed speaks for the wrong one.
     """
-    found, claims = result.conclusion.found, claims_of(truth)
-    # Both ways in which the search looks at a claim: around the nominal path, and around that without the claims.
-    problems = result.null_problem, found.problem.around(claims)
-    scores = [-fit.cost - p.penalty(fit.claims) for p in problems for fit in [refine(p, claims)]]
+    found, selection = result.conclusion.found, selected_of(truth)
+    # Both ways in which the search looks at an effect: around the nominal path, and around that without the effects.
+    problems = result.null_problem, found.problem.around(selection)
+    scores = [-fit.cost - p.penalty(fit.selection) for p in problems for fit in [refine(p, selection)]]
     return max(scores) - found.score
 
 

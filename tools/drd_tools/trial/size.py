@@ -8,10 +8,10 @@ import numpy as np
 
 from drd.effects.effect import SIDES, ActsOn, Chance, Effect
 from drd.effects.motion import Motion
-from drd_tools.diagnose.claim import BIAS, Claim
 from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import beyond, refine, refine_all
+from drd_tools.diagnose.refine import projected, refine, refine_all
 from drd_tools.diagnose.search import CLASS_NATS, Search
+from drd_tools.diagnose.selected import BIAS, Selected
 from drd_tools.trial.overlay import Effects
 
 Random = np.random.Generator
@@ -24,19 +24,21 @@ SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
 
 
 def visibility(problem: Problem, effect: Effect, values: Values) -> float:
-    """Norm of an effect's whitened signature, the reference's nuisances (with their priors) projected out."""
-    rows = problem.effect_rows([Claim(effect, values, ())])
-    return math.sqrt(max(float(rows @ beyond(problem.nuisance, rows)), 0.0))
+    """Norm of an effect's whitened sensitivity, the reference's nuisances (with their priors) projected out."""
+    rows = problem.effect_rows([Selected(effect, values, ())])
+    return math.sqrt(max(float(rows @ projected(problem.nuisance, rows)), 0.0))
 
 
-def claims_of(effects: Effects) -> list[Claim]:
-    """Effects as claims from their true values on, all that can be fitted free; a threshold's bias is not known."""
-    claims = [Claim(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects]
+def selected_of(effects: Effects) -> list[Selected]:
+    """Effects as effects from their true values on, all that can be fitted free; a threshold's bias is not known."""
+    selection = [
+        Selected(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects
+    ]
     return [
         replace(c, values={**c.values, BIAS.name: 0.0}, free=(*c.free, BIAS.name))
         if c.effect.acts_on is ActsOn.READOUT and c.effect.searched
         else c
-        for c in claims
+        for c in selection
     ]
 
 
@@ -44,16 +46,16 @@ def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
     """For each of some effects: what would do best in its place without noise, another name or nothing (""), and by
     how many nats that is worse.
     """
-    truth = claims_of(effects)
+    truth = selected_of(effects)
     search, data, names = Search(problem), problem.data, {c.id for c in truth}
     problem.data = problem.effect_rows(truth)
     try:
         right, made = search.score(refine(problem, truth)), []
         for one in truth:
             rest = refine(problem, [c for c in truth if c is not one])
-            rivals = [claim for _, claim in search.ranked(rest) if claim.id not in names][:RIVALS]
-            fits = refine_all(problem, [[*rest.claims, r] for r in rivals])
-            scores = [(search.score(f), f.claims[-1].id) for f in fits]
+            rivals = [selected for _, selected in search.ranked(rest) if selected.id not in names][:RIVALS]
+            fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
+            scores = [(search.score(f), f.selection[-1].id) for f in fits]
             best, rival = max(scores, default=(search.score(rest), ""))
             margin = right - max(best, search.score(rest))
             made.append({"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS})

@@ -1,4 +1,4 @@
-"""Effects of one stretch of time: every stretch of a fine grid is looked at, from the signatures of its pieces."""
+"""Effects of one interval of time: every interval of a fine grid is looked at, from the sensitivities of its pieces."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,53 +9,53 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START, Effect
-from drd_tools.diagnose.claim import Claim, Values
 from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.selected import Selected, Values
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.float32]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
-LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no stretch
+LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no interval
 MEET_S: Final = 5.0
-LEFT_SHARE: Final = 1e-2  # of a stretch's square that what is held beside it must leave
+LEFT_SHARE: Final = 1e-2  # of an interval's square that what is held beside it must leave
 
 
-def is_of_stretch(effect: Effect) -> bool:
+def is_of_interval(effect: Effect) -> bool:
     """Whether an effect acts from `t0` until `t1`, and has sizes besides."""
     linear = effect.linear()
     return bool(linear) and {q.name for q in effect.parameters} == {START.name, END.name, *linear}
 
 
 class Best(NamedTuple):
-    """A stretch: what it explains, nats; its times; and the sizes."""
+    """A interval: what it explains, nats; its times; and the sizes."""
 
     nats: float
     shape: dict[str, float | str]
     sizes: Array
 
 
-class Stretches:
-    """One effect in all stretches. `columns` (r, k PIECES): whitened signatures of each size in each piece."""
+class Intervals:
+    """One effect in all intervals. `columns` (r, k PIECES): whitened sensitivities of each size in each piece."""
 
     def __init__(self, problem: Problem, effect: Effect):
-        m = problem.signatures.motion
+        m = problem.sensitivities.motion
         self.effect, self.names = effect, effect.linear()
         self._edges_s = np.linspace(float(m.time_s[0]), m.end_s, PIECES + 1)
         shapes = [{START.name: float(a), END.name: float(b)} for a, b in itertools.pairwise(self._edges_s)]
-        signatures = [problem.unit(effect, shape, name) for name in self.names for shape in shapes]
-        self.columns: Columns = problem.whiten(signatures, np.float32).astype(np.float32, copy=False)
+        sensitivities = [problem.unit(effect, shape, name) for name in self.names for shape in shapes]
+        self.columns: Columns = problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False)
         self.products: Columns = self.columns.T @ self.columns
 
     def column(self, shape: Values, name: str) -> Columns:
-        """A size's whitened signature (r,) in a stretch of the grid."""
+        """A size's whitened sensitivity (r,) in an interval of the grid."""
         k = self.names.index(name) * PIECES
         first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in (START.name, END.name))
         total: Columns = self.columns[:, first:last].sum(axis=1)
         return total
 
     def best(self, names: tuple[str, ...], G: Array, b: Array) -> Best | None:
-        """The stretch in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
+        """The interval in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
         the data, beside what is held. Sizes have the signs that the effect asks for.
         """
         index = np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
@@ -88,30 +88,30 @@ def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp])
     return result.transpose(2, 0, 1)
 
 
-def same_window(claim: Claim) -> list[Claim]:
-    """Other effects of a stretch of time, in the stretch of a claim."""
-    if claim.interval_s is None:
+def same_window(selected: Selected) -> list[Selected]:
+    """Other effects of an interval of time, in the interval of a selected effect."""
+    if selected.interval_s is None:
         return []
-    return [c for c in _in_window(*claim.interval_s) if c.id != claim.id]
+    return [c for c in _in_window(*selected.interval_s) if c.id != selected.id]
 
 
-def joined(claims: Sequence[Claim]) -> list[tuple[tuple[Claim, Claim], Claim]]:
-    """Pairs of claims whose stretches of time meet, each with one claim of both stretches: one by one, a long stretch
-    is found in pieces.
+def joined(selection: Sequence[Selected]) -> list[tuple[tuple[Selected, Selected], Selected]]:
+    """Pairs of effects whose intervals of time meet, each with one effect of both: one by one, a long interval is found
+    in pieces.
     """
     found = []
-    placed = [(c, c.interval_s) for c in claims if c.interval_s is not None]
+    placed = [(c, c.interval_s) for c in selection if c.interval_s is not None]
     for (a, (a0, a1)), (b, (b0, b1)) in itertools.combinations(placed, 2):
         if max(a0, b0) - min(a1, b1) < MEET_S:
             found += [((a, b), one) for one in _in_window(min(a0, b0), max(a1, b1))]
     return found
 
 
-def _in_window(t0_s: float, t1_s: float) -> list[Claim]:
-    """Each effect of a stretch of time, with sizes yet to be found."""
+def _in_window(t0_s: float, t1_s: float) -> list[Selected]:
+    """Each effect of an interval of time, with sizes yet to be found."""
     times = {START.name: t0_s, END.name: t1_s}
     return [
-        Claim(effect, {**times, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), *times))
+        Selected(effect, {**times, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), *times))
         for effect in catalogue().values()
-        if is_of_stretch(effect)
+        if is_of_interval(effect)
     ]

@@ -1,4 +1,4 @@
-"""An effect with the parameters that are claimed of it."""
+"""An effect with the parameters that are selected of it."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5,
 
 
 @dataclass(frozen=True)
-class Claim:
+class Selected:
     """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs."""
 
     effect: Effect
