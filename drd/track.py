@@ -45,7 +45,7 @@ class Track:
         self.kf.copy_from(other.kf)
         self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
-        self.rejected_rad = other.rejected_rad
+        self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
 
     def run(
