@@ -150,9 +150,13 @@ class Estimator:
             return None
         now_ns -= self._corrections.late_ns
         self._watch(now_ns)
-        self._advance(now_ns)
-        newest_ns = max(self._silence.wheels_ns, self._silence.gyro_ns if self._track.t_ns else 0)
-        return self._pose(now_ns) if now_ns - newest_ns >= self._silent_after_ns else None
+        track, silence = self._track, self._silence
+        if track.t_ns < now_ns - self._wheel_wait_ns:  # before that only samples bring something new
+            self._advance(now_ns)
+        heard_ns = now_ns - self._silent_after_ns
+        if silence.wheels_ns > heard_ns or (silence.gyro_ns > heard_ns and track.t_ns):
+            return None
+        return self._pose(now_ns)
 
     def _heading_rad(self, t_ns: int) -> float:
         track = self._track
@@ -254,6 +258,8 @@ class Estimator:
     def _watch(self, now_ns: int) -> None:
         """Turn silence and spread into reasons."""
         self._silence.watch(now_ns)
+        if self.bias.is_settled:
+            return
         is_told = self.reasons.has("bias")
         if self.bias.active and not is_told:
             self._tell_bias(now_ns)

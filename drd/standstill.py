@@ -52,7 +52,7 @@ class Standstill:
 class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (27)
 
-    `active`: the gyro's samples are needed here.
+    `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more.
     """
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
@@ -74,6 +74,7 @@ class BiasMeasurement:
     def state(self, state: BiasState) -> None:
         self._state = state
         self.active = state is BiasState.WAITING or state is BiasState.MEASURING
+        self.is_settled = state is BiasState.DONE or state is BiasState.SKIPPED
 
     def restart(self) -> None:
         """Begin (again), also when the configuration skips the measurement before the mission."""
