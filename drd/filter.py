@@ -4,10 +4,11 @@ It knows no clock, no sensor and no logger, never raises on data, and returns a 
 """
 
 import math
-from collections.abc import MutableSequence, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import cos, sin
+from operator import itemgetter
 from typing import Final, cast
 
 import numpy as np
@@ -58,6 +59,8 @@ HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
 POSITION_UNKNOWN_M2: Final = 1e8
 
 Matrix = npt.NDArray[np.float64]
+Four = tuple[float, float, float, float]
+Six = tuple[float, float, float, float, float, float]
 
 
 def _elements(matrix: Matrix) -> MutableSequence[float]:
@@ -155,6 +158,9 @@ class Filter:
         self._P_vector = self.P.reshape(-1)
         self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
         self.flat_P: Sequence[float] = self._p
+        h, lag = self.pose_heading, WHEEL_LAG * N
+        self._take_pose: Callable[[Sequence[float]], Six] = itemgetter(XX, XY, X * N + h, YY, Y * N + h, h * (N + 1))
+        self._take_lag: Callable[[Sequence[float]], Four] = itemgetter(lag + X, lag + Y, lag + h, TT)
         self.restart(tread_m, sigmas)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
@@ -549,15 +555,13 @@ class Filter:
         n = self.nominal
         return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
 
-    def pose_covariance(self) -> tuple[float, float, float, float, float, float]:
+    def pose_covariance(self) -> Six:
         """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
-        p, h = self._p, self.pose_heading
-        return p[XX], p[XY], p[X * N + h], p[YY], p[Y * N + h], p[h * (N + 1)]
+        return self._take_pose(self._p)
 
-    def lag_covariance(self) -> tuple[float, float, float, float]:
+    def lag_covariance(self) -> Four:
         """Covariance of the wheels' lag with the pose's x, y and heading, and its variance."""
-        p, lag = self._p, WHEEL_LAG * N
-        return p[lag + X], p[lag + Y], p[lag + self.pose_heading], p[TT]
+        return self._take_lag(self._p)
 
     @property
     def heading_rad(self) -> float:

@@ -54,9 +54,14 @@ class PoseMaker:
         x_m, y_m, heading_rad = led(track, lead)
         covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, heading_rad, lead.scale)
         bound_m = position_bound_m(covariance)
-        self._watch_heading(math.sqrt(max(covariance[5], 0.0)), t_ns)
         exceeded = self._limit_m is not None and bound_m > self._limit_m
-        reasons.update("bound", "the position bound exceeds its limit" if exceeded else None, t_ns, Validity.INVALID)
+        if exceeded or covariance[5] > HEADING_DOUBTFUL_RAD**2 or reasons.active():
+            self._watch(covariance[5], exceeded, t_ns)
+        noise, speed_m_s, rate_rad_s = kf.noise, track.speed_m_s, track.rate_rad_s
+        speed_sigma = speed_sigma_m_s(kf, noise, speed_m_s, wheel_interval_s)
+        has_gyro = gyro_interval_s is not None
+        interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
+        rate_sigma = rate_sigma_rad_s(kf, noise, rate_rad_s, interval_s, has_gyro)
         # In the order of its fields: by their names it takes twice as long.
         return Pose(
             t_ns if t_ns > track.t_ns else track.t_ns,
@@ -64,30 +69,22 @@ class PoseMaker:
             x_m,
             y_m,
             heading_rad,
-            track.speed_m_s,
-            track.rate_rad_s,
-            self._speed_sigma_m_s(track, wheel_interval_s),
-            self._rate_sigma_rad_s(track, wheel_interval_s, gyro_interval_s),
+            speed_m_s,
+            rate_rad_s,
+            speed_sigma + UNSEEN_ACCELERATION_M_S2 * track.unseen_s,
+            rate_sigma + UNSEEN_TURN_RAD_S2 * track.blind_s,
             covariance,
             bound_m,
             reasons.validity,
             reasons.active(),
         )
 
-    def _watch_heading(self, sigma_rad: float, t_ns: int) -> None:
+    def _watch(self, variance_rad2: float, exceeded: bool, t_ns: int) -> None:
         """A heading known so badly leaves the linear covariance without a meaning."""
+        reasons, sigma_rad = self._reasons, math.sqrt(max(variance_rad2, 0.0))
         if sigma_rad > HEADING_DOUBTFUL_RAD:
             severity = Validity.INVALID if sigma_rad > HEADING_LOST_RAD else Validity.DEGRADED
-            self._reasons.set("heading", "the heading is hardly known", t_ns, severity)
+            reasons.set("heading", "the heading is hardly known", t_ns, severity)
         else:
-            self._reasons.clear("heading")
-
-    def _speed_sigma_m_s(self, track: Track, interval_s: float) -> float:
-        unseen = UNSEEN_ACCELERATION_M_S2 * track.unseen_s
-        return speed_sigma_m_s(track.kf, track.kf.noise, track.speed_m_s, interval_s) + unseen
-
-    def _rate_sigma_rad_s(self, track: Track, wheel_interval_s: float, gyro_interval_s: float | None) -> float:
-        gyro = gyro_interval_s is not None
-        interval_s = wheel_interval_s if gyro_interval_s is None else gyro_interval_s
-        unseen = UNSEEN_TURN_RAD_S2 * track.blind_s
-        return rate_sigma_rad_s(track.kf, track.kf.noise, track.rate_rad_s, interval_s, gyro) + unseen
+            reasons.clear("heading")
+        reasons.update("bound", "the position bound exceeds its limit" if exceeded else None, t_ns, Validity.INVALID)

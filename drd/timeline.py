@@ -24,13 +24,8 @@ class Segment(NamedTuple):
     c: float = 0.0
 
 
-class Piece(NamedTuple):
-    """A stretch over which neither sensor changes. None: that sensor did not see it."""
-
-    start_ns: int
-    end_ns: int
-    wheels: Segment | None
-    gyro: Segment | None
+# A stretch over which neither sensor changes: start and end in ns, wheels and gyro. None: that sensor did not see it.
+Piece = tuple[int, int, Segment | None, Segment | None]
 
 
 class Stream:
@@ -106,5 +101,5 @@ def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int, lag_ns: int
             if begin_ns > t_ns and begin_ns > seen_ns:
                 turning, edge_ns = None, begin_ns
             until_ns = edge_ns if edge_ns < until_ns else until_ns
-        yield Piece(t_ns, until_ns, covering, turning)
+        yield t_ns, until_ns, covering, turning
         t_ns = until_ns

@@ -28,13 +28,13 @@ def test_pieces_tile_the_time_and_carry_every_segment_whole(
     w, g = stream(wheels), stream(gyro)
     start, end = 1000 * MS, (1000 + length_ms) * MS
     found = list(pieces(w, g, start, end))
-    edges = [start, *(p.end_ns for p in found)]
+    edges = [start, *(end_ns for _, end_ns, _, _ in found)]
     assert edges == sorted(set(edges))
     assert edges[-1] == end
-    assert [p.start_ns for p in found] == edges[:-1]
+    assert [start_ns for start_ns, *_ in found] == edges[:-1]
     for source, index in ((w, 2), (g, 3)):
         for segment in source.segments:
-            covered = sum(p.end_ns - p.start_ns for p in found if p[index] == segment)
+            covered = sum(p[1] - p[0] for p in found if p[index] == segment)
             inside = max(0, min(segment.end_ns, end) - max(segment.start_ns, start))
             assert covered == inside
 
