@@ -194,7 +194,8 @@ class SampleClock:
             lost = self._periods(min(recent_s))
         elif late_s < -self.period_s / 2:
             lost = -min(inferred - self._counted, round(-late_s / self.period_s))
-        self._lates_s = deque((late - lost * self.period_s for late in self._lates_s), SCATTER)
+        if lost:
+            self._lates_s = deque((late - lost * self.period_s for late in self._lates_s), SCATTER)
         self._inferred.append(inferred + lost)
         recent = list(self._inferred)[-evidence:]
         if len(recent) == evidence and min(recent) > self._counted:

@@ -3,8 +3,11 @@
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from enum import Enum
 from typing import Any
+
+import msgspec
 
 from drd.samples import Pose
 from drd.units import S_PER_NS
@@ -58,11 +61,11 @@ def health_json(payload: Mapping[str, Any]) -> bytes:
 
 def encode(value: Mapping[str, Any]) -> bytes:
     """Compact JSON in ASCII. Non-finite numbers become null; what JSON has no word for becomes text."""
-    try:
-        text = _ENCODER.encode(value)
-    except (TypeError, ValueError):
-        text = _ENCODER.encode(_plain(value))
-    return text.encode("ascii")
+    with suppress(TypeError, ValueError):  # it knows no numpy
+        data = msgspec.json.encode(value)
+        if data.isascii():  # it escapes nothing
+            return data
+    return _ENCODER.encode(_plain(value)).encode("ascii")
 
 
 def decode_request(data: bytes) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """The daemon's recording (drd.recording): read as far as it goes, with what is missing."""
 
-import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,6 +8,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 
+import msgspec
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata
@@ -39,9 +39,9 @@ class Recorded(NamedTuple):
     def value(self) -> dict[str, Any]:
         """The payload of a JSON topic. Raises ValueError where it is no object."""
         try:
-            found = json.loads(self.data.decode())
-        except RecursionError as error:
-            raise ValueError("nested too deeply") from error
+            found = msgspec.json.decode(self.data)
+        except (msgspec.DecodeError, RecursionError) as error:
+            raise ValueError(str(error)) from error
         if not isinstance(found, dict):
             raise ValueError("no object")
         return found
