@@ -25,6 +25,11 @@ log = logging.getLogger(__name__)
 
 # Metres or radians of a pose from outside; beyond, doubles no longer resolve a step of the robot.
 LARGEST_COMMANDED = 1e7
+# Each side with the other one, and the reason that its silence is.
+SILENT_SIDES = (
+    (Side.LEFT, Side.RIGHT, "encoders.left", "the left counter is silent"),
+    (Side.RIGHT, Side.LEFT, "encoders.right", "the right counter is silent"),
+)
 
 
 class Observer(Protocol):
@@ -163,16 +168,15 @@ class Pipeline:
         """Time passes, whether or not anything arrives."""
         self._record("tick", now_ns)
         last = self.encoders.last_ns
-        for side in Side:
-            mine, other = last[side], last[Side.RIGHT if side is Side.LEFT else Side.LEFT]
+        for side, other_side, source, text in SILENT_SIDES:
+            mine, other = last[side], last[other_side]
             # With both sides silent the estimator's own reason says all.
             dead = (
                 other is not None
                 and now_ns - other < self._side_silent_ns
                 and (mine is None or now_ns - mine > self._side_silent_ns)
             )
-            name = side.name.lower()
-            self.reasons.update(f"encoders.{name}", f"the {name} counter is silent" if dead else None, now_ns)
+            self.reasons.update(source, text if dead else None, now_ns)
         self._emit(self.estimator.tick(now_ns), now_ns)
 
     def port_state(self, source: str, text: str | None, now_ns: int) -> None:

@@ -53,6 +53,8 @@ class Side(Enum):
     LEFT = 0
     RIGHT = 1
 
+    __hash__ = object.__hash__  # the enumeration's own is no C; sides are keys of each reading
+
 
 class WheelReading(NamedTuple):
     """One side's counter as the bus gave it: counts, or m/s where the layout reports speed."""
