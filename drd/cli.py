@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drd import __version__
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 
 @dataclass(frozen=True)

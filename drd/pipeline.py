@@ -6,19 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from drd.basis import basis_of, changes, learned_anew
-from drd.calibration import Calibration, load_calibration
-from drd.config import Config, Encoders, Fog
+from drd.config.keys import Config, Encoders, Fog
 from drd.effects.compensation import Compensation
+from drd.effects.model import Model, check_geometry, load_model
 from drd.encoders.stream import EncoderStream
-from drd.estimate import Estimate
-from drd.estimator import Estimator
+from drd.estimation.basis import basis_of, changes, learned_anew
+from drd.estimation.calibration import Calibration, load_calibration
+from drd.estimation.estimate import Estimate
+from drd.estimation.estimator import Estimator
+from drd.estimation.health import Reasons
+from drd.estimation.learned_values import learned_values, steering_text
+from drd.estimation.track import MakeTrack, make_track
 from drd.fog.stream import FogStream
-from drd.health import Reasons
-from drd.learned_values import learned_values, steering_text
-from drd.model import Model, check_geometry, load_model
 from drd.samples import CanFrame, GyroSample, Pose, Side, WheelSample
-from drd.track import MakeTrack, make_track
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 
 log = logging.getLogger(__name__)

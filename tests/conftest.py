@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from harness import Robot
 
-from drd.daemon import Daemon
+from drd.service.daemon import Daemon
 
 
 @pytest.fixture

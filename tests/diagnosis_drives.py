@@ -2,8 +2,8 @@
 
 from functools import lru_cache
 
+from drd.config.nominal import Nominal
 from drd.effects.catalogue import catalogue
-from drd.nominal import Nominal
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
 from drd_tools.diagnose.selected import Selected

@@ -8,9 +8,9 @@ from typing import Any
 from diagnosis_drives import SLALOM, selected, simulated
 
 from drd.cli import main
+from drd.config.nominal import FogSheet
 from drd.effects.catalogue import catalogue
-from drd.model import load_model
-from drd.nominal import FogSheet
+from drd.effects.model import load_model
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import write_folder

@@ -9,10 +9,10 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import Loaded
 from drd.output.session import isolated_config
-from drd.schema import Loaded
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output.queries import COMMANDS, QUESTIONS
 from drd.output.session import isolated_config
 from drd.output.zenoh_link import ZenohLink

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from drd.config import Config
-from drd.schema import Loaded
+from drd.config.keys import Config
+from drd.config.schema import Loaded
 from drd.units import DEG_PER_RAD
 from drd_tools.recordings.daemon_log import reference_file
 from drd_tools.replay.nominal import configuration

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import Loaded, loads
 from drd.pipeline import Pipeline
 from drd.recording.recorder import Recorder
 from drd.samples import Pose
-from drd.schema import Loaded, loads
 from drd_tools.bench.robot import Circle
 
 CONFIG = """\

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from drd.calibration import Calibration
-from drd.config import Config
-from drd.estimator import Estimator
+from drd.config.keys import Config
+from drd.config.schema import loads
+from drd.estimation.calibration import Calibration
+from drd.estimation.estimator import Estimator
 from drd.samples import GyroSample, Pose, WheelSample
-from drd.schema import loads
 
 S = 1_000_000_000
 T0 = 1000 * S

@@ -12,7 +12,7 @@ import pytest
 
 import drd
 from drd.cli import COMMANDS, main
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "drd"

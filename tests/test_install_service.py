@@ -16,7 +16,7 @@ from drd.cli import main
 from drd.commands import install_service
 from drd.commands.install_service import CONFIGS, DROP_INS, EXAMPLES, PROGRAM_IN_UNIT, RULES, UNIT
 from drd.commands.installation import MANIFEST, Installation
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 CHECKOUT = Path(__file__).parents[1]
 PROGRAM = "/usr/lib/robots/drd"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from drd.cli import COMMANDS
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output import queries
 from drd.output.messages import pose_dict
 from drd.output.zenoh_link import ZenohLink

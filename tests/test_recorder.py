@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 from recorded_drive import CALIBRATION, drive, recordings
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, loads
 from drd.pipeline import Pipeline
 from drd.recording import recorder as recorder_module
 from drd.recording.in_force import AS_WRITTEN, IN_FORCE
 from drd.recording.in_force import CALIBRATION as CALIBRATION_NAME
 from drd.recording.topics import CHANNELS, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import Pose
-from drd.schema import ConfigError, loads
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.result import digest
@@ -223,5 +223,5 @@ def test_a_file_in_force_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 
 def test_mcap_is_loaded_only_to_record() -> None:
-    code = "import sys, drd.daemon, drd.pipeline; sys.exit('mcap' in sys.modules)"
+    code = "import sys, drd.service.daemon, drd.pipeline; sys.exit('mcap' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

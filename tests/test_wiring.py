@@ -360,6 +360,6 @@ def test_gaps_are_left_out() -> None:
 
 
 def test_the_running_daemon_does_not_load_it() -> None:
-    program = "import sys, drd.daemon, drd.commands.run, drd.commands.check; print('drd.wiring' in sys.modules)"
+    program = "import sys, drd.service.daemon, drd.commands.run, drd.commands.check; print('drd.wiring' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "False"

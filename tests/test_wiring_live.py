@@ -11,7 +11,7 @@ import pytest
 from harness import CONFIG
 
 from drd.cli import main
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
 

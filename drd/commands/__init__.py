@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from drd.schema import ConfigError, Loaded
+from drd.config.schema import ConfigError, Loaded
 
 
 def config_argument(prog: str, description: str) -> argparse.ArgumentParser:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from drd.commands import config_argument, placed
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import keys, meanings, values
 from drd.output.exposure import exposure
 from drd.output.session import check_output, unreadable_files
 from drd.pipeline import Pipeline
-from drd.schema import keys, meanings, values
 
 LIVE_OPTIONS: Final = ("seconds", "drove", "turned", "distance")
 DEFAULT_S: Final = 60.0

@@ -15,7 +15,7 @@ from typing import Final
 
 import drd
 from drd.commands.installation import Installation
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 UNIT: Final = "etc/systemd/system/drd@.service"
 DROP_INS: Final = "etc/systemd/system/drd@.service.d"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 MANIFEST = "etc/drd/.installed.json"
 _MANIFEST_VERSION = 1

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from drd.config import Config
-from drd.inputs import Inputs
+from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.samples import Side
+from drd.service.inputs import Inputs
 from drd.units import DEG_PER_RAD
 from drd.wiring.findings import Finding, Statement, faults
 from drd.wiring.samples import Samples

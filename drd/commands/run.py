@@ -4,8 +4,8 @@ import argparse
 from typing import Final
 
 from drd.commands import config_argument, placed
-from drd.config_file import load_config
-from drd.daemon import run
+from drd.config.file import load_config
+from drd.service.daemon import run
 
 DESCRIPTION: Final = """\
 Run the daemon: read the gyro and the wheel encoders that CONFIG names, estimate the pose, and publish it over Zenoh. A

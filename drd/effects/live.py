@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
+from drd.effects.model import DRIVERS, Term
 from drd.effects.motion import Array, Motion
-from drd.model import DRIVERS, Term
 
 # A sensor that was not heard for longer does not speak for the present.
 STALE_S: Final = 0.5

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
+from drd.config.schema import ConfigError
 from drd.encoders.agilex import Agilex
 from drd.encoders.cia406 import Cia406
 from drd.encoders.dbc import Dbc
 from drd.encoders.layout import Layout
 from drd.encoders.odrive import Odrive
 from drd.encoders.vesc import Vesc
-from drd.schema import ConfigError
 
 LAYOUTS: Final[dict[str, Callable[[Encoders, Path], Layout]]] = {
     "cia406": Cia406,

@@ -8,7 +8,7 @@ from math import pi
 from pathlib import Path
 from typing import Final
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
 from drd.encoders.layout import CounterRestart, Layout, counts_per_revolution, nodes
 from drd.samples import CanFrame, Side, WheelReading
 

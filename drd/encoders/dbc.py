@@ -8,10 +8,10 @@ from math import isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
+from drd.config.schema import ConfigError
 from drd.encoders.layout import CounterRestart, Layout, counts_per_revolution, side_key, wheels
 from drd.samples import CanFrame, Side, WheelReading
-from drd.schema import ConfigError
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from drd.config import Encoders, Wheel
+from drd.config.keys import Encoders, Wheel
+from drd.config.schema import ConfigError
 from drd.samples import CanFrame, Side, WheelReading
-from drd.schema import ConfigError
 
 
 class CounterRestart(NamedTuple):

@@ -3,13 +3,13 @@
 from collections import deque
 from pathlib import Path
 
-from drd.config import Encoders, Robot
+from drd.config.keys import Encoders, Robot
+from drd.config.schema import ConfigError
 from drd.encoders import make_layout
 from drd.encoders.counter import MARGIN_COUNTS, Counter, Outcome, SpeedIntegral, Travel
 from drd.encoders.layout import CounterRestart, wheels
 from drd.encoders.pairing import Pairing
 from drd.samples import CanFrame, Side, WheelReading, WheelSample
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 
 # Taken for the resolution where readings are no whole counts: far below any motion that matters.

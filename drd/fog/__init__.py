@@ -1,6 +1,6 @@
 """Fibre-optic gyros: bytes in, gyro samples out."""
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.fog.dsp17xx import Dsp17xxParser
 from drd.fog.dsp3000 import Dsp3000Parser
 from drd.fog.ecore import EcoreParser

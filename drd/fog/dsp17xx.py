@@ -10,7 +10,7 @@ from math import isfinite
 from struct import Struct
 from typing import Final
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.samples import FogReading
 from drd.units import RAD_PER_DEG
 

@@ -8,7 +8,7 @@ import re
 from math import nan, remainder
 from typing import Final
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.samples import FogReading
 from drd.units import RAD_PER_DEG
 

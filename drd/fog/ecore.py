@@ -8,7 +8,7 @@ GyroComponent.cpp (parseEcore2000), which agree. Neither decodes m1 to m4: their
 from math import nan
 from typing import Final
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.samples import FogReading
 from drd.units import RAD_PER_DEG
 

@@ -3,7 +3,7 @@
 from math import isnan
 from typing import Final
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.fog import make_protocol
 from drd.fog.clock import SampleClock, Stamp
 from drd.samples import FogReading, GyroSample

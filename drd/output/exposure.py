@@ -7,7 +7,7 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output.session import session_config
 
 _ENCRYPTED = ("tls", "quic")

@@ -7,9 +7,9 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Output
+from drd.config.keys import Output
+from drd.config.schema import ConfigError
 from drd.output.ros2 import topic_name
-from drd.schema import ConfigError
 
 # A message above this is dropped where it arrives, before it takes memory. Zenoh's own limit is 1 GiB.
 MAX_MESSAGE_BYTES = 65_536

@@ -8,7 +8,8 @@ from typing import Any
 
 import zenoh
 
-from drd.config import Output
+from drd.config.keys import Output
+from drd.config.schema import ConfigError
 from drd.output import ros2
 from drd.output.cdr import OdometryEncoder
 from drd.output.exposure import exposure
@@ -16,7 +17,6 @@ from drd.output.messages import health_json, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.session import open_session, tidy
 from drd.samples import Pose
-from drd.schema import ConfigError
 
 log = logging.getLogger(__name__)
 

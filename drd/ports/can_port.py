@@ -16,10 +16,10 @@ from typing import Any, Final
 import can
 from can.interfaces.slcan import slcanBus
 
-from drd.clock import ReceiveClock
-from drd.config import Encoders
+from drd.config.keys import Encoders
 from drd.ports import can_errors
 from drd.ports.bursts import Bursts
+from drd.ports.clock import ReceiveClock
 from drd.ports.port import Port, reason_of
 from drd.ports.serial_port import request_low_latency
 from drd.samples import CanFrame

@@ -10,7 +10,7 @@ from typing import Final
 
 import serial
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.ports.port import Port, reason_of
 
 log = logging.getLogger(__name__)

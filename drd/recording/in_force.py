@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import yaml
 
-from drd.config import Config
-from drd.schema import ConfigError, Loaded
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, Loaded
 
 AS_WRITTEN: Final = "configuration.yaml"
 IN_FORCE: Final = "configuration-in-force.yaml"

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from drd import __version__
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import Loaded
 from drd.recording.file import RecordingFile
 from drd.recording.folder import make_room, part_file, recordings_folder, run_name
 from drd.recording.in_force import files_in_force
 from drd.recording.topics import Encoder
 from drd.samples import CanFrame, GyroSample, Pose, WheelSample
-from drd.schema import Loaded
 from drd.units import NS_PER_S, S_PER_NS
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output.cdr import OdometryEncoder
 from drd.output.messages import encode, pose_dict
 from drd.samples import CanFrame, GyroSample, Pose, WheelSample

@@ -5,7 +5,7 @@ import os
 import time
 from typing import Any
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.state.restart import has_clock_chip, warm_restart
 from drd.state.saved import Saved, StateError, moment_now, this_boot

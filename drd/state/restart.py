@@ -7,15 +7,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.basis import changes, learned_anew
-from drd.config import Config
+from drd.config.keys import Config
 from drd.effects.effect import Effect
-from drd.estimate import Estimate, forget_gyro, forget_wheels, put_into
-from drd.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
-from drd.learning import Learned
+from drd.estimation.basis import changes, learned_anew
+from drd.estimation.estimate import Estimate, forget_gyro, forget_wheels, put_into
+from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.estimation.learning import Learned
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.pipeline import Pipeline
 from drd.state.saved import Moment, Saved
-from drd.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.units import DEG_PER_RAD, NS_PER_S, RAD_PER_DEG, S_PER_H, S_PER_NS
 
 CLOCK_CHIPS: Final = Path("/sys/class/rtc")

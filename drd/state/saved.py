@@ -14,8 +14,8 @@ import msgspec
 from msgspec import Meta
 
 from drd import __version__
-from drd.basis import Basis
-from drd.estimate import Estimate, estimate_of
+from drd.estimation.basis import Basis
+from drd.estimation.estimate import Estimate, estimate_of
 
 VERSION: Final = 2
 LARGEST_BYTES: Final = 1 << 18

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from drd.config import Robot
+from drd.config.keys import Robot
 from drd.pipeline import Pipeline
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd.wiring.findings import Finding, Statement

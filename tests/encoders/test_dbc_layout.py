@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from drd.config import Dbc, Encoders, Left, Right
+from drd.config.keys import Dbc, Encoders, Left, Right
+from drd.config.schema import ConfigError
 from drd.encoders import make_layout
 from drd.samples import CanFrame, Side, WheelReading
-from drd.schema import ConfigError
 
 # WHEELS: two little-endian counters, one signed. OTHER: a float speed. MUX: one side per multiplexer value.
 TEXT = """VERSION ""

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drd.config import Dbc, Encoders, Left, Right, Robot
+from drd.config.keys import Dbc, Encoders, Left, Right, Robot
 from drd.encoders import make_layout
 from drd.encoders.stream import EncoderStream
 from drd.samples import CanFrame, Side, WheelReading, WheelSample

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drd.config import Cia406, Dbc, Encoders, Left, Odrive, Right, Robot, Vesc
+from drd.config.keys import Cia406, Dbc, Encoders, Left, Odrive, Right, Robot, Vesc
 from drd.encoders.stream import EncoderStream
 from drd.samples import CanFrame, WheelSample
 from drd.units import NS_PER_S

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from drd.config import Cia406, Dbc, Encoders, Left, Odrive, Right, Robot
+from drd.config.keys import Cia406, Dbc, Encoders, Left, Odrive, Right, Robot
+from drd.config.schema import ConfigError
 from drd.encoders.stream import EncoderStream
 from drd.samples import CanFrame, Side, WheelSample
-from drd.schema import ConfigError
 from drd.units import NS_PER_MS, NS_PER_S
 
 BASE = Path()

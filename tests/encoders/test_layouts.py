@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from drd.config import Cia406, Encoders, Left, Odrive, Right, Vesc
+from drd.config.keys import Cia406, Encoders, Left, Odrive, Right, Vesc
+from drd.config.schema import ConfigError
 from drd.encoders import make_layout
 from drd.encoders.layout import CounterRestart, Layout
 from drd.samples import CanFrame, Side, WheelReading
-from drd.schema import ConfigError
 
 BASE = Path()
 LEFT, RIGHT = Left(node=5), Right(node=6)

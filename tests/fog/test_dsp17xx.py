@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drd.config import Dsp17xx, Fog
+from drd.config.keys import Dsp17xx, Fog
 from drd.fog.dsp17xx import FRAME_BYTES, HEADER, Dsp17xxParser, crc32_mpeg2
 from drd.units import RAD_PER_DEG
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drd.config import Dsp3000, Fog
+from drd.config.keys import Dsp3000, Fog
 from drd.fog.dsp3000 import KEPT_BYTES, Dsp3000Parser
 from drd.units import DEG_PER_RAD
 

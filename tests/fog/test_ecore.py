@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drd.config import Ecore, Fog
+from drd.config.keys import Ecore, Fog
 from drd.fog.ecore import EcoreParser
 from drd.samples import FogReading
 from drd.units import DEG_PER_RAD

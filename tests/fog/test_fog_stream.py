@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.config import Dsp17xx, Dsp3000, Ecore, Fog
+from drd.config.keys import Dsp17xx, Dsp3000, Ecore, Fog
 from drd.fog import make_protocol
 from drd.fog.stream import FogStream
 from drd.samples import GyroSample

@@ -13,10 +13,10 @@ sys.path.insert(0, str(HERE.parent))
 
 from fuzz.targets import COUNTS, CUT, DBC, DBC_KEYS, FOGS, FRAME, LAYOUTS, ROBOT, _config, _dbc_folder  # noqa: E402
 
-from drd.basis import basis_of  # noqa: E402
 from drd.encoders.stream import EncoderStream  # noqa: E402
-from drd.estimate import Estimate  # noqa: E402
-from drd.filter import N, Nominal  # noqa: E402
+from drd.estimation.basis import basis_of  # noqa: E402
+from drd.estimation.estimate import Estimate  # noqa: E402
+from drd.estimation.filter import N, Nominal  # noqa: E402
 from drd.recording.in_force import IN_FORCE  # noqa: E402
 from drd.state.saved import Moment, Saved, encoded  # noqa: E402
 from drd_tools.emulate import encoder_frames, fog_packets  # noqa: E402

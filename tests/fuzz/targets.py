@@ -16,21 +16,21 @@ from typing import Final
 
 from mcap.writer import Writer
 
-from drd.calibration import load_calibration
-from drd.config import Config, Encoders
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config, Encoders
+from drd.config.schema import ConfigError, loads
+from drd.effects.model import load_model
 from drd.encoders.stream import EncoderStream
+from drd.estimation.calibration import load_calibration
 from drd.fog import make_protocol
 from drd.fog.dsp17xx import BODY, HEADER, crc32_mpeg2
 from drd.fog.stream import FogStream
-from drd.model import load_model
 from drd.output.messages import Refused, decode_request
 from drd.pipeline import Pipeline
 from drd.ports.can_errors import problems, state_after
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import CHANNELS
 from drd.samples import CanFrame, GyroSample
-from drd.schema import ConfigError, loads
 from drd.state.saved import HEAD, VERSION, StateError, decoded, encoded
 from drd_tools.recordings.daemon_log import read_daemon_log
 from drd_tools.recordings.folder import read_recording

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from drd.cli import main
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output.exposure import exposure
 
 SHIPPED = Path(__file__).parents[2] / "config" / "zenoh-tls.json5"

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd.commands.watch import View, main
-from drd.config import Output
+from drd.config.keys import Output
 from drd.output.messages import encode, pose_json
 from drd.output.zenoh_link import ZenohLink
 from drd.samples import Pose, Reason, Validity

@@ -16,13 +16,13 @@ import zenoh.ext
 from links import HANDLERS, PATIENCE_S, POSE, a_link, ask, event_loop, first_sample, free_endpoint, subscribe, wait_for
 from rosbags.typesys import Stores, get_typestore
 
-from drd.config import Output
+from drd.config.keys import Output
+from drd.config.schema import ConfigError
 from drd.output import ros2
 from drd.output.messages import MAX_REQUEST_BYTES, Refused, pose_json
 from drd.output.queries import COMMANDS, MAX_IN_FLIGHT, QUESTIONS, QueryDesk
 from drd.output.session import MAX_MESSAGE_BYTES, isolated_config
 from drd.output.zenoh_link import ZenohLink
-from drd.schema import ConfigError
 
 
 def test_a_subscriber_gets_pose_odometry_and_health() -> None:
@@ -346,7 +346,7 @@ def test_a_process_with_queryables_exits_with_its_code(tmp_path: Path) -> None:
     script = tmp_path / "process.py"
     script.write_text(
         "import asyncio, sys\n"
-        "from drd.config import Output\n"
+        "from drd.config.keys import Output\n"
         "from drd.output.zenoh_link import ZenohLink\n"
         "async def run():\n"
         "    handlers = dict.fromkeys(('pose','health','config','set_pose','reset','calibrate_bias'), lambda p: p)\n"

@@ -19,10 +19,10 @@ import zenoh
 from links import HANDLERS, PATIENCE_S, POSE, ask, event_loop, first_sample, free_endpoint, subscribe
 
 from drd.cli import main
-from drd.config import Output
+from drd.config.keys import Output
+from drd.config.schema import ConfigError
 from drd.output.queries import COMMANDS, QUESTIONS
 from drd.output.zenoh_link import ZenohLink
-from drd.schema import ConfigError
 
 CONFIG = Path(__file__).parents[2] / "config"
 

@@ -12,7 +12,7 @@ from typing import Any
 import can
 import pytest
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
 from drd.ports import port as port_module
 from drd.ports.can_port import CanPort
 from drd.ports.port import Port

@@ -14,7 +14,7 @@ from can.interfaces.slcan import slcanBus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
 from drd.ports import can_port
 from drd.ports.can_port import CanPort
 

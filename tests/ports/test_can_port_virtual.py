@@ -11,7 +11,7 @@ import can
 import numpy as np
 import pytest
 
-from drd.config import Encoders
+from drd.config.keys import Encoders
 from drd.ports.can_port import CanPort
 from drd.samples import CanFrame
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import serial
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.ports.serial_port import SerialPort
 
 

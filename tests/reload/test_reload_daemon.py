@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from harness import Robot
 
-from drd.learned_values import LEARNED, NOT_YET, OUTSIDE
+from drd.estimation.learned_values import LEARNED, NOT_YET, OUTSIDE
 
 pytestmark = pytest.mark.process
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from recorded_drive import Drive, drive
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose, Validity
-from drd.schema import loads
 
 TICK = 200  # of 50 ms; the robot drives circles and its bias has been measured
 

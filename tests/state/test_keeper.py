@@ -6,10 +6,10 @@ import pytest
 from recorded_drive import CONFIG
 from sensors import T0, S, drive
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import GyroSample, WheelSample
-from drd.schema import loads
 from drd.state.keeper import StateKeeper
 from drd.state.saved import Saved
 from drd.state.store import Store

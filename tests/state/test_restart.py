@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn_robot import STATES, STEP_S, TREAD_M, Truth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
-from test_filter_consistency import STATES, STEP_S, TREAD_M, Truth
 
-from drd.config import Config
-from drd.estimate import Estimate, check_covariance
-from drd.filter import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, X, Y
+from drd.config.keys import Config
+from drd.config.schema import loads
+from drd.estimation.estimate import Estimate, check_covariance
+from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, X, Y
 from drd.pipeline import Pipeline
-from drd.schema import loads
 from drd.state.restart import Restart, duration, time_off_s, warm_restart
 from drd.state.saved import Moment, Saved
 from drd.units import NS_PER_S, RAD_PER_DEG

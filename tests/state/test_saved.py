@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensors import NO_BIAS, drive, feed, make
 
-from drd.basis import Basis
-from drd.estimate import Estimate, estimate_of
+from drd.estimation.basis import Basis
+from drd.estimation.estimate import Estimate, estimate_of
 from drd.state.saved import Moment, Saved, StateError, decoded, encoded
 
 MOMENT = Moment(1_700_000_000_123_456_789, 5_000_000_000, "abc")

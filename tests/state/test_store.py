@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from drd.basis import Basis
-from drd.estimate import Estimate
-from drd.filter import Filter, Sigmas
-from drd.noise import NoiseProfile
+from drd.estimation.basis import Basis
+from drd.estimation.estimate import Estimate
+from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.noise import NoiseProfile
 from drd.state import store as store_module
 from drd.state.saved import Moment, Saved, StateError, decoded
 from drd.state.store import KEPT_ASIDE, Store, state_file

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drd.filter import Filter, Outcome
+from drd.estimation.filter import Filter, Outcome
 from drd_tools.bench import latency, timing
 from drd_tools.bench.__main__ import BENCHMARKS, main
 from drd_tools.bench.cpu import usage

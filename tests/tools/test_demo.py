@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from harness import free_endpoint
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd_tools import demo
 from drd_tools.emulate.hardware import Truth
 

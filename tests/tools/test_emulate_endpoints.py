@@ -9,8 +9,8 @@ import can
 import pytest
 import serial
 
-from drd.config import Encoders
-from drd.schema import ConfigError
+from drd.config.keys import Encoders
+from drd.config.schema import ConfigError
 from drd_tools.emulate.endpoints import BusEndpoint, PtyLink, SlcanAdapter, can_endpoint
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import serial
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, loads
 from drd.encoders.cia406 import Cia406
 from drd.fog.ecore import EcoreParser
 from drd.fog.stream import FogStream
 from drd.samples import CanFrame, FogReading, GyroSample, Side, WheelReading
-from drd.schema import ConfigError, loads
 from drd.units import RAD_PER_DEG
 from drd_tools.emulate.drive import Drive
 from drd_tools.emulate.hardware import Emulator

@@ -4,7 +4,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from drd.config import Robot
+from drd.config.keys import Robot
 from drd.units import RAD_PER_DEG
 from drd_tools.emulate.drive import Drive, demo_drive
 from drd_tools.emulate.sensors import Gyro, GyroErrors, SensorErrors, WheelErrors, Wheels

@@ -17,7 +17,7 @@ import yaml
 from vm import image, robot
 from vm.kernel import CONTAINED, Kernel
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd.units import S_PER_NS
 from drd_tools.emulate.hardware import Emulator
 

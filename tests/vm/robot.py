@@ -16,7 +16,7 @@ import yaml
 import zenoh
 
 import drd
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd.output.session import isolated_config
 from drd.units import S_PER_NS
 from drd_tools.emulate import hardware

@@ -17,8 +17,8 @@ import numpy.typing as npt
 import zenoh
 
 from drd.commands.watch import View
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
 from drd.output.session import isolated_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drd.config import Config
-from drd.config_file import load_config
-from drd.schema import ConfigError
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd_tools.calibrate import fog_recorder
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFile, record
 from drd_tools.calibrate.gyro import live as gyro_live

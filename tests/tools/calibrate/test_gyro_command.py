@@ -14,7 +14,7 @@ import yaml
 from rate_table_data import Array, samples, write_csv, write_table
 
 from drd import __version__
-from drd.calibration import load_calibration
+from drd.estimation.calibration import load_calibration
 from drd.samples import GyroSample
 from drd_tools.calibrate.command import main as calibrate
 from drd_tools.calibrate.gyro.command import main

@@ -11,9 +11,9 @@ import yaml
 from gyro_noise_data import DEG_H, DEG_H_ROOT_H, DEG_ROOT_H, static_log, write_log
 
 from drd.cli import main as drd
-from drd.config import Config, Noise
+from drd.config.keys import Config, Noise
+from drd.config.schema import loads
 from drd.samples import GyroSample
-from drd.schema import loads
 from drd.units import NS_PER_S, RAD_PER_DEG
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError
 from drd_tools.calibrate.noise import command as noise_command

@@ -8,7 +8,7 @@ from gyro_noise_data import static_log, write_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.calibrate.noise.allan import allan_curve
 from drd_tools.calibrate.noise.static_log import StaticLog, check_standstill, even, motion, read_static_log

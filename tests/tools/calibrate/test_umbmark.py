@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.squares import misfit, significance
 from drd_tools.calibrate.wheels.umbmark import (
     Returns,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wheel_recordings import CIRCLE, RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Leg, Truth, write_drive
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.drive import Drive, Wheels, make_drive, odometry
 from drd_tools.calibrate.wheels.fit import fit_wheels
 from drd_tools.calibrate.wheels.heldout import compare, leave_one_out

@@ -11,10 +11,10 @@ from replay_folders import write_perfect
 from wheel_recordings import RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Truth, write_drive
 
 from drd.cli import main
-from drd.config import Config
-from drd.config_file import load_config
-from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
-from drd.schema import load
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import load
+from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd_tools.calibrate.wheels.umbmark import predict_m
 
 ROOT = Path(__file__).resolve().parents[3]

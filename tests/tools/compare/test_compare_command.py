@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pytest
 from replay_folders import STANDING, write_perfect
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.command import main
 from drd_tools.compare.results import Comparison

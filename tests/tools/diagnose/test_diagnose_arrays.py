@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, recorded, selected
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose import Amount, Diagnosis, Verdict, diagnose
 from drd_tools.diagnose.api import Columns
 from drd_tools.simulate.robot import DEFAULT
@@ -21,7 +21,7 @@ import sys
 for name in ("zenoh", "can", "serial"):
     sys.modules[name] = None
 import {", ".join(NUMERICS)}
-assert not {{"drd.daemon", "drd.output.zenoh_link"}} & sys.modules.keys()
+assert not {{"drd.service.daemon", "drd.output.zenoh_link"}} & sys.modules.keys()
 """
 
 

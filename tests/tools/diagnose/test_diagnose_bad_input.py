@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd.cli import main
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.audit import audit
 from drd_tools.diagnose.evidence import gather

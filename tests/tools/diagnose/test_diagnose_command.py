@@ -9,8 +9,8 @@ from diagnosis_runs import SCALE, diagnosed, written
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from drd.cli import main
-from drd.model import load_model
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
+from drd.effects.model import load_model
 from drd_tools.diagnose import run
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.run import run_all

@@ -8,7 +8,7 @@ import pytest
 from msgspec import UNSET
 
 from drd.effects.catalogue import catalogue
-from drd.model import Amount, Model, Term, load_model
+from drd.effects.model import Amount, Model, Term, load_model
 from drd_tools.diagnose.held_out import CONTRADICTED_NATS, held_out_nats
 from drd_tools.diagnose.prove import Proof, validated
 from drd_tools.diagnose.report_text import in_words

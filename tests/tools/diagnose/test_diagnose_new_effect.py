@@ -13,7 +13,7 @@ from diagnosis_runs import diagnosed, written
 import drd.effects
 from drd.cli import main
 from drd.effects.catalogue import catalogue
-from drd.model import load_model
+from drd.effects.model import load_model
 from drd_tools.evaluate.trajectory import read_reference
 
 NAME = "gyro_bias_speed"

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.schema import ConfigError
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.pictures import end_to_end
 from drd_tools.diagnose.report import write_report

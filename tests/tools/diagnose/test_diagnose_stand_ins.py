@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from drd.model import Model, load_model
+from drd.effects.model import Model, load_model
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.joint import Share

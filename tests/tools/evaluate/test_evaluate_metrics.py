@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_files import Array, dead_reckoned, drive, estimate_of, integrate, moved
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS, align
 from drd_tools.evaluate.drivers import binned, error_growth
 from drd_tools.evaluate.heading import heading_drift

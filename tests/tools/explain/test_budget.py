@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.config import Noise
-from drd.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
-from drd.noise import NoiseProfile, make_noise
-from drd.track import Track
+from drd.config.keys import Noise
+from drd.estimation.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
+from drd.estimation.noise import NoiseProfile, make_noise
+from drd.estimation.track import Track
 from drd_tools.explain import causes
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.parts import Parts

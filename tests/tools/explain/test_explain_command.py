@@ -11,7 +11,7 @@ import pytest
 from recorded_drive import drive, recordings
 from replay_folders import STANDING, write_perfect
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import read_reference
 from drd_tools.explain import causes
 from drd_tools.explain.analysis import explain

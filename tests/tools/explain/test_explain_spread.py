@@ -9,10 +9,10 @@ import numpy.typing as npt
 import pytest
 from scipy.stats import chi2
 
-from drd.config import Noise
-from drd.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
-from drd.noise import make_noise
-from drd.track import Track
+from drd.config.keys import Noise
+from drd.estimation.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
+from drd.estimation.noise import make_noise
+from drd.estimation.track import Track
 from drd_tools.explain.causes import GROUPS, by_group
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import TappedFilter

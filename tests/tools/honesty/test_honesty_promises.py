@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.honesty import __main__ as command
 from drd_tools.honesty.baselines import GYRO, STOPS, WHEELS
 from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, NOMINAL_LIMIT, STATED

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
 from drd_tools.honesty.baselines import BASELINES
 from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, PAPER, STATED, as_simulated

@@ -12,8 +12,8 @@ import pytest
 from replay_folders import STANDING, write_perfect
 
 from drd.cli import main
-from drd.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
-from drd.noise import NoiseProfile
+from drd.estimation.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
+from drd.estimation.noise import NoiseProfile
 from drd.units import RAD_PER_DEG
 from drd.units import RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H as PER_SQRT_H
 from drd_tools.evaluate.results import Evaluation

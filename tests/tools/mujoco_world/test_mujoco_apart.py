@@ -11,7 +11,7 @@ from drd_tools.simulate.command import main
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
 # The forms of the recording folder, the errors, and the look of pictures.
-SHARED = {"drd.schema", "drd.units", "drd_tools.report.style"}
+SHARED = {"drd.config.schema", "drd.units", "drd_tools.report.style"}
 
 
 def test_it_shares_no_physics_with_the_rest_of_the_project() -> None:

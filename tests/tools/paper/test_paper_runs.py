@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd.samples import GyroSample
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics, Robot

@@ -12,12 +12,12 @@ from diagnosis_runs import diagnosed, names
 from recorded_daemon import daemon_log
 from recorded_drive import drive, recordings
 
-from drd.calibration import load_calibration
 from drd.cli import main
+from drd.config.schema import ConfigError
+from drd.estimation.calibration import load_calibration
 from drd.recording.file import RecordingFile
 from drd.recording.topics import Message
 from drd.samples import GyroSample
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.recordings.daemon_log import read, reference_file
 from drd_tools.recordings.mcap_file import open_mcap

@@ -13,10 +13,10 @@ from mcap.reader import make_reader
 from recorded_drive import drive, recordings
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from drd.config.schema import ConfigError
 from drd.recording.file import RecordingFile
 from drd.recording.topics import CHANNELS, RAW_EVENTS, Message
 from drd.samples import Pose
-from drd.schema import ConfigError
 from drd_tools.recordings.mcap_file import open_mcap, parts_before
 
 START_NS = 1_700_000_000_000_000_000

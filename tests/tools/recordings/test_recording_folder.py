@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import read_recording
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from recorded_drive import CALIBRATION, Drive, drive, recordings
 
+from drd.config.schema import ConfigError
 from drd.recording import recorder as recorder_module
 from drd.recording.file import RecordingFile
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG, Message
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import bits, replay_mcap

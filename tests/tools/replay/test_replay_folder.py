@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive, short_drive, true_end, write_perfect
 
+from drd.config.schema import ConfigError
 from drd.encoders.counter import Counter, Outcome
 from drd.encoders.pairing import Pairing
 from drd.samples import Side, Validity
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.recordings.folder import Array, EncoderLog, FogLog, Recording, read_recording
 from drd_tools.replay.folder_source import (

@@ -7,8 +7,8 @@ import pytest
 from replay_folders import long_drive, short_drive, write_perfect
 
 from drd.cli import main
-from drd.config import Config
-from drd.schema import ConfigError
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import configuration, with_model

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from recorded_drive import CALIBRATION, Drive, drive, recordings
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.recording.in_force import AS_WRITTEN, files_in_force
-from drd.schema import loads
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.result import digest
 

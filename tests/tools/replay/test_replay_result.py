@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive, short_drive
 
+from drd.config.schema import ConfigError
 from drd.samples import Pose, Reason, Validity
-from drd.schema import ConfigError
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.reference import start_on_reference

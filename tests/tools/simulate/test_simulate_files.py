@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, Loaded
 from drd.effects.catalogue import catalogue
+from drd.effects.model import make_model
 from drd.fog.stream import FogStream
-from drd.model import make_model
-from drd.schema import ConfigError, Loaded
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap

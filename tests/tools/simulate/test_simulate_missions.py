@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.simulate.missions import MISSIONS, Drive, make_drive, read_waypoints
 from drd_tools.simulate.route import (
     ACCELERATION_M_S2,

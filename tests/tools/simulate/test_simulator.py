@@ -9,9 +9,9 @@ import allantools
 import numpy as np
 import pytest
 
+from drd.config.nominal import FogSheet
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
-from drd.nominal import FogSheet
 from drd.units import RAD_PER_DEG, S_PER_H
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import table

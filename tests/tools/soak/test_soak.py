@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drd import pose_maker
+from drd.estimation import pose_maker
 from drd.samples import CanFrame
 from drd_tools.soak import __main__ as command
 from drd_tools.soak.faults import FAULTS

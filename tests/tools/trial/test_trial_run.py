@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drd.cli import main
+from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.schema import ConfigError
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.problem import Problem
 from drd_tools.simulate.conditions import Conditions

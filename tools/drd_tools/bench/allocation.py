@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import drd
-from drd.config import Config, Noise
-from drd.filter import Filter, Sigmas
-from drd.noise import make_noise
+from drd.config.keys import Config, Noise
+from drd.config.schema import loads
+from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.noise import make_noise
 from drd.pipeline import Pipeline
 from drd.samples import Pose
-from drd.schema import loads
 from drd_tools.bench.report import Figure, Report
 from drd_tools.bench.robot import Circle, config_text, replay
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd_tools.bench.listener import listening
 from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.bench.robot import config_text, free_endpoint

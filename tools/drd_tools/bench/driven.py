@@ -12,7 +12,7 @@ from typing import Final
 
 import can
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd.units import S_PER_NS
 from drd_tools.bench.report import Refused
 from drd_tools.bench.robot import Circle, config_text, free_endpoint

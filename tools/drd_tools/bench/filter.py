@@ -1,4 +1,4 @@
-"""One filter cycle (two predictions, one update, feedback) of drd.filter against FilterPy's KalmanFilter."""
+"""One filter cycle (two predictions, one update, feedback) of drd.estimation.filter against FilterPy's KalmanFilter."""
 
 import dataclasses
 import math
@@ -8,9 +8,22 @@ from typing import Any, Final
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from drd.config import Noise
-from drd.filter import BB, DD, GYRO_BIAS, GYRO_HEADING, HEADING, TREAD, Filter, Matrix, N, Nominal, Outcome, Sigmas
-from drd.noise import make_noise
+from drd.config.keys import Noise
+from drd.estimation.filter import (
+    BB,
+    DD,
+    GYRO_BIAS,
+    GYRO_HEADING,
+    HEADING,
+    TREAD,
+    Filter,
+    Matrix,
+    N,
+    Nominal,
+    Outcome,
+    Sigmas,
+)
+from drd.estimation.noise import make_noise
 from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.bench.timing import compare
 

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from drd.config_file import load_config
+from drd.config.file import load_config
 from drd.output.session import isolated_config
 from drd.units import NS_PER_MS
 from drd_tools.bench.cpu import READY_TIMEOUT_S, wait_until_ready

@@ -12,7 +12,8 @@ from typing import Any, Final
 
 import zenoh
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.output.cdr import OdometryEncoder
 from drd.output.messages import pose_json
 from drd.output.session import isolated_config
@@ -20,7 +21,6 @@ from drd.output.zenoh_link import ZenohLink
 from drd.pipeline import Pipeline
 from drd.ports.serial_port import SerialPort
 from drd.samples import Pose
-from drd.schema import loads
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.bench.listener import listening
 from drd_tools.bench.report import Figure, Refused, Report

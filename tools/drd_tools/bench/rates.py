@@ -4,10 +4,10 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose
-from drd.schema import loads
 from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.bench.robot import Circle, config_text, replay
 from drd_tools.bench.timing import seconds

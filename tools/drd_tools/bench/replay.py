@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-from drd.schema import Loaded
+from drd.config.schema import Loaded
 from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder

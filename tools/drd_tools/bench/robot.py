@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.samples import CanFrame
 from drd.units import NS_PER_S

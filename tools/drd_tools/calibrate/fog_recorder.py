@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
-from drd.config import Config, Fog
+from drd.config.keys import Config, Fog
+from drd.config.schema import ConfigError
 from drd.fog.stream import FogStream
 from drd.ports.serial_port import SerialPort
 from drd.samples import GyroSample
-from drd.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG, S_PER_NS
 
 # A gyro that sends nothing usable for so long is taken for dead.

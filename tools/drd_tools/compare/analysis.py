@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from drd.nominal import Nominal
-from drd.schema import ConfigError
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.compare.blocks import Blocks, cut
 from drd_tools.compare.drivers import Driver, drivers_of

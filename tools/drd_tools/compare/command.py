@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.report import print_comparison, write_report
 from drd_tools.compare.results import Comparison

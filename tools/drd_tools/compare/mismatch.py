@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from drd.effects.chain import add
 from drd.effects.effect import Errors
-from drd.model import Term
+from drd.effects.model import Term
 from drd_tools.diagnose.columns import Sensitivities
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.diagnose.linear import Sensitivity

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.config.nominal import FogSheet, Nominal
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
-from drd.nominal import FogSheet, Nominal
 from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.finding import Cause

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.nominal import Nominal
-from drd.schema import ConfigError
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.problem import Array

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.schema import ConfigError
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.parts import parts

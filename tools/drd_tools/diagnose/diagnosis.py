@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drd.model import Model, save_model
+from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
 from drd_tools.diagnose.joint import Share
 from drd_tools.diagnose.results import Finding, Result, Series, Verdict

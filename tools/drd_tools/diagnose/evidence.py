@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import (
     RAD_PER_DEG,
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,

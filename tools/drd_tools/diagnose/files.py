@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose.results import Result, Series, Status, Verdict
 
 T = TypeVar("T")

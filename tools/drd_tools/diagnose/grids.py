@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
 from drd_tools.replay.folder_source import MISSING_ROWS
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Robot
+from drd.config.keys import Robot
 from drd.effects.compensation import Compensation
 from drd.samples import CalibratedRate
 from drd.units import DEG_PER_RAD, NS_PER_S

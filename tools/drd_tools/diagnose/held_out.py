@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.model import Term
+from drd.effects.model import Term
 from drd_tools.diagnose.audit import audit
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.noise_fit import fitted, inflated

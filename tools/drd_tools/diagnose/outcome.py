@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.effects.model import Model, make_model
 from drd.effects.motion import Motion
-from drd.model import Model, make_model
 from drd_tools.diagnose.conclude import Conclusion
 from drd_tools.diagnose.confirm import rms_per_block
 from drd_tools.diagnose.files import plain

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from drd.model import Model, save_model
+from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude import CONFIRMING_E
 from drd_tools.diagnose.held_out import CONTRADICTED_NATS, held_out_nats
 from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation

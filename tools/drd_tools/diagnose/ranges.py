@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
+from drd.effects.model import DRIVERS
 from drd.effects.motion import Motion
-from drd.model import DRIVERS
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 

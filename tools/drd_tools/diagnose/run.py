@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
+from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.advise import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse

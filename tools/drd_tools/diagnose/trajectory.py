@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose.heading_only import heading_figures
 from drd_tools.diagnose.problem import Array
 from drd_tools.diagnose.results import Figures, Line, Paths

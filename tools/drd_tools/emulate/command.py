@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from drd.config_file import load_config
-from drd.schema import ConfigError
+from drd.config.file import load_config
+from drd.config.schema import ConfigError
 from drd_tools.emulate.drive import Drive, demo_drive, square_drive
 from drd_tools.emulate.hardware import Emulator, Truth
 

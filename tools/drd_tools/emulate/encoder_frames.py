@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import can
 
-from drd.config import Encoders, Robot
+from drd.config.keys import Encoders, Robot
 from drd.encoders.dbc import find_signal, load_database
 from drd.samples import Side
 

@@ -8,8 +8,8 @@ from typing import Any, Final, Protocol
 
 import can
 
-from drd.config import Encoders
-from drd.schema import ConfigError
+from drd.config.keys import Encoders
+from drd.config.schema import ConfigError
 
 READ_BYTES: Final = 4096
 # Longer than any SLCAN line (T + 8 + 1 + 16 digits); what is longer is no command.

@@ -3,7 +3,7 @@
 import struct
 from typing import Protocol
 
-from drd.config import Fog
+from drd.config.keys import Fog
 from drd.fog.dsp17xx import AXES, BODY, HEADER, SEQUENCE_MODULUS, crc32_mpeg2
 from drd.fog.ecore import COUNTS_PER_FULL_SCALE, FRAME_BYTES, PAYLOAD_BYTES, SYNC_BIT
 from drd.units import DEG_PER_RAD

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Self
 import can
 import numpy as np
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.drive import Drive

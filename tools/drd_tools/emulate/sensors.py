@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drd.config import Robot
+from drd.config.keys import Robot
 from drd.units import RAD_PER_DEG, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.emulate.drive import Drive
 

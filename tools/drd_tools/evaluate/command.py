@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS
 from drd_tools.evaluate.compare import compare
 from drd_tools.evaluate.judge import judge

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate import text
 from drd_tools.evaluate.pictures import error_picture, path_picture, short
 from drd_tools.evaluate.results import Evaluation, Run

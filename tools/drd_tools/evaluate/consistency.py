@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal, stats
 
-from drd.uncertainty import BOUND_SIGMAS
+from drd.estimation.uncertainty import BOUND_SIGMAS
 from drd_tools.evaluate.alignment import Alignment, turned_covariance
 from drd_tools.evaluate.trajectory import Pairs, Reference
 

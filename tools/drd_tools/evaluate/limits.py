@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.limit.limit import Limit, limit_of
 from drd_tools.recordings.daemon_log import read
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import Poses
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder

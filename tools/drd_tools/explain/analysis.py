@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error

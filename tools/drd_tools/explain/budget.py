@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.filter import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
+from drd.estimation.filter import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
 from drd_tools.explain.causes import CAUSES
 from drd_tools.explain.parts import Parts
 

@@ -5,7 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import Reference, read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.report import print_explanation, write_report

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.filter import GYRO_HEADING, HEADING, Matrix, N
+from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N
 from drd_tools.explain.causes import CAUSES, GROUPS
 
 Array = npt.NDArray[np.float64]

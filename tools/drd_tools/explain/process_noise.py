@@ -3,7 +3,7 @@
 from collections.abc import MutableSequence
 from typing import NamedTuple
 
-from drd.filter import (
+from drd.estimation.filter import (
     BB,
     DD,
     GG,
@@ -25,7 +25,7 @@ from drd.filter import (
     YY,
     N,
 )
-from drd.noise import NoiseProfile
+from drd.estimation.noise import NoiseProfile
 from drd_tools.explain import causes
 
 SIZE = N * N

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.filter import WHEEL_LAG, Filter, Matrix, N, X, Y
-from drd.steering import Steering
-from drd.track import Track
-from drd.uncertainty import UNSEEN_ACCELERATION_M_S2
+from drd.estimation.filter import WHEEL_LAG, Filter, Matrix, N, X, Y
+from drd.estimation.steering import Steering
+from drd.estimation.track import Track
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.causes import COUNTS, JITTER, NOT_SEEN, SKID_SCALE

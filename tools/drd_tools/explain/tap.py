@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from drd.config import Config
-from drd.filter import (
+from drd.config.keys import Config
+from drd.estimation.filter import (
     GYRO_BIAS,
     GYRO_HEADING,
     GYRO_SCALE,
@@ -28,10 +28,10 @@ from drd.filter import (
     Y,
     _elements,
 )
-from drd.learning import Drive, WheelNoise
-from drd.noise import NoiseProfile
-from drd.steering import Steering
-from drd.track import Track, make_track
+from drd.estimation.learning import Drive, WheelNoise
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.steering import Steering
+from drd.estimation.track import Track, make_track
 from drd_tools.explain import causes
 from drd_tools.explain.budget import COUNT
 from drd_tools.explain.process_noise import Step, fill

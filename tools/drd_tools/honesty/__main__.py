@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.honesty.promises import promises
 from drd_tools.honesty.results import Results
 from drd_tools.honesty.run import FULL_SEEDS, SHORT_SEEDS, run

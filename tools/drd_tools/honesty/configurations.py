@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.config import Config
-from drd.estimate import initial_sigmas
+from drd.config.keys import Config
+from drd.estimation.estimate import initial_sigmas
 from drd.samples import Validity
 from drd.units import S_PER_NS
 from drd_tools.calibrate.wheels.drive import Mounting, make_drive

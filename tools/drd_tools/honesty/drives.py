@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd_tools.calibrate.wheels.drive import Mounting
 from drd_tools.evaluate.trajectory import Reference, reference_of
 from drd_tools.honesty import configurations as c

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
+from drd.config.nominal import Nominal
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
-from drd.estimate import initial_sigmas
-from drd.model import Amount, Term
-from drd.nominal import Nominal
+from drd.effects.model import Amount, Term
+from drd.estimation.estimate import initial_sigmas
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.honesty.configurations import as_simulated
 from drd_tools.recordings.folder import FogLog, Recording, read_recording

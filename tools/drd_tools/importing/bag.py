@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.streams import Array, Origin, Times
 

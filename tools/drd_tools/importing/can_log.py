@@ -11,11 +11,11 @@ import can
 import numpy as np
 from tqdm import tqdm
 
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
 from drd.samples import CanFrame, WheelSample
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, aligned, in_order
 

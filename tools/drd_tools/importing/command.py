@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from drd.nominal import Nominal
-from drd.schema import ConfigError
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.checks import OK, WRONG, Finding
 from drd_tools.importing.convert import EncoderRows, encoder_rows, for_checks, gyro_rad_s, seconds

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drd.nominal import Nominal
-from drd.schema import ConfigError
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.importing.examine import GyroRates, ReferencePoses, WheelTravel
 from drd_tools.importing.streams import Array, Gyro, Reference, Times, Wheels

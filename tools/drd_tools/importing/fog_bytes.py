@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.schema import ConfigError
 from drd.fog import make_protocol
-from drd.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, in_order
 

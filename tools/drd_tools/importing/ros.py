@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.bag import Bag
 from drd_tools.importing.ros_messages import (

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.importing.streams import Array
 
 IMU: Final = "sensor_msgs/msg/Imu"

@@ -5,7 +5,7 @@ import gzip
 from pathlib import Path
 from typing import Final
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.importing.can_log import SUFFIXES as CAN_SUFFIXES
 from drd_tools.importing.can_log import CanLog
 from drd_tools.importing.fog_bytes import FogBytes

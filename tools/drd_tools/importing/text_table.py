@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Times, Wheels, aligned, in_order
 

@@ -11,9 +11,9 @@ import numpy as np
 import yaml
 
 import drd
-from drd.config_file import load_config
-from drd.nominal import Nominal, Wheel
-from drd.schema import ConfigError, load
+from drd.config.file import load_config
+from drd.config.nominal import Nominal, Wheel
+from drd.config.schema import ConfigError, load
 from drd.units import DEG_PER_RAD
 from drd_tools.importing.checks import Finding
 from drd_tools.importing.convert import EncoderRows

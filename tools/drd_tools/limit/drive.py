@@ -6,13 +6,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
-from drd.estimator import Estimator
-from drd.filter import Filter, Sigmas
-from drd.noise import NoiseProfile
-from drd.schema import ConfigError
-from drd.track import Track, make_track
+from drd.estimation.estimator import Estimator
+from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import FIRST_NS, gyro_samples, metres_per_count, run, stamps_ns, wheel_samples
 

@@ -5,11 +5,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.config import Config
-from drd.estimate import initial_sigmas
-from drd.filter import Sigmas
-from drd.noise import NoiseProfile, make_noise
-from drd.schema import ConfigError
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
+from drd.estimation.estimate import initial_sigmas
+from drd.estimation.filter import Sigmas
+from drd.estimation.noise import NoiseProfile, make_noise
 from drd.units import RAD_PER_DEG
 from drd_tools.limit.drive import Drive
 from drd_tools.recordings.folder import Recording

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Config
-from drd.filter import (
+from drd.config.keys import Config
+from drd.estimation.filter import (
     GYRO_BIAS,
     GYRO_HEADING,
     GYRO_SCALE,

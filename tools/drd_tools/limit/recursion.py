@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.filter import GYRO_HEADING, HEADING, Filter, Matrix, N, Sigmas, X, Y, _elements
-from drd.noise import NoiseProfile
+from drd.estimation.filter import GYRO_HEADING, HEADING, Filter, Matrix, N, Sigmas, X, Y, _elements
+from drd.estimation.noise import NoiseProfile
 from drd_tools.explain import causes
 from drd_tools.explain.causes import CAUSES
 from drd_tools.explain.process_noise import Step, fill

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.mujoco_world.ground import Ground
 from drd_tools.mujoco_world.missions import MISSIONS
 from drd_tools.mujoco_world.vehicle import Vehicle

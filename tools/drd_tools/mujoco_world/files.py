@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import yaml
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.measure import Manoeuvre

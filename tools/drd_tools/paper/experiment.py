@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from drd.config import Config
-from drd.config_file import load_config
+from drd.config.file import load_config
+from drd.config.keys import Config
 from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics

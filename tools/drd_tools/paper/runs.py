@@ -8,9 +8,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd.calibration import Calibration
-from drd.config import Config
-from drd.estimator import Estimator
+from drd.config.keys import Config
+from drd.estimation.calibration import Calibration
+from drd.estimation.estimator import Estimator
 from drd.samples import GyroSample, Pose, WheelSample
 from drd.units import DEG_PER_RAD, NS_PER_S, RAD_PER_DEG
 from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.estimator import Estimator
+from drd.estimation.estimator import Estimator
 from drd.samples import GyroSample
 from drd_tools.emulate.drive import square_drive
 from drd_tools.paper.gyro import SimulatedGyro

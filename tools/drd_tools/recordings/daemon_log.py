@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from drd.calibration import Calibration, load_calibration
-from drd.config import CalibrationFile, Config, ModelFile
+from drd.config.keys import CalibrationFile, Config, ModelFile
+from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.config.schema import ConfigError
 from drd.encoders import make_layout
-from drd.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.estimation.calibration import Calibration, load_calibration
 from drd.recording.in_force import IN_FORCE
 from drd.samples import GyroSample, WheelSample
-from drd.schema import ConfigError
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.recordings.folder import (
     EncoderLog,

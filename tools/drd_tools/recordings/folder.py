@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Config
-from drd.model import Term
-from drd.nominal import Nominal as Nominal  # noqa: PLC0414  # found here, too
-from drd.nominal import Wheelless
-from drd.schema import ConfigError, Loaded, load
+from drd.config.keys import Config
+from drd.config.nominal import Nominal as Nominal  # noqa: PLC0414  # found here, too
+from drd.config.nominal import Wheelless
+from drd.config.schema import ConfigError, Loaded, load
+from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata
 from mcap.stream_reader import get_chunk_data_stream
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import NS_PER_S, S_PER_NS
 
 MAGIC: Final = b"\x89MCAP0\r\n"

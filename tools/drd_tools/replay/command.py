@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder

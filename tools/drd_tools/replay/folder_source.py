@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from drd.clock import TICK_S
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd.effects.compensation import Compensation
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
-from drd.estimator import Estimator
+from drd.estimation.estimator import Estimator
+from drd.estimation.track import MakeTrack, make_track
 from drd.fog.stream import OVER_RANGE
+from drd.ports.clock import TICK_S
 from drd.samples import GyroSample, Pose, WheelSample
-from drd.schema import ConfigError
-from drd.track import MakeTrack, make_track
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd.wiring.judge import Geometry, judge
 from drd.wiring.table import sentences

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from drd.config import CalibrationFile, Config, ModelFile
-from drd.config_file import check_estimate, check_layout, load_overlay
-from drd.estimate import estimate_of
+from drd.config.file import check_estimate, check_layout, load_overlay
+from drd.config.keys import CalibrationFile, Config, ModelFile
+from drd.config.schema import ConfigError, loads
+from drd.estimation.estimate import estimate_of
+from drd.estimation.track import MakeTrack, make_track
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
 from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
-from drd.schema import ConfigError, loads
-from drd.track import MakeTrack, make_track
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before

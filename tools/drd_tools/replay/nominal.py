@@ -7,8 +7,8 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from drd.calibration import Calibration, load_calibration
-from drd.config import (
+from drd.config.file import check_estimate, load_overlay
+from drd.config.keys import (
     CalibrationFile,
     Config,
     Encoders,
@@ -19,10 +19,10 @@ from drd.config import (
     Robot,
     StaticBias,
 )
-from drd.config_file import check_estimate, load_overlay
-from drd.model import Model, check_geometry, load_model
-from drd.nominal import FogSheet, Nominal
-from drd.schema import ConfigError, Loaded
+from drd.config.nominal import FogSheet, Nominal
+from drd.config.schema import ConfigError, Loaded
+from drd.effects.model import Model, check_geometry, load_model
+from drd.estimation.calibration import Calibration, load_calibration
 from drd_tools.recordings.folder import Recording
 
 T = TypeVar("T")

@@ -13,8 +13,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from drd import __version__
-from drd.calibration import Calibration
-from drd.config import Config
+from drd.config.keys import Config
+from drd.estimation.calibration import Calibration
 from drd.samples import Pose, Reason
 from drd.units import DEG_PER_RAD, S_PER_NS
 

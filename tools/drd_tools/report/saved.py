@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 T = TypeVar("T")
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from drd.config import Config
-from drd.config_file import load_config
-from drd.schema import ConfigError, Loaded
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, Loaded
 from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Reference
 from drd_tools.simulate.files import effect_rows, read_true_motion, read_truth, write_folder

@@ -7,7 +7,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.simulate.route import Array
 
 Random = np.random.Generator

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from drd import __version__
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.recordings.folder import COUNTS, POSES, RATE_AND_TEMPERATURE, SPEEDS
 from drd_tools.simulate.robot import robot_yaml

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.emulate.drive import EIGHT_SWING_RAD
 from drd_tools.simulate.route import RATE_HZ, Route, Steps, bend_shape
 

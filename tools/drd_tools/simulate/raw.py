@@ -11,14 +11,14 @@ import numpy as np
 from tqdm import tqdm
 
 from drd import __version__
-from drd.clock import TICK_S
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, Loaded
 from drd.pipeline import Pipeline
+from drd.ports.clock import TICK_S
 from drd.recording.file import RecordingFile
 from drd.recording.in_force import files_in_force
 from drd.recording.topics import Encoder
 from drd.samples import CanFrame, GyroSample, Pose, WheelSample
-from drd.schema import ConfigError, Loaded
 from drd.units import NS_PER_S
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.endpoints import PtyLink, can_endpoint

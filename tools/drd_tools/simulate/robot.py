@@ -6,9 +6,9 @@ from typing import Final
 
 import yaml
 
-from drd.model import load_model
-from drd.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
-from drd.schema import load
+from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.config.schema import load
+from drd.effects.model import load_model
 from drd_tools.replay.nominal import overlay
 from drd_tools.simulate.simulator import Effects
 

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from drd.config.nominal import FogSheet, Nominal
 from drd.effects.chain import add
 from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.motion import Motion
-from drd.nominal import FogSheet, Nominal
 from drd.units import (
     DEG_PER_RAD,
     RAD_PER_DEG,

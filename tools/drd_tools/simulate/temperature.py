@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import read_table
 from drd_tools.simulate.route import Array
 

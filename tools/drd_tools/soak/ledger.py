@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.fog.dsp17xx import BODY, FRAME_BYTES, HEADER, crc32_mpeg2
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd.units import S_PER_NS

@@ -12,10 +12,10 @@ from typing import Final
 
 from tqdm import tqdm
 
-from drd.config import Config
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose, Validity
-from drd.schema import loads
 from drd.units import RAD_PER_DEG, S_PER_NS
 from drd_tools.bench.cpu import BYTES_PER_MIB
 from drd_tools.soak.faults import FAULTS, Fault

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from drd.config import Config
+from drd.config.keys import Config
 from drd.samples import CanFrame
 from drd.units import NS_PER_S
 from drd_tools.emulate import encoder_frames, fog_packets

@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, contacts
 from drd_tools.trial.figures import Figures

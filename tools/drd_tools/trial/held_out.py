@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import drd
-from drd.model import Amount, Term
+from drd.effects.model import Amount, Term
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.evidence import gather

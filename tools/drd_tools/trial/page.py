@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.report.page import Page
 from drd_tools.trial.figures import Figures, markdown
 from drd_tools.trial.pictures import draw_effects, draw_methods

@@ -12,7 +12,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.files import plain

@@ -8,7 +8,7 @@ from typing import Any, Final
 import drd.effects
 import drd_tools.diagnose
 import drd_tools.simulate
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.diagnose.files import plain
 
 Record = dict[str, Any]

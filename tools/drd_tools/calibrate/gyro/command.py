@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 import drd
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.gyro.candidates import (
     ORDERS,
     Candidate,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from drd.calibration import Calibration
+from drd.estimation.calibration import Calibration
 from drd_tools.calibrate.gyro.data_sets import Array, DataSets, data_sets_of_samples
 
 __all__ = ["FILE_ORDER", "DataSets", "ErrorFunction", "Order", "data_sets_of_samples", "fit_error_function"]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from drd.calibration import FORMAT, Calibration
+from drd.estimation.calibration import FORMAT, Calibration
 
 HEAD = """\
 # Calibration of a gyro, for `calibration.file` of the daemon's configuration.
@@ -15,7 +15,7 @@ HEAD = """\
 
 
 def write_calibration(file: Path, calibration: Calibration) -> None:
-    """Write what `drd.calibration.load_calibration` reads. Raises OSError."""
+    """Write what `drd.estimation.calibration.load_calibration` reads. Raises OSError."""
     data: dict[str, object] = {
         "format": FORMAT,
         "error_deg_s": {f"a{i}": list(row) for i, row in enumerate(calibration.rows)},

@@ -8,9 +8,9 @@ from typing import Final
 
 from tqdm import tqdm
 
-from drd.config import Config
-from drd.config_file import load_config
-from drd.schema import ConfigError
+from drd.config.file import load_config
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFile, gyro_of, record
 
 HEADER: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")

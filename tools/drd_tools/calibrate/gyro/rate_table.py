@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import theilslopes
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.gyro.data_sets import SETTLE_S, Array, DataSets, data_sets_of_samples, joined
 
 COLUMNS: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.config import Noise
-from drd.schema import ConfigError
+from drd.config.keys import Noise
+from drd.config.schema import ConfigError
 from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
 from drd_tools.calibrate.noise.allan import FLOOR, TERMS, Array, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import SIMULATIONS, Interval, Simulator, intervals, shows_ramp

@@ -8,8 +8,8 @@ from typing import Final
 
 from tqdm import tqdm
 
-from drd.config_file import load_config
-from drd.schema import ConfigError
+from drd.config.file import load_config
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFile, gyro_of, record
 from drd_tools.calibrate.noise.analysis import STEPS, GyroNoise, analyse
 from drd_tools.calibrate.noise.report import allan_picture, noise_page, warm_up_picture

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]

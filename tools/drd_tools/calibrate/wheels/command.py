@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels import recordings, squares
 
 DESCRIPTION = """\

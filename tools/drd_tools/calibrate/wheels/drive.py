@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
 

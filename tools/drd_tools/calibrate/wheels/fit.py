@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.config import Noise
-from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
-from drd.schema import ConfigError
+from drd.config.keys import Noise
+from drd.config.schema import ConfigError
+from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
 from drd_tools.calibrate.wheels.score import Scores, score

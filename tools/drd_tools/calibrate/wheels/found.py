@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drd.config import Encoders, Fog
+from drd.config.keys import Encoders, Fog
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-from drd.config import Encoders, Estimation, Fog
-from drd.estimate import MEASURED_TREAD, WHEEL_SCALE
+from drd.config.keys import Encoders, Estimation, Fog
+from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd_tools.calibrate.wheels.drive import Wheels
 from drd_tools.calibrate.wheels.fit import WheelFit
 from drd_tools.calibrate.wheels.found import Found

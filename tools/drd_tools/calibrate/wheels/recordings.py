@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive, make_drive

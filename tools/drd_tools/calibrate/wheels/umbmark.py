@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from drd.schema import ConfigError
+from drd.config.schema import ConfigError
 
 Array = npt.NDArray[np.float64]
 

@@ -1,0 +1,115 @@
+"""Reading the configuration file, and what only several of its keys together can say."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from drd.config.keys import Config, Encoders
+from drd.config.schema import ConfigError, Loaded, load
+
+
+def load_config(file: Path) -> Loaded[Config]:
+    """Read and check a configuration file. Raises ConfigError with file, key path, expected and got."""
+    loaded = load(file, Config)
+    check_layout(loaded)
+    check_estimate(loaded)
+    return loaded
+
+
+def load_overlay(file: Path, base: Config) -> Loaded[Config]:
+    """Read a configuration file, of which any part may be missing, over `base`. Raises ConfigError.
+
+    The paths of files that it states start from its own folder, and are made absolute. What several keys together
+    say is not checked.
+    """
+    loaded = load(file, Config, base)
+    config, folder = loaded.value, file.parent.resolve()
+
+    def found(path: str, name: str | None) -> str | None:
+        return str(folder / name) if name is not None and loaded.origins[path] != "default" else name
+
+    dbc = replace(config.encoders.dbc, file=found("encoders.dbc.file", config.encoders.dbc.file))
+    changed = replace(
+        config,
+        calibration=replace(config.calibration, file=found("calibration.file", config.calibration.file)),
+        model=replace(config.model, file=found("model.file", config.model.file)),
+        encoders=replace(config.encoders, dbc=dbc),
+    )
+    return replace(loaded, value=changed)
+
+
+def check_layout(loaded: Loaded[Config]) -> None:
+    """Raise ConfigError where the keys of the encoders' frames do not go together."""
+    _refuse(loaded, _encoders(loaded.value.encoders))
+
+
+def check_estimate(loaded: Loaded[Config]) -> None:
+    """Raise ConfigError where keys of times, heading or outputs do not go together."""
+    _refuse(loaded, [*_timing(loaded.value), *_rest(loaded.value)])
+
+
+Complaint = tuple[str, str, str]
+
+
+def _refuse(loaded: Loaded[Config], found: list[Complaint]) -> None:
+    for path, expected, got in found:
+        raise ConfigError(loaded.place(path), path, expected, got)
+
+
+def _encoders(e: Encoders) -> list[Complaint]:
+    """Key path, expected and got of what is wrong with the encoders."""
+    found: list[Complaint] = []
+    by_counts = {"cia406": True, "odrive": e.odrive.message == "counts", "dbc": e.dbc.quantity == "counts"}
+    if by_counts.get(e.layout, False) and e.counts_per_revolution is None:
+        found.append(("encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"))
+    from can import VALID_INTERFACES  # noqa: PLC0415  # replay and diagnosis do without python-can
+
+    if e.interface not in VALID_INTERFACES:
+        found.append(("encoders.interface", f"one of {', '.join(sorted(VALID_INTERFACES))}", repr(e.interface)))
+    if e.layout == "dbc":
+        names = {
+            "encoders.dbc.file": e.dbc.file,
+            "encoders.left.message": e.left.message,
+            "encoders.left.signal": e.left.signal,
+            "encoders.right.message": e.right.message,
+            "encoders.right.signal": e.right.signal,
+        }
+        found += [(path, "a name, since the layout is dbc", "nothing") for path, name in names.items() if name is None]
+    elif e.layout != "agilex" and e.left.node == e.right.node:
+        found.append(("encoders.right.node", "another node than the left wheel's", str(e.right.node)))
+    if e.cia406.byte_offset + e.cia406.byte_length > 8:
+        got = f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}"
+        found.append(("encoders.cia406.byte_length", "a field that ends within 8 bytes", got))
+    return found
+
+
+def _timing(c: Config) -> list[Complaint]:
+    """Times that do not go together."""
+    found: list[Complaint] = []
+    bias, wait_s = c.estimation.static_bias, c.estimation.reorder_s
+    if 0 < bias.duration_s < bias.minimum_s:
+        expected = f"at most duration_s ({bias.duration_s:g})"
+        found.append(("estimation.static_bias.minimum_s", expected, f"{bias.minimum_s:g}"))
+    gyro_age_s = c.fog.latency_s + 1.0 / c.fog.rate_hz
+    if c.fog.protocol != "none" and gyro_age_s >= wait_s:
+        expected = f"more than a gyro sample's age, latency_s and one period ({gyro_age_s:g} s)"
+        found.append(("estimation.reorder_s", expected, f"{wait_s:g}"))
+    for name, part in (("fog", c.fog), ("encoders", c.encoders)):
+        age_s = part.latency_s + 1.0 / part.rate_hz
+        if part.silent_after_s <= age_s:
+            expected = f"more than a sample's age, latency_s and one period ({age_s:g} s)"
+            found.append((f"{name}.silent_after_s", expected, f"{part.silent_after_s:g}"))
+    return found
+
+
+def _rest(c: Config) -> list[Complaint]:
+    """Outputs."""
+    found: list[Complaint] = []
+    if c.output.publish_on == "gyro" and c.fog.protocol == "none":
+        found.append(("output.publish_on", "wheels, since the robot has no gyro", "'gyro'"))
+    if c.estimation.heading == "gyro" and c.fog.protocol == "none":
+        found.append(("estimation.heading", "filter, since the robot has no gyro", "'gyro'"))
+    chunks = c.output.prefix.split("/")
+    if set("*$?#") & set(c.output.prefix) or "" in chunks or any(chunk.startswith("@") for chunk in chunks):
+        expected = "a Zenoh key without *, $, ?, #, leading @ and outer or double slashes"
+        found.append(("output.prefix", expected, repr(c.output.prefix)))
+    return found

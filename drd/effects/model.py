@@ -1,0 +1,249 @@
+"""model.yaml: the nominal robot, and the physical effects to which it is blind, with their parameters."""
+
+import functools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import yaml
+from msgspec import Meta
+
+from drd.config.keys import Config
+from drd.config.nominal import Stated
+from drd.config.schema import ConfigError, Loaded, keys, loads, made, read_text
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect, Parameter
+from drd.units import RAD_PER_DEG
+
+
+class Driver(NamedTuple):
+    """A variable in which an effect was seen over some range: its unit in files, and the SI value of one unit."""
+
+    unit: str
+    si: float
+    text: str
+
+
+# Heading and the wheels' phase come round again, and a place is no number: they have no range.
+DRIVERS: Final = {
+    "time": Driver("s", 1.0, "since the gyro's power-on, or the recording's start"),
+    "yaw_rate": Driver("deg/s", RAD_PER_DEG, "left positive"),
+    "speed": Driver("m/s", 1.0, "forward positive"),
+    "acceleration": Driver("m/s^2", 1.0, "forward positive"),
+    "lateral_acceleration": Driver("m/s^2", 1.0, "speed times yaw rate"),
+    "curvature": Driver("1/m", 1.0, "size of yaw rate over speed"),
+    "temperature": Driver("degC", 1.0, "of the gyro"),
+    "temperature_rate": Driver("degC/s", 1.0, "behind the effect's lag"),
+}
+# A value so many times larger than the largest plausible one is a slip of the pen, and may overflow.
+LARGEST_TIMES_PLAUSIBLE: Final = 100.0
+
+
+class Amount(NamedTuple):
+    """A parameter's value and its standard deviation (0: not known), in the catalogue's unit."""
+
+    value: float
+    std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect with its parameters, and the ranges of the drivers in which it was seen, in their files' units."""
+
+    effect: Effect
+    parameters: dict[str, Amount | str]
+    seen: dict[str, tuple[float, float]] = field(default_factory=dict)
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def values(self) -> dict[str, float | str]:
+        """The parameters in SI, as the effect's formulas want them; linear ones that are not stated are 0."""
+        found: dict[str, float | str] = {}
+        for q in self.effect.parameters:
+            stated = self.parameters.get(q.name, Amount(0.0))
+            found[q.name] = stated if isinstance(stated, str) else stated.value * q.si
+        return found
+
+    def stds(self) -> dict[str, float]:
+        """Standard deviations in SI of those parameters that have one."""
+        amounts = {q: self.parameters.get(q.name) for q in self.effect.parameters}
+        return {q.name: a.std * q.si for q, a in amounts.items() if isinstance(a, Amount) and a.std > 0.0}
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file holds. `robot`: what it states of the nominal robot. `provenance`: free texts.
+
+    `provenance.recording` names the recordings, separated by commas, in which the effects were found; those that do
+    not last are taken off nowhere else.
+    """
+
+    terms: tuple[Term, ...] = ()
+    robot: Loaded[Stated] = field(default_factory=lambda: loads("", Stated))
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def stated(self) -> Iterator[tuple[str, Any]]:
+        """Path and value of each key of robot.yaml that the model states."""
+        for path, origin in self.robot.origins.items():
+            if origin != "default":
+                yield path, attrgetter(path)(self.robot.value)
+
+    def holds_in(self, recording: str | None) -> tuple[tuple[Term, ...], list[str]]:
+        """The terms that hold in a recording (None: in a run that is still to come), and sentences about the others."""
+        kept, notes = [], []
+        for term in self.terms:
+            effect, found_in = term.effect, (self.provenance | term.provenance).get("recording")
+            elsewhere = recording is None or (found_in is not None and recording not in _names(found_in))
+            if not effect.lasting and elsewhere:
+                where = f" (here: {found_in})" if found_in else ""
+                notes.append(f"{effect.id} is left alone: it holds only in the run in which it was found{where}")
+                continue
+            if not effect.lasting and found_in is None:
+                notes.append(f"{effect.id} holds only in the run in which it was found: is it this one?")
+            if effect.irreversible:
+                notes.append(f"{effect.id} cannot be taken off: {effect.irreversible}")
+            kept.append(term)
+        return tuple(kept), notes
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def load_model(file: Path) -> Model:
+    """Read a model file. Raises ConfigError with file, line, key, expected and got; nothing else escapes."""
+    return loads_model(read_text(file), str(file))
+
+
+def loads_model(text: str, where: str = "(text)") -> Model:
+    """Read a model from YAML text. Raises ConfigError; nothing else escapes."""
+    loaded = loads(text, _File, where)
+    terms = [_term(node, f"effects[{i}]", where) for i, node in enumerate(loaded.value.effects or ())]
+    stated = Stated(**{f.name: getattr(loaded.value, f.name) for f in fields(Stated)})
+    origins = {path: loaded.origins[path] for path, _ in keys(Stated)}
+    return Model(tuple(terms), Loaded(stated, origins, where), loaded.value.provenance)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File(Stated):
+    """model.yaml."""
+
+    effects: Annotated[tuple[yaml.Node, ...], "effects"] | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    """An effect in a file."""
+
+    effect: Annotated[str, "name of an effect"]
+    parameters: yaml.Node | None = None
+    seen: yaml.Node | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+
+
+_Seen: Final[type[Any]] = make_dataclass("_Seen", [
+    (name, Annotated[tuple[float, float], f"a low and a higher number in {driver.unit}"], None)
+    for name, driver in DRIVERS.items()
+])  # fmt: skip
+
+
+@functools.cache
+def _form(effect: Effect, may_lack: bool) -> type[Any]:
+    """Parameters in a file. `may_lack`: a linear one may be missing."""
+    found: list[Any] = []
+    for q in effect.parameters:
+        low, high = _limits(q)
+        number: Any = Annotated[float, q.unit, Meta(ge=low, le=high)]
+        std: Any = Annotated[float, Meta(ge=0, le=high)] | None
+        amount: list[Any] = [("value", number), ("std", std, None), ("unit", Literal[q.unit], q.unit)]
+        hint: Any = Literal[q.choices] if q.choices else number | make_dataclass("Stated", amount)
+        found.append((q.name, hint, None) if may_lack and q.linear and not q.choices else (q.name, hint))
+    return make_dataclass("Parameters", found, kw_only=True)
+
+
+def _term(node: yaml.Node, path: str, where: str) -> Term:
+    loaded = made(node, _Row, where, path)
+    row, effect = loaded.value, catalogue().get(loaded.value.effect)
+    if effect is None:
+        here = f"{path}.effect"
+        raise ConfigError(loaded.place(here), here, f"one of {', '.join(catalogue())}", repr(row.effect))
+    given = row.parameters or yaml.MappingNode("", [], node.start_mark)
+    stated = vars(made(given, _form(effect, bool(given.value)), where, f"{path}.parameters").value)
+    parameters = {name: _amount(p) for name, p in stated.items() if p is not None}
+    ranges = made(row.seen, _Seen, where, f"{path}.seen")
+    seen = {driver: ends for driver, ends in vars(ranges.value).items() if ends is not None}
+    for driver, (low, high) in seen.items():
+        if low >= high:
+            here, expected = f"{path}.seen.{driver}", f"a low and a higher number in {DRIVERS[driver].unit}"
+            raise ConfigError(ranges.place(here), here, expected, f"{low:g} and {high:g}")
+    return Term(effect, parameters, seen, row.provenance)
+
+
+def _amount(p: Any) -> Amount | str:
+    return p if isinstance(p, str) else Amount(p) if isinstance(p, float) else Amount(p.value, p.std or 0.0)
+
+
+def _limits(q: Parameter) -> tuple[float, float]:
+    """What a value may be at all: far more than is plausible. A delay or a time constant of 0 or less is none."""
+    high = LARGEST_TIMES_PLAUSIBLE * max(abs(q.low), abs(q.high))
+    positive = not (q.signed or q.linear) and q.low > 0.0
+    return (q.low / LARGEST_TIMES_PLAUSIBLE if positive else -high), high
+
+
+def check_geometry(model: Model, config: Config) -> None:
+    """What the model states of the robot must be the configuration's: its effects were found with it.
+
+    Raises ConfigError.
+    """
+    robot, counts = config.robot, config.encoders.counts_per_revolution
+    mine = {
+        "wheel.radius_m": ("robot.wheel_radius_m", robot.wheel_radius_m),
+        "wheel.counts_per_revolution": ("encoders.counts_per_revolution", counts),
+        "tread_m": ("robot.tread_m", robot.tread_m),
+    }
+    for path, value in model.stated():
+        name, expected = mine.get(path, ("", None))
+        if expected is not None and value is not None and not math.isclose(value, expected, rel_tol=1e-6):
+            text = f"{expected:.12g}, the configuration's {name}: effects hold for the robot with which they were found"
+            raise ConfigError(model.robot.place(path), path, text, f"{value:.12g}")
+
+
+def save_model(file: Path, model: Model, comment: str = "") -> None:
+    """Write a model file, which `load_model` reads as the same model. `comment`: its head. Raises OSError."""
+    content: dict[str, Any] = {}
+    for path, value in model.stated():
+        *sections, name = path.split(".")
+        inner = content
+        for part in sections:
+            inner = inner.setdefault(part, {})
+        inner[name] = value
+    content["effects"] = [_plain(term) for term in model.terms]
+    if model.provenance:
+        content["provenance"] = dict(model.provenance)
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=100)
+    file.write_text(head + text, encoding="utf-8")
+
+
+def _plain(term: Term) -> dict[str, Any]:
+    units = {q.name: q.unit for q in term.effect.parameters}
+    parameters: dict[str, Any] = {}
+    for name, p in term.parameters.items():
+        parameters[name] = p if isinstance(p, str) else {"value": p.value, "std": p.std, "unit": units[name]}
+    found: dict[str, Any] = {"effect": term.effect.id, "parameters": parameters}
+    if term.seen:
+        found["seen"] = {driver: list(ends) for driver, ends in term.seen.items()}
+    if term.provenance:
+        found["provenance"] = dict(term.provenance)
+    return found
+
+
+def make_model(
+    effects: Sequence[Mapping[str, Any]], robot: Mapping[str, Any] | None = None, **provenance: str
+) -> Model:
+    """A model from plain values as they stand in a file (`diagnosis.json` has the same form). Raises ConfigError."""
+    content = {**(robot or {}), "effects": [dict(effect) for effect in effects], "provenance": provenance}
+    return loads_model(yaml.safe_dump(content, sort_keys=False), "(model)")

@@ -1,0 +1,67 @@
+"""The comparison of the two headings, and what follows where they disagree."""
+
+import math
+
+from drd.estimation.drift import Drift
+from drd.estimation.filter import Outcome
+from drd.estimation.health import Reasons
+from drd.estimation.learning import Drive
+from drd.estimation.track import Track
+from drd.units import NS_PER_S
+
+# Agreement for so long ends the report of a disagreement.
+AGREEMENT_NS = 2 * NS_PER_S
+
+
+class Agreement:
+    """Makes measurement (14); rejections in a row are slip, and release the wheels' heading.
+
+    `counters` are the estimator's.
+    """
+
+    def __init__(self, rejections_before_release: int, reasons: Reasons, counters: dict[str, int]):
+        self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
+        self._rejections, self._rejected_ns = 0, 0
+        self._slipped_m = 0.0
+        self._drift = Drift()
+
+    def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
+        """Compare at the end of a gyro sample. False: the filter is not finite and must start again.
+
+        Until it is known how the robot steers, a drift of the two headings is nothing unusual.
+        """
+        kf = track.kf
+        outcome = kf.update(track.rate_rad_s)
+        if outcome is Outcome.REJECTED:
+            self._counters["rejected"] += 1
+            self._rejections = self._rejections + 1 if track.rejected_rad else 1
+            self._rejected_ns, track.rejected_rad = t_ns, kf.z
+            text = f"wheels and gyro disagree by {math.degrees(kf.z):.2f} deg"
+            self._reasons.set("agreement", text, t_ns)
+            if self._rejections < self._limit:
+                return True
+            kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
+            # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (16)
+            before_m, self._slipped_m = self._slipped_m, self._slipped_m + 0.5 * kf.nominal.tread_m * abs(kf.z)
+            kf.add_position_variance(self._slipped_m**2 - before_m**2)
+            self._counters["released"] += 1
+            outcome = kf.update(track.rate_rad_s)
+            if outcome is Outcome.REJECTED:
+                # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (24)
+                kf.anchor_wheels()
+                outcome = kf.update(track.rate_rad_s)
+        track.rejected_rad = 0.0
+        if outcome is not Outcome.ACCEPTED:
+            self._counters["not_finite"] += 1
+            return False
+        self._counters["accepted"] += 1
+        if drive is not Drive.UNKNOWN and not self._slipped_m:  # the cause of what follows slip is known
+            self._drift.watch(kf, t_ns, drive)
+            if self._drift.text is not None:
+                self._reasons.set("agreement", self._drift.text, t_ns)
+                self._rejected_ns = t_ns
+        if t_ns - self._rejected_ns > AGREEMENT_NS:
+            self._reasons.clear("agreement")
+            self._slipped_m = 0.0
+            self._drift.is_over()
+        return True

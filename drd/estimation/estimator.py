@@ -1,0 +1,452 @@
+"""Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from drd.config.keys import Config
+from drd.effects.compensation import Compensation
+from drd.estimation.agreement import Agreement
+from drd.estimation.calibration import Calibration
+from drd.estimation.corrections import Corrections
+from drd.estimation.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
+from drd.estimation.filter import GYRO_BIAS, Filter
+from drd.estimation.health import Reasons
+from drd.estimation.learning import Learned, RestNoise, WheelNoise
+from drd.estimation.noise import make_noise
+from drd.estimation.pose_maker import Lead, PoseMaker, led
+from drd.estimation.silence import Silence
+from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
+from drd.estimation.steering import Steering
+from drd.estimation.timeline import Segment, Stream
+from drd.estimation.track import MakeTrack, Track, make_track
+from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
+from drd.units import NS_PER_S, S_PER_NS
+
+# Ticks further apart mean that the host stood still.
+STALL_NS = NS_PER_S // 5
+
+
+class Estimator:
+    """The pose from wheel and gyro samples, with validity and reasons.
+
+    `resolution_m`: wheel travel of one encoder count, which decides what a standstill is. `compensation` takes a
+    model's effects off the samples, behind the gyro's calibration. `reasons`: those of the estimator to take over from.
+    `new_track` makes the track that the samples go into: one whose filter is watched gives the same poses.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        calibration: Calibration | None = None,
+        resolution_m: float = 1e-4,
+        compensation: Compensation | None = None,
+        reasons: Reasons | None = None,
+        new_track: MakeTrack = make_track,
+    ):
+        e = config.estimation
+        self._config = config
+        self._has_gyro = config.fog.protocol != "none"
+        self.estimates_gyro_scale = e.gyro_scale == "yes" or (e.gyro_scale == "auto" and calibration is None)
+        tread_m = config.robot.tread_m
+        self.sigmas = initial_sigmas(config, self.estimates_gyro_scale)
+        self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m)
+        self._track, self._preview = new_track(config, self.sigmas, noise), make_track(config, self.sigmas, noise)
+        self._preview.kf.noise = self._track.kf.noise  # what is learned of it holds for both
+        self._wheels, self._gyro = Stream(), Stream()
+        is_learned = e.profile == "physical"  # the printed Q and R are what they are
+        self.rest_noise, self.wheel_noise = (
+            RestNoise(noise.gyro_rad2_per_s, is_learned),
+            WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential"),
+        )
+        self.steering = Steering(config, self.wheel_noise)
+        self.wheel_noise.put_into(self._track.kf.noise)
+        self.bias = BiasMeasurement(e.static_bias, self.rest_noise)
+        self.bias_known = False  # measured, or known from before a restart
+        self.standstill = Standstill(resolution_m)
+        self.reasons = Reasons() if reasons is None else reasons
+        self._silence = Silence(config, self.reasons)
+        self._poses = PoseMaker(config, self.reasons)
+        self.counters = dict.fromkeys(
+            ("poses", "accepted", "rejected", "released", "not_finite", "resets", "late_gyro", "late_wheels",
+             "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
+             "bias_measured"), 0)  # fmt: skip
+        self._corrections = Corrections(calibration, compensation, self._heading_rad, self.reasons, self.counters)
+        self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
+        self._reorder_ns = round(e.reorder_s * NS_PER_S)
+        # Longer than gap_s: within it a returning counter still tells the whole travel.
+        self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
+        self._tick_ns = self._pose_ns = self._gyro_pose_ns = 0
+        self._pose_period_ns = 0.9 / config.encoders.rate_hz * NS_PER_S
+        self._silent_after_ns = config.encoders.silent_after_s * NS_PER_S
+        self._wheel_interval_s, self._gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
+        if not self._has_gyro:
+            self.bias.state = BiasState.SKIPPED
+
+    @property
+    def filter(self) -> Filter:
+        """The filter at the time up to which both sensors are known."""
+        return self._track.kf
+
+    # ---- samples -----------------------------------------------------------------------------------------------
+
+    def add_gyro(self, sample: GyroSample) -> Pose | None:
+        """Take a gyro sample; a pose where the configuration or silent wheels ask for one here."""
+        self._silence.begin(sample.t_ns)
+        self._gyro_interval_s = sample.interval_s
+        rate = self._corrections.gyro(sample, self.bias.active and not self.counters["bias_measured"])
+        if self.bias.active:
+            self.bias.gyro(rate)
+            self._silence.gyro_ns = max(self._silence.gyro_ns, rate.t_ns)
+        else:
+            self._add_rate(rate)
+        self._advance()
+        now_ns = sample.t_ns - self._corrections.late_ns
+        self._watch(now_ns)
+        silent = self._silence.wheels(now_ns)
+        # A gyro may be much faster than poses are wanted.
+        soon = now_ns - self._gyro_pose_ns < self._pose_period_ns
+        if not self._track.t_ns or soon or not (silent or self._config.output.publish_on == "gyro"):
+            return None
+        self._gyro_pose_ns = now_ns
+        return self._pose(now_ns if silent else self._silence.wheels_ns)
+
+    def add_wheels(self, sample: WheelSample) -> Pose | None:
+        """Take a wheel sample; a pose at its time unless the configuration publishes on the gyro only."""
+        self._silence.begin(sample.t_ns)
+        still = self.standstill.feed(sample)  # whole counts
+        sample = self._corrections.wheels(sample)
+        if not self._track.t_ns:
+            self._track.t_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
+        if self.bias.active and self._has_gyro:
+            self.bias.wheels(sample, still)
+            self._bias_progress(sample.t_ns)
+        if sample.lost_s > 0.0:
+            self.counters["wheel_gaps"] += 1
+        left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
+        own_m_s = self._corrections.lateral_m_s
+        if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns, own_m_s):
+            self.counters["late_wheels"] += 1
+            return None
+        self._silence.wheels_ns, self._wheel_interval_s = sample.t_ns, sample.interval_s
+        if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
+            self._track.speed_m_s = max(abs(self._track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
+        self._advance()
+        # The pose is not older than the last one, nor may its silences be judged by an older time.
+        self._watch(max(sample.t_ns, self._pose_ns))
+        wanted = self._config.output.publish_on == "wheels" or self._silence.gyro(sample.t_ns)
+        return self._pose(sample.t_ns) if wanted else None
+
+    def tick(self, now_ns: int) -> Pose | None:
+        """Time passes: notice silence, and give a pose when no sensor brings one.
+
+        To be called often, and recorded for a replay: only here a wait for the wheels is given up. A call that comes
+        late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
+        """
+        self._silence.begin(now_ns)
+        stalled, self._tick_ns = now_ns - self._tick_ns > STALL_NS, now_ns
+        if stalled:
+            return None
+        now_ns -= self._corrections.late_ns
+        self._watch(now_ns)
+        track, silence = self._track, self._silence
+        if track.t_ns < now_ns - self._wheel_wait_ns:  # before that only samples bring something new
+            self._advance(now_ns)
+        heard_ns = now_ns - self._silent_after_ns
+        if silence.wheels_ns > heard_ns or (silence.gyro_ns > heard_ns and track.t_ns):
+            return None
+        return self._pose(now_ns)
+
+    def _heading_rad(self, t_ns: int) -> float:
+        track = self._track
+        return track.kf.nominal.heading_rad + track.rate_rad_s * (t_ns - track.t_ns) * S_PER_NS if track.t_ns else 0.0
+
+    def _add_rate(self, rate: CalibratedRate) -> None:
+        last_ns = self._gyro.end_ns
+        used_ns = self._track.t_ns - self._track.lag_ns
+        if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, used_ns):
+            self.counters["late_gyro"] += 1
+            return
+        self._silence.gyro_ns = rate.t_ns
+        gap_s = (rate.t_ns - last_ns) * S_PER_NS if last_ns else 0.0
+        self.counters["gyro_gaps"] += gap_s > 1.5 * rate.interval_s
+        if gap_s > self._config.fog.silent_after_s:
+            # It may have been switched off and on: its bias repeats only so well.
+            self._track.kf.add_gyro_bias_variance(self.noise.gyro_bias_restart_rad2_s2)
+
+    # ---- the static bias ---------------------------------------------------------------------------------------
+
+    def _bias_progress(self, t_ns: int) -> None:
+        """After each wheel sample of the measurement: report, or hand the result and the gyro to the filter."""
+        bias, kf = self.bias, self._track.kf
+        if bias.active:
+            self._tell_bias(t_ns)
+            return
+        self.reasons.clear("bias")
+        if bias.state is BiasState.DONE:
+            kf.set_gyro_bias(-kf.nominal.gyro_scale * bias.bias_rad_s, bias.sigma_rad_s)  # (11), (27)
+            self.counters["bias_measured"] += 1
+            self.bias_known = True
+        elif not self.bias_known:
+            text = f"gyro bias not measured: the robot moved after {bias.averaged_s:.1f} s of standstill"
+            self.reasons.set("bias", text, t_ns)
+        kf.anchor_gyro()
+        self._gyro.end_ns = self._track.t_ns
+        for rate in bias.take_pending():
+            if rate.t_ns > self._track.t_ns:
+                self._add_rate(rate)
+
+    def _tell_bias(self, t_ns: int) -> None:
+        known = self.bias_known or self.counters["bias_measured"]
+        severity = Validity.DEGRADED if known else Validity.INITIALISING
+        self.reasons.set("bias", self.bias.state.value, t_ns, severity)
+
+    def calibrate_bias(self) -> str | None:
+        """Measure the static bias anew. Returns why not, if the robot is not known to stand or has no gyro."""
+        if not self._has_gyro or not self._silence.gyro_ns:
+            return "no gyro"
+        if not self.standstill.still or self.reasons.has("encoders"):
+            return "the encoders do not confirm a standstill"
+        self._gyro.segments.clear()
+        self.bias.restart()
+        return None
+
+    # ---- time --------------------------------------------------------------------------------------------------
+
+    def _advance(self, now_ns: int = 0) -> None:
+        """Step the filter to the newest time up to which both sensors are known, or have had time to report.
+
+        `now_ns`: the wheels have had their time, too, if they are that much older.
+        """
+        track = self._track
+        if not track.t_ns:
+            return
+        end_ns, lag_ns = self._silence.wheels_ns, track.lag_ns
+        if self._has_gyro and not self.bias.active:
+            wait_ns = self._reorder_ns + self._corrections.further_wait_ns
+            end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns), end_ns - wait_ns)
+        end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
+        if end_ns <= track.t_ns and self._gyro.used_ns == track.t_ns - lag_ns:
+            return  # as in most ticks: there is nothing new
+        track.run(self._wheels, self._gyro, end_ns, self._compare)
+        self._wheels.drop_until(track.t_ns)
+        self._gyro.drop_until(track.t_ns - track.lag_ns)
+
+    def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
+        """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
+        track, kf = self._track, self._track.kf
+        if wheels.a == wheels.b == 0.0:
+            self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
+            kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            if not self.rest_noise.known:
+                kf.anchor_gyro()  # robot and heading stand
+                return
+        else:
+            self.rest_noise.interrupt()
+            if track.gyro_heading:
+                return
+        if not self._agreement.update(track, t_ns, self.steering.drive):
+            self._recover(t_ns)
+        else:
+            # Slip that the gate found is no noise, and must not pass for it.
+            self.wheel_noise.take(kf, is_usual=not self.reasons.has("agreement"))
+            self.steering.watch(kf)
+
+    # ---- validity ----------------------------------------------------------------------------------------------
+
+    def _watch(self, now_ns: int) -> None:
+        """Turn silence and spread into reasons."""
+        self._silence.watch(now_ns)
+        if self.bias.is_settled:
+            return
+        is_told = self.reasons.has("bias")
+        if self.bias.active and not is_told:
+            self._tell_bias(now_ns)
+        elif is_told and self.bias.state is BiasState.SHORT:
+            minimum_s = self._config.estimation.static_bias.minimum_s
+            if self._track.kf.sigma(GYRO_BIAS) < 2.0 * self.bias.sigma_after_rad_s(minimum_s):
+                self.reasons.clear("bias")
+
+    def _pose(self, t_ns: int) -> Pose:
+        """The pose at `t_ns`, or at the last one's time where that is newer."""
+        t_ns = self._pose_ns = max(t_ns, self._pose_ns)
+        preview = self._look_ahead(t_ns)
+        if not preview.kf.is_finite():
+            self._recover(t_ns)
+            preview = self._track
+        self.counters["poses"] += 1
+        with_gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
+        gyro_interval_s = self._gyro_interval_s if with_gyro else None
+        lead = self._lead(preview) if with_gyro else Lead(0.0, 0.0, 0.0, self.steering.scale)
+        return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
+
+    def _lead(self, track: Track) -> Lead:
+        """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
+        lag_ns = track.lag_ns
+        if lag_ns <= 0:
+            return Lead(0.0, 0.0, 0.0, self.steering.scale)
+        n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
+        if self._gyro.segments:
+            turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
+        else:  # the newest is used up: as fast as in it
+            turn_rad = track.rate_rad_s * lag_s
+        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale)
+
+    def _look_ahead(self, t_ns: int) -> Track:
+        """The track, or a copy of it that is carried on through the samples that wait for their partner."""
+        if self._track.t_ns >= t_ns:
+            return self._track
+        self._preview.copy_from(self._track)
+        if self._track.t_ns:
+            self._preview.run(self._wheels, self._gyro, t_ns)
+        return self._preview
+
+    # ---- from one estimator to the next ------------------------------------------------------------------------
+
+    def estimate(self) -> Estimate | None:
+        """All that is known at the last pose, to go on from; None before the wheels were heard."""
+        if not self._silence.wheels_ns:
+            return None
+        track = self._look_ahead(self._pose_ns)
+        P = 0.5 * (track.kf.P + track.kf.P.T)
+        is_reset = self.reasons.has("filter")
+        if is_reset:
+            forget_pose(P)
+        return Estimate(
+            nominal=replace(track.kf.nominal),
+            P=P,
+            at_rest=self.at_rest,
+            lost=self._silence.was_lost or is_reset,
+            speed_m_s=track.speed_m_s,
+            rate_rad_s=track.rate_rad_s,
+            learned=self.learned,
+        )
+
+    @property
+    def learned(self) -> Learned:
+        """Noise and drive, as far as they were learned."""
+        k, rest = self._track.kf.noise, self.rest_noise
+        wheels = (k.wheel_m2_per_m, k.turn_rad2_per_rad, k.jitter_s2) if self.wheel_noise.is_known else (0.0, 0.0, 0.0)
+        return Learned(self.steering.drive.value, rest.differences, rest.variance_rad2_per_s, *wheels)
+
+    def _recall_wheels(self, learned: Learned) -> None:
+        self.steering.recall(learned)
+        self.wheel_noise.recall(learned)
+        self.wheel_noise.put_into(self._track.kf.noise)
+
+    def _recall_gyro(self, learned: Learned) -> None:
+        self.rest_noise.recall(learned)
+        self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+
+    @property
+    def at_rest(self) -> bool:
+        """The encoders confirm a standstill."""
+        return self.standstill.still and not self._silence.wheels(self._pose_ns)
+
+    def resume(self, estimate: Estimate, bias_known: bool) -> None:
+        """Begin with what was known before a restart, instead of nothing. To be called before the first sample."""
+        put_into(self._track.kf, estimate)
+        self._recall_wheels(estimate.learned)
+        self._recall_gyro(estimate.learned)
+        self._silence.was_lost = estimate.lost
+        self.bias_known = bias_known
+
+    def take_over(self, other: "Estimator", same_wheels: bool, same_gyro: bool, same_model: bool) -> None:
+        """Go on in another's place and with its reasons, between two samples; nothing that is on its way is lost.
+
+        What is the same, other than the configuration around it: `same_wheels`, what wheel scales and tread were
+        learned with; `same_gyro`, the same of bias and scale; `same_model`, the compensation and where it stands.
+        """
+        self._track.copy_from(other._track)
+        self._wheels, self._gyro = other._wheels, other._gyro
+        self.counters.update(other.counters)
+        self._tick_ns, self._pose_ns, self._gyro_pose_ns = other._tick_ns, other._pose_ns, other._gyro_pose_ns
+        silence, before = self._silence, other._silence
+        silence.begin(1 if before.gyro(other._tick_ns) else other._tick_ns)
+        silence.wheels_ns, silence.gyro_ns, silence.was_lost = before.wheels_ns, before.gyro_ns, before.was_lost
+        if same_model:
+            self._corrections.take_over(other._corrections)
+        if same_wheels:
+            self.standstill = other.standstill
+            self._take_over_wheels(other)
+        else:
+            forget_wheels(self._track.kf, self._config.robot.tread_m, self.sigmas)
+        if same_gyro:
+            if self.noise == other.noise:
+                self.rest_noise = self.bias.rest_noise = other.rest_noise
+                self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            else:
+                self._recall_gyro(other.learned)
+            self.bias_known = other.bias_known
+            if not other.bias.active:  # one that is under way begins anew
+                mine, done = self.bias, other.bias
+                mine.state, mine.averaged_s = done.state, done.averaged_s
+                mine.bias_rad_s, mine.sigma_rad_s = done.bias_rad_s, done.sigma_rad_s
+        else:
+            forget_gyro(self._track.kf, self.sigmas)
+            self._gyro.segments.clear()
+        self._drop_reasons(same_gyro, same_model)
+
+    def _take_over_wheels(self, other: "Estimator") -> None:
+        if self.noise == other.noise and self._config.robot.drive == other._config.robot.drive:
+            self.wheel_noise, self.steering = other.wheel_noise, other.steering
+            self.wheel_noise.put_into(self._track.kf.noise)
+        else:
+            self._recall_wheels(other.learned)
+            if self.steering.scale < other.steering.scale:  # nothing will tell any more
+                self._track.kf.add_scale_variance(other.steering.scale, 0.0)
+
+    def _drop_reasons(self, same_gyro: bool, same_model: bool) -> None:
+        """Those that nothing would end any more, or that begin anew."""
+        gone = {
+            "calibration": not self._corrections.is_calibrated,
+            "model": not same_model,
+            "bias": not same_gyro or self.bias.state is BiasState.SKIPPED,
+            "agreement": self._track.gyro_heading,
+        }
+        for source in ("fog", "fog.port", "agreement", "bias"):
+            gone[source] = gone.get(source, False) or not self._has_gyro
+        for source, is_gone in gone.items():
+            if is_gone:
+                self.reasons.clear(source)
+
+    # ---- commands ----------------------------------------------------------------------------------------------
+
+    def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
+        """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
+        if self._track.t_ns and self._silence.wheels(self._pose_ns):
+            self._track.run(self._wheels, self._gyro, self._pose_ns, self._compare)  # nothing to wait for any more
+        here, preview = self._track.kf.nominal, self._look_ahead(self._pose_ns)
+        # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
+        ahead_x_m, ahead_y_m, ahead_rad = led(preview, self._lead(preview))
+        dx_m, dy_m = ahead_x_m - here.x_m, ahead_y_m - here.y_m
+        turned = heading_rad - ahead_rad
+        c, s = math.cos(turned), math.sin(turned)
+        covariance = np.diag([sigma_m**2, sigma_m**2, sigma_rad**2])
+        x_m, y_m = x_m - c * dx_m + s * dy_m, y_m - s * dx_m - c * dy_m
+        self._track.kf.set_pose(x_m, y_m, self._track.kf.heading_rad + turned, covariance)
+        self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
+        self._silence.was_lost = False
+        for source in ("filter", "position"):
+            self.reasons.clear(source)
+
+    def reset(self) -> None:
+        """Back to the origin and the initial uncertainty; the measured bias stays."""
+        kf, s = self._track.kf, self.sigmas
+        bias, sigma = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS)
+        self._begin_anew()
+        kf.set_gyro_bias(bias, sigma)
+        self.set_pose(0.0, 0.0, 0.0, s.position_m, s.heading_rad)
+
+    def _begin_anew(self) -> None:
+        self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
+        self.wheel_noise = self.wheel_noise.anew()
+        self.steering = Steering(self._config, self.wheel_noise)
+        self.wheel_noise.put_into(self._track.kf.noise)
+
+    def _recover(self, t_ns: int) -> None:
+        """The covariance or the state is not finite: start again where the robot is not known to be."""
+        self.counters["resets"] += 1
+        self._begin_anew()
+        self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)

@@ -1,0 +1,569 @@
+"""The indirect feedback Kalman filter: eleven error states, fixed size, preallocated. Equations: EQUATIONS.md.
+
+It knows no clock, no sensor and no logger, never raises on data, and returns a typed outcome.
+"""
+
+import math
+from collections.abc import Callable, MutableSequence, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import cos, sin
+from operator import itemgetter
+from typing import Final, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.estimation.noise import NoiseProfile
+
+# The error state x, computed minus true (equation 13's order, then (65) and (68); REP-103 axes).
+X: Final = 0  # m, forward at heading 0
+Y: Final = 1  # m, left at heading 0
+HEADING: Final = 2  # rad, from the wheels
+SCALE_R: Final = 3  # 1, right wheel
+SCALE_L: Final = 4  # 1, left wheel
+TREAD: Final = 5  # m
+GYRO_HEADING: Final = 6  # rad, from the gyro
+GYRO_SCALE: Final = 7  # 1
+GYRO_BIAS: Final = 8  # rad/s
+WHEEL_LAG: Final = 9  # s
+SLIP: Final = 10  # s, sideways
+N: Final = 11
+# Flat positions in an N x N matrix, made once: the elements of F and Q that change with each step. F is kept
+# transposed, since F P and (F P) F^T are then a fifth faster.
+(X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (i * N + X for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(Y_HEADING, Y_SCALE_R, Y_SCALE_L, Y_TREAD) = (i * N + Y for i in (HEADING, SCALE_R, SCALE_L, TREAD))
+(X_GYRO, X_GYRO_SCALE, X_GYRO_BIAS, X_LAG) = (i * N + X for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+(Y_GYRO, Y_GYRO_SCALE, Y_GYRO_BIAS, Y_LAG) = (i * N + Y for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
+(H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
+(G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
+(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
+XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
+YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
+RL = SCALE_R * N + SCALE_L
+HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
+GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
+# A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
+RATE_ERROR_CORRELATION_S: Final = 20.0
+# A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
+CHANGE_SIGMAS2: Final = 18.0
+# The wheels' lag is no less than a gyro can be late by its own filter and its line, and no more than a drive that
+# works; what seems to be more is noise, or slip.
+LEAST_LAG_S: Final = -0.1
+MOST_LAG_S: Final = 0.5
+# Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
+UPDATES_PER_SYMMETRISATION: Final = 50
+# Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
+HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
+POSITION_UNKNOWN_M2: Final = 1e8
+
+Matrix = npt.NDArray[np.float64]
+Four = tuple[float, float, float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+def _elements(matrix: Matrix) -> MutableSequence[float]:
+    """Flat access to a matrix in plain floats: a memoryview is several times faster than numpy's scalars."""
+    # A float64 array's buffer holds floats; typeshed knows memoryviews of bytes only.
+    return cast(MutableSequence[float], matrix.reshape(-1).data)
+
+
+class Outcome(Enum):
+    """What became of a measurement."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    NOT_FINITE = "not finite"
+
+
+@dataclass(slots=True)
+class Nominal:
+    """The computed quantities that the error state corrects."""
+
+    tread_m: float
+    x_m: float = 0.0
+    y_m: float = 0.0
+    heading_rad: float = 0.0
+    scale_right: float = 0.0
+    scale_left: float = 0.0
+    gyro_heading_rad: float = 0.0
+    gyro_scale: float = 1.0
+    gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
+    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro; negative: the gyro is late
+    slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
+    origin_x_m: float = 0.0  # where the way began that the position is due to
+    origin_y_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sigmas:
+    """Standard deviations of the error state at the start, in its units."""
+
+    position_m: float
+    heading_rad: float
+    wheel_scale: float
+    tread_m: float
+    gyro_scale: float  # 0 leaves the gyro's scale out: the paper's variant for a calibrated gyro
+    gyro_bias_rad_s: float
+    wheel_lag_s: float = 0.0  # 0 leaves the lag out: a robot without a gyro cannot tell it
+    slip_s: float = 0.0  # no sensor tells it: considered in P, never corrected
+    scale_difference: float = 0.0  # right less left, beyond what `wheel_scale` has of it
+
+
+class Filter:
+    """Predict with wheel travel and gyro rate; update with the difference of the two headings.
+
+    All of it is at the time that the wheels report: the gyro's rates are to be handed in later by the estimated lag.
+    """
+
+    def __init__(
+        self,
+        tread_m: float,
+        sigmas: Sigmas,
+        noise: NoiseProfile,
+        gate_sigma: float = 5.0,
+        midpoint: bool = True,
+        along_gyro: bool = True,
+    ):
+        """`along_gyro`: the way goes along the gyro's heading wherever there is one; else, as printed, the wheels'."""
+        self.P: Matrix = np.zeros((N, N))
+        self.z = 0.0  # last innovation, rad
+        self.S = 0.0  # and its variance, rad^2
+        self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
+        # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
+        self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
+        self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (20)
+        self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
+        self._along_gyro = along_gyro
+        self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
+        self._half = 0.5 if midpoint else 0.0
+        self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
+        self._estimate_lag = 1.0 if sigmas.wheel_lag_s > 0.0 else 0.0
+        self._updates = 0
+        # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q.
+        self._FT_and_I: Matrix = np.zeros((2 * N, N))
+        self._PFT_and_Q: Matrix = np.zeros((2 * N, N))
+        self._T: Matrix = np.zeros((N, N))
+        self._PH: Matrix = np.zeros(N)
+        self._sigma: Matrix = np.zeros(())  # sqrt(S); numpy takes an array's element faster than a float
+        self._gate2 = gate_sigma**2
+        # Views, made once.
+        self._FT, self._F_and_I = self._FT_and_I[:N], self._FT_and_I.T
+        self._PFT, self._Q = self._PFT_and_Q[:N], self._PFT_and_Q[N:]
+        self._F, self._PT = self._FT.T, self.P.T
+        self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
+        self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
+        self._ones = np.ones(N * N)
+        self._P_vector = self.P.reshape(-1)
+        self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
+        self.flat_P: Sequence[float] = self._p
+        h, lag = self.pose_heading, WHEEL_LAG * N
+        self._take_pose: Callable[[Sequence[float]], Six] = itemgetter(XX, XY, X * N + h, YY, Y * N + h, h * (N + 1))
+        self._take_lag: Callable[[Sequence[float]], Four] = itemgetter(lag + X, lag + Y, lag + h, TT)
+        self.restart(tread_m, sigmas)
+
+    def restart(self, tread_m: float, s: Sigmas) -> None:
+        """Begin at the origin with these standard deviations; both headings share their error."""
+        self.nominal = Nominal(tread_m)
+        self._last_tread_m = tread_m
+        # What stays in F from step to step.
+        self._FT_and_I[:N] = self._FT_and_I[N:] = np.eye(N)
+        self._F_along_gyro = self._F_has_gyro = self._F_has_lag = False
+        self.P.fill(0.0)
+        diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
+                    s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s, s.wheel_lag_s, s.slip_s)  # fmt: skip
+        for i, sigma in enumerate(diagonal):
+            self.P[i, i] = sigma**2
+        self.P[HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, HEADING] = s.heading_rad**2
+        self.add_scale_variance(0.0, s.scale_difference)
+
+    def copy_from(self, other: "Filter") -> None:
+        """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
+        a, b = self.nominal, other.nominal
+        a.tread_m, a.x_m, a.y_m, a.heading_rad = b.tread_m, b.x_m, b.y_m, b.heading_rad
+        a.scale_right, a.scale_left = b.scale_right, b.scale_left
+        a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
+        a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
+        a.origin_x_m, a.origin_y_m = b.origin_x_m, b.origin_y_m
+        self._last_tread_m = other._last_tread_m
+        self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
+        self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
+        np.copyto(self.P, other.P)
+
+    def predict(
+        self,
+        dt_s: float,
+        left_m: float,
+        right_m: float,
+        rate_rad_s: float | None,
+        rate_sigma_rad_s: float = 0.0,
+        lateral_m: float = 0.0,
+    ) -> None:
+        """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
+
+        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own way to its
+        left, which no sensor tells.
+        """
+        n = self.nominal
+        D = n.tread_m
+        U_R, U_L = (1.0 - n.scale_right) * right_m, (1.0 - n.scale_left) * left_m
+        U, turn = 0.5 * (U_R + U_L), (U_R - U_L) / D
+        along_gyro = self._along_gyro and rate_rad_s is not None
+        if along_gyro != self._F_along_gyro:
+            self._clear_rows(along_gyro)
+        middle = n.heading_rad + self._half * turn
+        n.heading_rad += turn  # (7)
+        if rate_rad_s is None:
+            lag = 0.0
+            if self._F_has_gyro:
+                self._clear_gyro()
+        else:
+            gyro_turn = (n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s) * dt_s
+            if along_gyro:
+                middle = n.gyro_heading_rad + self._half * gyro_turn
+            n.gyro_heading_rad += gyro_turn  # (11)
+            turn = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
+            lag = self._gyro_row(dt_s, turn)
+        c, s = cos(middle), sin(middle)
+        step_x, step_y = U * c, U * s
+        left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
+        left_jump, right_jump = left_m_s - self._left_m_s, right_m_s - self._right_m_s
+        self._left_m_s, self._right_m_s = left_m_s, right_m_s
+        jumps = left_jump * left_jump + right_jump * right_jump
+        self._jitter = self.noise.jitter_s2 * (jumps / (D * D) + lag * lag)  # (20)
+        if self._p[VV]:  # nobody who does not slip pays for it
+            drift = U * turn / dt_s  # (68)
+            self._f[X_SLIP], self._f[Y_SLIP] = -drift * s, drift * c
+            lateral_m += n.slip_s * drift
+        if lateral_m:
+            step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
+        n.x_m += step_x  # (7)
+        n.y_m += step_y  # (7)
+        rows = self._rows_along_gyro if along_gyro else self._rows_along_wheels
+        left_m, right_m = rows(dt_s, U, turn, step_x, step_y, c, s)
+        bend = 0.0 if along_gyro else self._half * U
+        self._process_noise(dt_s, left_m, right_m, abs(turn), rate_sigma_rad_s, c, s, bend)
+        self._propagate()
+
+    def _propagate(self) -> None:
+        """The covariance after a step. (18)"""
+        P = self.P
+        P.dot(self._FT, self._PFT)
+        self._F_and_I.dot(self._PFT_and_Q, P)
+
+    def _gyro_row(self, dt_s: float, turn: float) -> float:
+        """Fill in the gyro's row of F. Returns what an error of the lag turns."""
+        n, f = self.nominal, self._f
+        # The reading that a gyro without noise would give for this turn. (12)
+        f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
+        f[G_BIAS] = dt_s
+        self._F_has_gyro = True
+        # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
+        change = turn / dt_s - self.rate_rad_s
+        if change * change * dt_s > CHANGE_SIGMAS2 * self.noise.gyro_rad2_per_s:
+            self.rate_rad_s += change
+            f[G_LAG] = -change  # (65)
+            self._F_has_lag = True
+            return -change
+        if self._F_has_lag:
+            self._F_has_lag = False
+            f[G_LAG] = f[X_LAG] = f[Y_LAG] = 0.0
+        return 0.0
+
+    def _rows_along_gyro(
+        self, dt_s: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
+    ) -> tuple[float, float]:
+        """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (13)
+
+        `arm` is half the tread, `bend` the midpoint's share. Returns the ways that the left and the right wheel have
+        gone for this turn.
+        """
+        f, D = self._f, self.nominal.tread_m
+        half_turn, treads = 0.5 * turn, U / D
+        per_right, per_left = half_turn + treads, half_turn - treads
+        arm = 0.5 * D
+        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -self._half * step_y, self._half * step_x
+        # The relative error of the tread stays, not that in metres: then scales and tread, all too large alike, remain
+        # the direction of which no comparison tells, whatever the tread is estimated to be meanwhile. (29)
+        f[DD], self._last_tread_m = D / self._last_tread_m, D
+        f[H_SCALE_R], f[H_SCALE_L], f[H_TREAD] = per_right, per_left, -turn / D
+        f[X_GYRO], f[Y_GYRO] = -step_y, step_x
+        g_scale = f[G_SCALE]
+        f[X_GYRO_SCALE], f[Y_GYRO_SCALE] = bend_x * g_scale, bend_y * g_scale
+        f[X_GYRO_BIAS], f[Y_GYRO_BIAS] = bend_x * dt_s, bend_y * dt_s
+        if self._F_has_lag:
+            f[X_LAG], f[Y_LAG] = bend_x * f[G_LAG], bend_y * f[G_LAG]
+        f[X_SCALE_R], f[Y_SCALE_R] = per_right * arm_x, per_right * arm_y
+        f[X_SCALE_L], f[Y_SCALE_L] = -per_left * arm_x, -per_left * arm_y
+        return abs(per_left) * D, abs(per_right) * D
+
+    def _rows_along_wheels(
+        self, _: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
+    ) -> tuple[float, float]:
+        """As `_rows_along_gyro`, for a way along the wheels' heading. (13)"""
+        f, D = self._f, self.nominal.tread_m
+        half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
+        per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
+        arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -self._half * step_y, self._half * step_x
+        f[DD], self._last_tread_m = D / self._last_tread_m, D
+        f[H_SCALE_R], f[H_SCALE_L], f[H_TREAD] = per_right, per_left, per_tread
+        f[X_HEADING], f[Y_HEADING] = -step_y, step_x
+        f[X_TREAD], f[Y_TREAD] = per_tread * bend_x, per_tread * bend_y
+        f[X_SCALE_R], f[Y_SCALE_R] = per_right * (bend_x + arm_x), per_right * (bend_y + arm_y)
+        f[X_SCALE_L], f[Y_SCALE_L] = per_left * (bend_x - arm_x), per_left * (bend_y - arm_y)
+        return abs(per_left) * D, abs(per_right) * D
+
+    def _clear_rows(self, along_gyro: bool) -> None:
+        """The way goes along the other heading from now on: in F it depends on the one that it has left no more."""
+        f, self._F_along_gyro = self._f, along_gyro
+        if along_gyro:
+            f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = 0.0
+        else:
+            f[X_GYRO] = f[Y_GYRO] = f[X_GYRO_SCALE] = f[Y_GYRO_SCALE] = 0.0
+            f[X_GYRO_BIAS] = f[Y_GYRO_BIAS] = f[X_LAG] = f[Y_LAG] = 0.0
+
+    def _clear_gyro(self) -> None:
+        """There is no gyro from now on: in F its heading depends on nothing."""
+        f = self._f
+        f[G_SCALE] = f[G_BIAS] = f[G_LAG] = 0.0
+        self._F_has_gyro = self._F_has_lag = False
+
+    def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
+        """The step's turn from both sensors, each weighted by its variance: where F is taken. (29)
+
+        Wheels that stand have no noise, so that at rest the turn is theirs: none.
+        """
+        if not way_m:
+            return wheels_rad
+        k, p, D = self.noise, self._p, self.nominal.tread_m
+        D2 = D * D
+        of_wheels = k.wheel_m2_per_m * way_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
+        of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
+        of_gyro = (k.gyro_rad2_per_s + p[BB] * dt_s) * dt_s
+        return wheels_rad + (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
+
+    def _process_noise(
+        self,
+        dt_s: float,
+        left_m: float,
+        right_m: float,
+        turn_rad: float,
+        rate_sigma: float,
+        c: float,
+        s: float,
+        bend: float,
+    ) -> None:
+        """Map the noise of a step into Q: wheel noise moves position and heading together. (19)
+
+        `c`, `s`: cosine and sine of the step's heading; `bend`: the midpoint's share of the travel, m.
+        """
+        k, q, D = self.noise, self._q, self.nominal.tread_m
+        right, left = k.wheel_m2_per_m * right_m, k.wheel_m2_per_m * left_m
+        turn = k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s
+        side = k.lateral_m2_per_m * 0.5 * (left_m + right_m)
+        anywhere = k.position_m2_per_rad * turn_rad + k.position_m2_per_s * dt_s
+        scale = k.wheel_scale_per_s * dt_s
+        # In the robot's own axes: forward, sideways, heading.
+        both = right + left
+        way = both / (D * D)
+        heading = way + turn + self._jitter
+        self.way_rad2 += way
+        self.turn_rad2 += turn
+        self.jitter_rad2 += self._jitter
+        forward, forward_heading = 0.25 * both, 0.5 * (right - left) / D
+        c2, s2, cs = c * c, s * s, c * s
+        if bend:
+            sideways_heading, forward_sideways = bend * heading, forward_heading * bend
+            sideways = bend * sideways_heading + side
+            cross = 2.0 * forward_sideways * cs
+            q[XX] = forward * c2 + sideways * s2 - cross + anywhere
+            q[YY] = forward * s2 + sideways * c2 + cross + anywhere
+            q[XY] = q[YX] = (forward - sideways) * cs + forward_sideways * (c2 - s2)
+            q[XH] = q[HX] = forward_heading * c - sideways_heading * s
+            q[YH] = q[HY] = forward_heading * s + sideways_heading * c
+        else:
+            q[XX] = forward * c2 + side * s2 + anywhere
+            q[YY] = forward * s2 + side * c2 + anywhere
+            q[XY] = q[YX] = (forward - side) * cs
+            q[XH] = q[HX] = forward_heading * c
+            q[YH] = q[HY] = forward_heading * s
+        q[HH] = heading
+        q[RR] = k.wheel_scale_per_m * right_m + scale
+        q[LL] = k.wheel_scale_per_m * left_m + scale
+        q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
+        # While the robot turns, the gyro's heading at the wheels' time goes with the lag. (65)
+        lag_walk = k.wheel_lag_s2_per_s * dt_s * self._estimate_lag
+        swept = self.rate_rad_s * lag_walk
+        q[TT], q[GT], q[TG] = lag_walk, -swept, -swept
+        gyro = k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma  # (21)
+        q[GG] = gyro * dt_s + self.rate_rad_s * swept
+        q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
+        q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
+
+    def update(self, rate_rad_s: float) -> Outcome:
+        """Compare the two headings, gate, correct all states and feed the correction back.
+
+        Unless the outcome is ACCEPTED nothing has changed.
+        """
+        n, P, PH, T = self.nominal, self.P, self._PH, self._T
+        z = n.heading_rad - n.gyro_heading_rad  # (14)
+        np.subtract(self._P_wheels, self._P_gyro, PH)  # P H^T, from rows since P is symmetric
+        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = ph = PH.tolist()
+        R = self.noise.comparison_rad2 + self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
+        S = heading - gyro_heading + R  # (15)
+        self.z, self.S = z, S
+        if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
+            return Outcome.NOT_FINITE
+        k = z / S
+        # No evidence for a robot without a tread is believed, however wide the gate; negative, it would break F and Q.
+        if z * z > self._gate2 * S or tread * k >= n.tread_m:  # (16)
+            return Outcome.REJECTED
+        n.x_m -= x * k  # (23)
+        n.y_m -= y * k
+        n.heading_rad -= heading * k
+        n.scale_right += scale_right * k
+        n.scale_left += scale_left * k
+        n.tread_m -= tread * k
+        n.gyro_heading_rad -= gyro_heading * k
+        n.gyro_scale -= gyro_scale * k
+        n.gyro_bias_rad_s -= gyro_bias * k
+        n.wheel_lag_s -= lag * k
+        if not LEAST_LAG_S <= n.wheel_lag_s <= MOST_LAG_S:
+            self._limit_lag()
+        self._sigma[()] = math.sqrt(S)
+        PH /= self._sigma
+        self._PH_column.dot(self._PH_row, T)
+        P -= T  # (17)
+        self._updates += 1
+        if self._updates % UPDATES_PER_SYMMETRISATION == 0:
+            np.add(P, self._PT, T)
+            np.multiply(T, 0.5, P)
+        return Outcome.ACCEPTED
+
+    def _limit_lag(self) -> None:
+        """In place of a lag that cannot be, the likeliest state with the nearest that can. (65)"""
+        n, column = self.nominal, self.P[WHEEL_LAG].tolist()
+        nearest_s = min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
+        k = (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG]
+        n.x_m -= column[X] * k
+        n.y_m -= column[Y] * k
+        n.heading_rad -= column[HEADING] * k
+        n.scale_right += column[SCALE_R] * k
+        n.scale_left += column[SCALE_L] * k
+        n.tread_m -= column[TREAD] * k
+        n.gyro_heading_rad -= column[GYRO_HEADING] * k
+        n.gyro_scale -= column[GYRO_SCALE] * k
+        n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
+        n.wheel_lag_s = nearest_s
+
+    def anchor_gyro(self) -> None:
+        """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""
+        self.nominal.gyro_heading_rad = self.nominal.heading_rad
+        self._copy_error(HEADING, GYRO_HEADING)
+
+    def anchor_wheels(self) -> None:
+        """The wheels were not there: their heading continues from the gyro's and shares its error. (24)"""
+        self.nominal.heading_rad = self.nominal.gyro_heading_rad
+        self._copy_error(GYRO_HEADING, HEADING)
+
+    def _copy_error(self, source: int, target: int) -> None:
+        self.P[target, :] = self.P[source, :]
+        self.P[:, target] = self.P[:, source]
+
+    def add_position_variance(self, variance_m2: float) -> None:
+        """Widen the position by motion that was not seen, up to where it means "anywhere". (25)"""
+        for i in (XX, YY):
+            self._p[i] += min(variance_m2, max(0.0, POSITION_UNKNOWN_M2 - self._p[i]))
+
+    def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
+        """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (25)"""
+        added = min(variance_rad2, max(0.0, HEADING_UNKNOWN_RAD2 - self._p[HH]))
+        for i in (HH, GG, HG, GH) if both else (HH,):
+            self._p[i] += added
+
+    def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
+        """The gyro was away and may have come back with another bias."""
+        self._p[BB] += variance_rad2_s2
+
+    def add_scale_variance(self, common: float, difference: float) -> None:
+        """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
+        one against the other. (69)
+        """
+        n, g = self.nominal, np.zeros(N)
+        g[X], g[Y] = n.x_m - n.origin_x_m, n.y_m - n.origin_y_m
+        g[SCALE_R], g[SCALE_L], g[TREAD] = 1.0, 1.0, n.tread_m
+        self.P += common**2 * np.outer(g, g)
+        g.fill(0.0)
+        g[SCALE_R], g[SCALE_L] = 0.5, -0.5
+        self.P += difference**2 * np.outer(g, g)
+
+    def add_tread_variance(self, variance_m2: float) -> None:
+        """The effective tread may be another from now on."""
+        self._p[DD] += variance_m2
+
+    def add_lag_variance(self, variance_s2: float) -> None:
+        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (65)"""
+        g = np.zeros(N)
+        g[WHEEL_LAG], g[GYRO_HEADING] = 1.0, -self.rate_rad_s
+        self.P += variance_s2 * np.outer(g, g)
+
+    def add_slip_variance(self, variance_s2: float) -> None:
+        """The robot may slip sideways from now on. (68)"""
+        self.P[SLIP, SLIP] += variance_s2
+
+    def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
+        """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
+        n = self.nominal
+        n.x_m, n.y_m, n.heading_rad, n.gyro_heading_rad = x_m, y_m, heading_rad, heading_rad
+        n.origin_x_m, n.origin_y_m = x_m, y_m
+        for i in (X, Y, HEADING):
+            self.P[i, :] = 0.0
+            self.P[:, i] = 0.0
+        self.P[GYRO_HEADING, :] = self.P[:, GYRO_HEADING] = 0.0
+        self.P[:3, :3] = covariance
+        self._copy_error(HEADING, GYRO_HEADING)
+
+    def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
+        """Take a bias measured at standstill: `bias_rad_s` is added to readings, as in (11)."""
+        self.nominal.gyro_bias_rad_s = bias_rad_s
+        self.P[GYRO_BIAS, :] = 0.0
+        self.P[:, GYRO_BIAS] = 0.0
+        self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
+
+    def set_tread(self, tread_m: float) -> None:
+        """Take a tread that no comparison has changed: its error in metres stays what P has."""
+        self.nominal.tread_m = self._last_tread_m = tread_m
+
+    def put(self, nominal: Nominal, P: Matrix) -> None:
+        """Take an estimate from elsewhere."""
+        self.nominal = replace(nominal)
+        self.set_tread(nominal.tread_m)
+        np.copyto(self.P, P)
+
+    def forget(self, state: int, sigma: float) -> None:
+        """Nothing is known of a state any more but this standard deviation."""
+        self.P[state, :] = self.P[:, state] = 0.0
+        self.P[state, state] = sigma**2
+
+    def sigma(self, state: int) -> float:
+        """Standard deviation of one state."""
+        return math.sqrt(max(self._p[state * (N + 1)], 0.0))
+
+    def is_finite(self) -> bool:
+        """True while pose and covariance are numbers."""
+        n = self.nominal
+        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
+
+    def pose_covariance(self) -> Six:
+        """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
+        return self._take_pose(self._p)
+
+    def lag_covariance(self) -> Four:
+        """Covariance of the wheels' lag with the pose's x, y and heading, and its variance."""
+        return self._take_lag(self._p)
+
+    @property
+    def heading_rad(self) -> float:
+        """The pose's heading."""
+        return self.nominal.gyro_heading_rad if self._along_gyro else self.nominal.heading_rad

@@ -1,0 +1,90 @@
+"""The pose that a track stands for, with its uncertainty; a spread that is too large becomes a reason."""
+
+import math
+from typing import NamedTuple
+
+from drd.config.keys import Config
+from drd.estimation.health import Reasons
+from drd.estimation.track import Track
+from drd.estimation.uncertainty import (
+    UNSEEN_ACCELERATION_M_S2,
+    UNSEEN_TURN_RAD_S2,
+    covariance_after,
+    position_bound_m,
+    rate_sigma_rad_s,
+    speed_sigma_m_s,
+)
+from drd.samples import Pose, Validity
+
+# Standard deviations of the heading at which the pose is degraded, and invalid.
+HEADING_DOUBTFUL_RAD = 0.5
+HEADING_LOST_RAD = 1.5
+
+
+class Lead(NamedTuple):
+    """The step from the track to the time of its newest samples, and how much less the wheels' way is known than P
+    has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (65), (69)
+    """
+
+    lag_s: float
+    way_m: float
+    turn_rad: float
+    scale: float
+
+
+def led(track: Track, lead: Lead) -> tuple[float, float, float]:
+    """The track's pose after `lead`: x and y in m, heading in rad."""
+    n, heading_rad = track.kf.nominal, track.kf.heading_rad
+    middle = heading_rad + 0.5 * lead.turn_rad
+    return n.x_m + lead.way_m * math.cos(middle), n.y_m + lead.way_m * math.sin(middle), heading_rad + lead.turn_rad
+
+
+class PoseMaker:
+    """Makes poses from tracks whose filter is finite."""
+
+    def __init__(self, config: Config, reasons: Reasons):
+        self._limit_m = config.estimation.max_position_bound_m
+        self._reasons = reasons
+
+    def make(
+        self, track: Track, lead: Lead, t_ns: int, sequence: int, wheel_interval_s: float, gyro_interval_s: float | None
+    ) -> Pose:
+        """The track's pose, for `t_ns`. `gyro_interval_s`: of the rate's samples; None: the rate is the wheels'."""
+        reasons, kf = self._reasons, track.kf
+        x_m, y_m, heading_rad = led(track, lead)
+        covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, heading_rad, lead.scale)
+        bound_m = position_bound_m(covariance)
+        exceeded = self._limit_m is not None and bound_m > self._limit_m
+        if exceeded or covariance[5] > HEADING_DOUBTFUL_RAD**2 or reasons.active():
+            self._watch(covariance[5], exceeded, t_ns)
+        noise, speed_m_s, rate_rad_s = kf.noise, track.speed_m_s, track.rate_rad_s
+        speed_sigma = speed_sigma_m_s(kf, noise, speed_m_s, wheel_interval_s)
+        has_gyro = gyro_interval_s is not None
+        interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
+        rate_sigma = rate_sigma_rad_s(kf, noise, rate_rad_s, interval_s, has_gyro)
+        # In the order of its fields: by their names it takes twice as long.
+        return Pose(
+            t_ns if t_ns > track.t_ns else track.t_ns,
+            sequence,
+            x_m,
+            y_m,
+            heading_rad,
+            speed_m_s,
+            rate_rad_s,
+            speed_sigma + UNSEEN_ACCELERATION_M_S2 * track.unseen_s,
+            rate_sigma + UNSEEN_TURN_RAD_S2 * track.blind_s,
+            covariance,
+            bound_m,
+            reasons.validity,
+            reasons.active(),
+        )
+
+    def _watch(self, variance_rad2: float, exceeded: bool, t_ns: int) -> None:
+        """A heading known so badly leaves the linear covariance without a meaning."""
+        reasons, sigma_rad = self._reasons, math.sqrt(max(variance_rad2, 0.0))
+        if sigma_rad > HEADING_DOUBTFUL_RAD:
+            severity = Validity.INVALID if sigma_rad > HEADING_LOST_RAD else Validity.DEGRADED
+            reasons.set("heading", "the heading is hardly known", t_ns, severity)
+        else:
+            reasons.clear("heading")
+        reasons.update("bound", "the position bound exceeds its limit" if exceeded else None, t_ns, Validity.INVALID)

@@ -1,0 +1,60 @@
+"""How the robot steers: whether its wheels slip sideways in each turn, as the effective tread tells."""
+
+import math
+from typing import Final
+
+from drd.config.keys import Config
+from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, is_stated_skid
+from drd.estimation.filter import TREAD, Filter
+from drd.estimation.learning import Drive, Learned, WheelNoise
+
+# A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
+# whose standard deviation is so large a part of it, since tyres are wide.
+TAPE_SIGMAS: Final = 3.0
+TAPE_PART: Final = 0.05
+
+
+class Steering:
+    """The kind of drive, as stated or found out. (69)
+
+    While it is unknown, `scale` is the standard deviation of the scale of all ways beyond what P has.
+    """
+
+    def __init__(self, config: Config, wheel_noise: WheelNoise):
+        self._robot, self._initial, self._wheel_noise = config.robot, config.estimation.initial, wheel_noise
+        self.drive, self.scale = Drive.UNKNOWN, 0.0
+        if is_stated_skid(config):
+            self._found_skid()
+        elif config.robot.drive == "differential" or config.fog.protocol == "none" or not wheel_noise.is_learned:
+            self.drive = Drive.DIFFERENTIAL  # nothing could tell
+        elif config.estimation.initial.wheel_scale is None:
+            self.scale = SKID_SCALE
+
+    def watch(self, kf: Filter) -> None:
+        """After a comparison: the gyro may have shown by now which tread is effective."""
+        if self.drive is not Drive.UNKNOWN:
+            return
+        tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
+        if abs(kf.nominal.tread_m - self._robot.tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
+            if self.scale:
+                kf.add_scale_variance(SKID_SCALE, 0.0)
+            if self._initial.slip_s is None:
+                kf.add_slip_variance(SKID_SLIP_S**2)
+            # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
+            kf.add_lag_variance(self._initial.wheel_lag_s**2)
+            self._found_skid()
+        elif sigma_m < tape_m:
+            self.drive, self.scale = Drive.DIFFERENTIAL, 0.0
+
+    def _found_skid(self) -> None:
+        self.drive, self.scale = Drive.SKID, 0.0
+        self._wheel_noise.skids(self._robot.tread_m)
+
+    def recall(self, learned: Learned) -> None:
+        """Go on with what was found out before; P has it already."""
+        drive = Drive(learned.drive)
+        if self.drive is not Drive.UNKNOWN or drive is Drive.UNKNOWN:
+            return
+        self.drive, self.scale = drive, 0.0
+        if drive is Drive.SKID:
+            self._found_skid()

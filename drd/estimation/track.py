@@ -1,0 +1,143 @@
+"""A filter on its way through time: one step for each piece of time, whichever of the sensors saw it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drd.config.keys import Config
+from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.timeline import Piece, Segment, Stream, pieces
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
+from drd.units import NS_PER_S, S_PER_NS
+
+STILL = Segment(0, 0, 0.0, 0.0)
+
+
+@dataclass(slots=True)
+class Track:
+    """The filter, the time it has reached, and what it has not seen.
+
+    `no_gyro_after_s`: how long the last rate of a gyro that fell silent stands for the robot's. `gyro_heading`: the
+    heading is the gyro's, wherever there is one.
+    """
+
+    kf: Filter
+    no_gyro_after_s: float
+    max_speed_m_s: float
+    gyro_heading: bool = False
+    t_ns: int = 0  # 0: not begun
+    speed_m_s: float = 0.0
+    rate_rad_s: float = 0.0
+    unseen_s: float = 0.0  # no wheels
+    blind_s: float = 0.0  # neither wheels nor gyro
+    no_gyro_s: float = 0.0
+    _compared_ns: int = 0  # the end of the gyro's sample that was compared last
+    # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (65)
+    _regained_s: float = 0.0
+    _regained_rad: float = 0.0
+    _lag_s: float = 0.0  # of `lag_ns`
+    _lag_ns: int = 0
+    # The wheels' heading stands rejected by this much, and is not yet released.
+    rejected_rad: float = 0.0
+
+    def copy_from(self, other: "Track") -> None:
+        """Take over another track's estimate and memory."""
+        self.kf.copy_from(other.kf)
+        self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
+        self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
+        self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
+        self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
+
+    def run(
+        self,
+        wheels: Stream,
+        gyro: Stream,
+        end_ns: int,
+        on_gyro_end: Callable[[int, Segment, Segment], None] | None = None,
+    ) -> None:
+        """Step to `end_ns`; `on_gyro_end` is called with time, wheels and gyro where a gyro sample ends and the wheels
+        are known.
+        """
+        lag_ns = self.lag_ns
+        for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns):
+            self._step(piece)
+            _, self.t_ns, wheel, rate = piece
+            if on_gyro_end and wheel and rate and self.t_ns == rate.end_ns + lag_ns:
+                if rate.end_ns <= self._compared_ns:
+                    continue  # the lag has become shorter meanwhile
+                self._compared_ns = rate.end_ns
+                before_s = self.kf.nominal.wheel_lag_s
+                on_gyro_end(self.t_ns, wheel, rate)
+                regained_s = self.kf.nominal.wheel_lag_s - before_s
+                self._regained_s += regained_s
+                self._regained_rad += self.kf.rate_rad_s * regained_s
+
+    @property
+    def lag_ns(self) -> int:
+        """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (65)"""
+        lag_s = self.kf.nominal.wheel_lag_s
+        if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
+            self._lag_s = lag_s
+            self._lag_ns = round(lag_s * NS_PER_S)
+        return self._lag_ns
+
+    def _step(self, piece: Piece) -> None:
+        start_ns, end_ns, wheels, gyro = piece
+        kf, dt_s = self.kf, (end_ns - start_ns) * S_PER_NS
+        if wheels and not gyro and self.rejected_rad:
+            # Without this the hole would copy a slipped heading onto the gyro's, and the slip would never be found.
+            kf.anchor_wheels()
+            kf.add_heading_variance(self.rejected_rad**2, both=True)
+            self.rejected_rad = 0.0
+        _, _, left_m_s, right_m_s, lateral_m_s = wheels or STILL
+        _, _, rate_rad_s, sigma_rad_s, _ = gyro or STILL
+        kf.predict(
+            dt_s, left_m_s * dt_s, right_m_s * dt_s, rate_rad_s if gyro else None, sigma_rad_s, lateral_m_s * dt_s
+        )
+        if gyro:
+            n = kf.nominal
+            self.rate_rad_s = n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s
+            self.no_gyro_s = 0.0
+            if self._regained_s:
+                # This much of the turn is seen twice, or left out; the update has allowed for it at the filter's rate.
+                n.gyro_heading_rad += self._regained_rad - self.rate_rad_s * self._regained_s
+                self._regained_s = self._regained_rad = 0.0
+        if wheels:
+            self.unseen_s = self.blind_s = 0.0
+            self.speed_m_s = 0.5 * (left_m_s + right_m_s)
+            if not gyro:
+                kf.anchor_gyro()  # (24)
+                self.no_gyro_s += dt_s
+                if self.no_gyro_s > self.no_gyro_after_s:
+                    self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
+            elif self.gyro_heading and (left_m_s or right_m_s):  # wheels that stand are believed
+                kf.anchor_wheels()  # (24)
+        else:
+            self._unseen(dt_s, blind=gyro is None)
+
+    def _unseen(self, dt_s: float, blind: bool) -> None:
+        """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (25)"""
+        speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
+        self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
+        self.unseen_s += dt_s
+        if blind:
+            self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
+            self.blind_s += dt_s
+        else:
+            self.kf.anchor_wheels()  # (24)
+
+
+def make_track(
+    config: Config, sigmas: Sigmas, noise: NoiseProfile, filter_type: Callable[..., Filter] = Filter
+) -> Track:
+    """A track that has not begun, with a filter of its own, as the configuration asks for it."""
+    e = config.estimation
+    return Track(
+        filter_type(config.robot.tread_m, sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),
+        config.fog.silent_after_s if config.fog.protocol != "none" else 0.0,
+        config.robot.max_speed_m_s,
+        e.heading == "gyro",
+    )
+
+
+MakeTrack = Callable[[Config, Sigmas, NoiseProfile], Track]

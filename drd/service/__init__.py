@@ -1,0 +1,1 @@
+"""The daemon: inputs, the loop, reload, real time, systemd."""

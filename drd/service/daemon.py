@@ -1,0 +1,321 @@
+"""The daemon's wiring: ports, pipeline, publishers and systemd around one event loop."""
+
+import asyncio
+import contextlib
+import dataclasses
+import logging
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drd import __version__
+from drd.config.keys import Config
+from drd.config.schema import ConfigError, Loaded
+from drd.output.messages import Refused, pose_dict
+from drd.output.zenoh_link import ZenohLink
+from drd.pipeline import LARGEST_COMMANDED, Pipeline
+from drd.ports.clock import TICK_S
+from drd.samples import Pose
+from drd.service import realtime
+from drd.service.inputs import Inputs
+from drd.service.reload import Prepared, prepare
+from drd.service.systemd import Notifier
+from drd.service.tasks import Tasks
+from drd.service.traffic import Traffic
+from drd.state.keeper import StateKeeper
+from drd.units import S_PER_NS
+
+if TYPE_CHECKING:
+    from drd.recording.recorder import Recorder
+
+log = logging.getLogger("drd")
+
+CLOSE_DEADLINE_S = 3.0
+RECORDER_DEADLINE_S = 2.0
+STATE_DEADLINE_S = 1.0
+EXIT_DEADLINE_S = 8.0
+
+
+class Daemon:
+    """One robot's dead reckoning. Raises ConfigError from the constructor or `run` before anything is published."""
+
+    def __init__(self, loaded: Loaded[Config], base: Path):
+        self._loaded, self._config = loaded, loaded.value
+        self._output = self._config.output.beside(base)
+        self._recorder = make_recorder(loaded, base)
+        self.pipeline = Pipeline(self._config, base, self._on_pose, self._recorder)
+        self._state = StateKeeper(self._config, self.pipeline)
+        self._notifier = Notifier()
+        self._link: ZenohLink | None = None
+        self._pose: Pose | None = None
+        self._pose_wall_ns = 0
+        self._started_ns = time.monotonic_ns()
+        self._traffic = Traffic()
+        self._inputs: Inputs | None = None
+        self._unreported: set[str] = set()
+        self._ready = False
+        self._base = base
+        self._reload_due = asyncio.Event()
+        self._reloads: dict[str, Any] = {"done": 0, "refused": 0, "error": None, "waiting": []}
+        self._tasks: Tasks
+        self._input_tasks: list[asyncio.Task[None]] = []
+
+    async def run(self, stop: asyncio.Event) -> bool:
+        """Until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
+        loop = asyncio.get_running_loop()
+        handlers = {
+            "pose": self._answer_pose,
+            "health": lambda _: self._health(),
+            "config": self._answer_config,
+            "set_pose": self._set_pose,
+            "reset": self._reset,
+            "calibrate_bias": self._calibrate_bias,
+        }
+        self._link = ZenohLink(self._output, handlers, loop)
+        if self._recorder is not None:
+            self._recorder.start()
+        self._state.begin(time.monotonic_ns())
+        self._tasks = Tasks()
+        self._open_inputs()
+        for work in (self._keep_time(), self._reload_when_asked()):
+            self._tasks.start(work)
+        try:
+            for message in realtime.apply(self._config.realtime):
+                log.warning("refused %s", message)
+            stopping = asyncio.create_task(stop.wait())
+            ended = self._tasks.ended
+            first: set[asyncio.Future[Any]] = {stopping, ended}
+            await asyncio.wait(first, return_when=asyncio.FIRST_COMPLETED)
+            stopping.cancel()
+            if ended.done():
+                ended.result()  # only a bug of ours ends a task: let it be seen, and systemd start anew
+        finally:
+            self._notifier.stopping()
+            await self._tasks.cancel()
+            if self._recorder is not None and not self._recorder.close(RECORDER_DEADLINE_S):
+                log.error("recording: the disk did not take the end within %g s", RECORDER_DEADLINE_S)
+            if not self._state.close(STATE_DEADLINE_S):
+                log.error("state: the disk did not take it within %g s", STATE_DEADLINE_S)
+            closed = self._link.close(CLOSE_DEADLINE_S)
+        return closed
+
+    def _open_inputs(self) -> None:
+        self._inputs = Inputs(self._config, self.pipeline, self._on_port_state)
+        self._unreported = set(self._inputs.ports)
+        self._input_tasks = [self._tasks.start(work) for work in self._inputs.work()]
+
+    def _on_port_state(self, source: str, text: str | None) -> None:
+        log.log(logging.INFO if text is None else logging.WARNING, "%s=%s", source, text or "open")
+        self._unreported.discard(source)
+
+    async def _keep_time(self) -> None:
+        """The estimator's own beat: silence is noticed, the watchdog fed, the health published."""
+        watchdog_s = self._notifier.watchdog_period_s or math.inf
+        next_watchdog_s = next_health_s = 0.0
+        while True:
+            now_ns = time.monotonic_ns()
+            self.pipeline.tick(now_ns)
+            self._state.tick(now_ns)
+            now_s = now_ns * S_PER_NS
+            if not self._ready and not self._unreported:
+                self._ready = True
+                self._notifier.ready(self._status())
+                log.info("ready robot=%s prefix=%s", self._config.robot.name, self._config.output.prefix)
+            if now_s >= next_watchdog_s:
+                self._notifier.watchdog()
+                next_watchdog_s = now_s + min(watchdog_s, 1.0)
+            if now_s >= next_health_s:
+                next_health_s = now_s + self._config.output.health_period_s
+                self._publish_health()
+            await asyncio.sleep(TICK_S)
+
+    # ---- reload ------------------------------------------------------------------------------------------------
+
+    def ask_for_reload(self) -> None:
+        """Read the configuration again, soon; from the event loop."""
+        self._reload_due.set()
+
+    async def _reload_when_asked(self) -> None:
+        while True:
+            await self._reload_due.wait()
+            self._reload_due.clear()
+            if self._ready:
+                self._notifier.reloading()
+            try:
+                # In a thread: poses go on meanwhile.
+                prepared = await asyncio.to_thread(prepare, self._loaded, self._base)
+            except Exception as error:
+                # A bug of ours, too, is no reason to take the pose away.
+                text = str(error) if isinstance(error, ConfigError) else f"internal error: {error!r}"
+                self._reloads["refused"] += 1
+                self._reloads["error"] = text
+                log.error("reload=refused, all stays as it was: %s", text)
+            else:
+                await self._put_in_force(prepared)
+            if self._ready:
+                self._notifier.ready(self._status())
+
+    async def _put_in_force(self, prepared: Prepared) -> None:
+        """Pose and covariance go on; ports are opened anew where their sections changed."""
+        reopen = prepared.moves_ports(self._config)
+        if reopen:
+            await self._tasks.cancel(self._input_tasks)
+        anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
+        self._loaded, self._config = prepared.loaded, prepared.loaded.value
+        if reopen:
+            self._open_inputs()
+        self._reloads["done"] += 1
+        self._reloads |= {"error": None, "waiting": prepared.waiting}
+        log.info("reload=done ports=%s", "opened anew" if reopen else "kept")
+        for text in anew:
+            log.info("reload: %s", text)
+        if prepared.waiting:
+            log.warning("reload: takes effect at the next start only: %s", ", ".join(prepared.waiting))
+
+    # ---- outputs -----------------------------------------------------------------------------------------------
+
+    def _on_pose(self, pose: Pose, input_ns: int) -> None:
+        if self._link is None:
+            return
+        now_ns = time.monotonic_ns()
+        self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
+        self._link.publish_pose(pose, self._pose_wall_ns)
+        if self._recorder is not None:
+            self._recorder.pose(pose, self._pose_wall_ns)
+        self._traffic.add(time.monotonic_ns() - input_ns)
+
+    def _publish_health(self) -> None:
+        assert self._link is not None
+        self._traffic.close_period(time.monotonic_ns(), self.pipeline.encoders.counters["samples"])
+        health = self._health()
+        self._link.publish_health(health)
+        if self._recorder is not None:
+            self._recorder.health_report(health)
+        if self._ready:
+            self._notifier.status(self._status())
+
+    def _health(self) -> dict[str, Any]:
+        now_ns = time.monotonic_ns()
+        health = self.pipeline.health(now_ns)
+        health["version"] = __version__
+        health["monotonic_ns"], health["wall_ns"] = now_ns, time.time_ns()
+        health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
+        health |= self._traffic.last
+        if self._inputs is not None:
+            health["counters"] |= self._inputs.counters()
+        assert self._link is not None
+        health["counters"]["zenoh"] = dict(self._link.counters)
+        # Of its own: a full disk is no reason to trust the pose less.
+        health["recording"] = self._recorder.health() if self._recorder is not None else None
+        health["state"] = self._state.health()
+        health["reload"] = dict(self._reloads)
+        return health
+
+    def _status(self) -> str:
+        reasons = self.pipeline.reasons
+        texts = [f"{r.source}: {r.text}" for r in reasons.active()]
+        status = f"{reasons.validity.value}{': ' if texts else ''}{'; '.join(texts)}"
+        recording = self._recorder.trouble if self._recorder is not None else None
+        status += f"; recording degraded: {recording}" if recording else ""
+        if self._reloads["error"]:
+            status += f"; reload refused: {self._reloads['error']}"
+        if self._reloads["waiting"]:
+            status += f"; restart for {', '.join(self._reloads['waiting'])}"
+        status += f"; state not kept: {self._state.trouble}" if self._state.trouble else ""
+        return f"{status}; {self._state.start_text}" if self._state.is_told else status
+
+    # ---- queries -----------------------------------------------------------------------------------------------
+
+    def _answer_pose(self, _: dict[str, Any]) -> dict[str, Any]:
+        if self._pose is None:
+            raise Refused("no pose yet")
+        return pose_dict(self._pose, self._pose_wall_ns)
+
+    def _answer_config(self, _: dict[str, Any]) -> dict[str, Any]:
+        calibration = self.pipeline.calibration
+        return {
+            "config": dataclasses.asdict(self._config),
+            "origins": self._loaded.origins,
+            "calibration": dataclasses.asdict(calibration) if calibration else None,
+            "version": __version__,
+        }
+
+    def _set_pose(self, request: dict[str, Any]) -> dict[str, Any]:
+        known = {"x_m": None, "y_m": None, "heading_rad": None, "sigma_m": 0.0, "sigma_rad": 0.0}
+        unknown = sorted(set(request) - set(known))
+        if unknown:
+            raise Refused(f"{unknown[0]}: expected one of {', '.join(known)}, got an unknown key")
+        values = {}
+        for name, default in known.items():
+            value = request.get(name, default)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                raise Refused(f"{name}: expected a finite number, got {value!r}")
+            if name.startswith("sigma") and value < 0:
+                raise Refused(f"{name}: expected a number from 0, got {value!r}")
+            if abs(value) > LARGEST_COMMANDED:
+                raise Refused(f"{name}: expected at most {LARGEST_COMMANDED:g}, got {value!r}")
+            values[name] = float(value)
+        self.pipeline.set_pose(time.monotonic_ns(), **values)
+        return values
+
+    def _reset(self, _: dict[str, Any]) -> dict[str, Any]:
+        self.pipeline.reset(time.monotonic_ns())
+        return {"reset": True}
+
+    def _calibrate_bias(self, _: dict[str, Any]) -> dict[str, Any]:
+        if (refusal := self.pipeline.calibrate_bias(time.monotonic_ns())) is not None:
+            raise Refused(refusal)
+        return {"measuring_s": self.pipeline.estimator.bias.duration_s}
+
+
+def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
+    """The recorder, not yet started; None where the configuration wants none. Raises ConfigError."""
+    if not loaded.value.recording.enabled:
+        return None
+    from drd.recording.recorder import Recorder  # noqa: PLC0415  # MCAP is loaded only where it is used
+
+    return Recorder(loaded, base)
+
+
+def is_on_terminal() -> bool:
+    """Whether a person started this from a terminal, rather than a service manager."""
+    try:
+        return os.isatty(0)
+    except OSError:
+        return False
+
+
+def run(loaded: Loaded[Config], base: Path) -> int:
+    """Run the daemon until SIGINT or SIGTERM; the process's exit code. Raises ConfigError before the start.
+
+    SIGHUP has the configuration read again, unless a terminal's closing sends it.
+    """
+    daemon = Daemon(loaded, base)
+
+    async def main() -> bool:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+        def end() -> None:
+            # Whatever hangs after this (a driver, Zenoh) must not keep the process.
+            fuse = threading.Timer(EXIT_DEADLINE_S, os._exit, (1,))
+            fuse.daemon = True
+            fuse.start()
+            stop.set()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, end)
+        if not is_on_terminal():  # where a hang-up means that the terminal was closed
+            loop.add_signal_handler(signal.SIGHUP, daemon.ask_for_reload)
+        return await daemon.run(stop)
+
+    if not asyncio.run(main()):
+        log.error("zenoh did not close within %g s", CLOSE_DEADLINE_S)
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(1)
+    return 0

@@ -1,0 +1,274 @@
+"""Learning on the way: the gyro's noise at rest, the wheels' noise, their lag, how the robot steers; and standing."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sensors import NO_BIAS, ROBOT, T0, S, Sample, drive, feed, make
+
+from drd.config.keys import Config
+from drd.config.schema import loads
+from drd.estimation.estimate import SKID_SCALE, estimate_of
+from drd.estimation.estimator import Estimator
+from drd.estimation.filter import (
+    GYRO_HEADING,
+    HEADING,
+    LEAST_LAG_S,
+    SCALE_L,
+    SCALE_R,
+    TREAD,
+    WHEEL_LAG,
+    Filter,
+    N,
+    Sigmas,
+    X,
+    Y,
+)
+from drd.estimation.learned_values import LEARNED, NOT_YET, OUTSIDE, learned_values
+from drd.estimation.learning import BLOCK_S, GUARD_S, Drive, RestNoise, VarianceFactor
+from drd.estimation.noise import NoiseProfile
+from drd.samples import GyroSample, WheelSample
+from drd.units import RAD_PER_DEG, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+
+GYRO_S, WHEEL_S = 0.1, 0.05
+Array = npt.NDArray[np.float64]
+
+
+# ---- the gyro's noise at rest ----------------------------------------------------------------------------------
+
+
+def at_rest(noise: RestNoise, rates: Array, interval_s: float = GYRO_S) -> RestNoise:
+    for rate in rates:
+        noise.add(float(rate), interval_s)
+    return noise
+
+
+def test_the_noise_at_rest_is_found_without_bias_whatever_the_gyros_own_bias() -> None:
+    n = 5.0 * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+    rng = np.random.default_rng(1)
+    found = [at_rest(RestNoise(1e-12), 0.01 + n / math.sqrt(GYRO_S) * rng.normal(size=600)) for _ in range(100)]
+    ratios = np.array([f.variance_rad2_per_s for f in found]) / n**2
+    # 57 differences of neighbouring blocks, whose squares are correlated by a quarter: 0.2 each, 0.02 the mean of 100.
+    assert ratios.mean() == pytest.approx(1.0, abs=0.08)
+    assert ratios.std() < 0.35
+
+
+def test_a_noise_below_the_stated_one_is_never_believed() -> None:
+    found = at_rest(RestNoise(1e-6), np.zeros(600))
+    assert found.known
+    assert found.variance_rad2_per_s == 1e-6
+
+
+def test_neither_end_of_a_standstill_enters() -> None:
+    rates = np.zeros(200)
+    rates[: round(GUARD_S / GYRO_S)] = rates[-round(GUARD_S / GYRO_S) :] = 1.0
+    noise = at_rest(RestNoise(1e-12), rates)
+    noise.interrupt()
+    at_rest(noise, np.zeros(3))
+    assert noise.differences > 10
+    assert noise.variance_rad2_per_s < 1e-10
+
+
+def test_short_stops_tell_nothing() -> None:
+    noise = RestNoise(1e-12)
+    for _ in range(20):
+        at_rest(noise, np.ones(round((BLOCK_S + GUARD_S) / GYRO_S)))
+        noise.interrupt()
+    assert not noise.known
+
+
+# ---- the wheels' noise -----------------------------------------------------------------------------------------
+
+
+@given(st.floats(1.0, 30.0), st.integers(0, 1000))
+def test_a_variance_factor_is_the_likeliest_one(true: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    factor = VarianceFactor(1.0, 4.0, 100.0)
+    for _ in range(3000):
+        others = float(rng.uniform(0.1, 1.0))
+        share = factor.factor * 1.0
+        factor.take(share, math.sqrt(true + others) * float(rng.normal()), share + others)
+    # 600 comparisons are remembered; outliers are cut at 9 S, which costs 1 %.
+    assert factor.factor == pytest.approx(max(true, 1.0), rel=0.3)
+
+
+def test_a_variance_factor_keeps_within_its_limits() -> None:
+    factor = VarianceFactor(1.0, 1.0, 10.0)
+    for z in (0.0, 1e6):
+        for _ in range(5000):
+            factor.take(factor.factor, z, factor.factor + 1e-3)
+        assert factor.factor == (1.0 if z == 0.0 else 10.0)
+
+
+# ---- lag -------------------------------------------------------------------------------------------------------
+
+
+def late(samples: Iterator[tuple[float, Sample]], lag_s: float) -> list[tuple[float, Sample]]:
+    """The same motion with wheels that tell of it later: their stamps are those of their arrival."""
+    moved = [
+        (t + lag_s, s._replace(t_ns=s.t_ns + round(lag_s * S))) if isinstance(s, WheelSample) else (t, s)
+        for t, s in samples
+    ]
+    return sorted(moved, key=lambda event: event[0])
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.05, 0.15, 0.3])
+def test_the_wheels_lag_is_learned_and_the_pose_is_where_the_robot_is(lag_s: float) -> None:
+    truth = {p.t_ns: p for p in feed(make(), drive(60.0, stand_s=5.0))}
+    e = make()
+    poses = feed(e, late(drive(60.0, stand_s=5.0), lag_s))
+    assert e.filter.nominal.wheel_lag_s == pytest.approx(lag_s, abs=max(0.003, 3.0 * e.filter.sigma(WHEEL_LAG)))
+    assert e.filter.sigma(WHEEL_LAG) < 0.02
+    last = next(p for p in reversed(poses) if p.t_ns in truth)
+    there = truth[last.t_ns]
+    off_m = math.dist((last.x_m, last.y_m), (there.x_m, there.y_m))
+    assert off_m < last.position_bound_m
+    assert off_m < 0.007 * 55.0  # of the way: what was learned wrongly of the bias while the lag was not known
+    assert last.heading_rad == pytest.approx(there.heading_rad, abs=0.02)
+
+
+def test_a_late_gyro_is_a_negative_lag() -> None:
+    e = make()
+    feed(e, late(drive(60.0, stand_s=5.0), -0.06))
+    assert e.filter.nominal.wheel_lag_s == pytest.approx(-0.06, abs=max(0.003, 3.0 * e.filter.sigma(WHEEL_LAG)))
+
+
+def test_wheels_run_ahead_of_the_gyro_by_what_a_gyro_can_be_late_at_most() -> None:
+    e = make()
+    feed(e, late(drive(60.0, stand_s=5.0), -0.2))
+    assert LEAST_LAG_S <= e.filter.nominal.wheel_lag_s < 0.5 * LEAST_LAG_S
+
+
+def test_no_pose_is_left_behind_where_the_lag_is_as_long_as_a_wheel_sample() -> None:
+    # A lag of 50 ms now uses up the gyro's newest sample, and now does not.
+    truth = {p.t_ns: p.heading_rad for p in feed(make(), drive(60.0, stand_s=5.0))}
+    e = make()
+    poses = [p for p in feed(e, late(drive(60.0, stand_s=5.0), 0.05)) if p.t_ns > 30 * S and p.t_ns in truth]
+    off_rad = max(abs(p.heading_rad - truth[p.t_ns]) for p in poses)
+    assert len(poses) > 400
+    assert off_rad < 0.01  # the fastest turn of 0.4 rad/s lasts 0.02 rad in that time
+
+
+def test_a_walking_lag_leaves_nothing_in_the_heading_once_the_robot_goes_straight() -> None:
+    e = make()
+    kf = Filter(0.5, e.sigmas, replace(e.noise, wheel_lag_s2_per_s=0.01**2))
+    still = Filter(0.5, e.sigmas, replace(e.noise, wheel_lag_s2_per_s=0.0))
+    for rate_rad_s in (*[0.5] * 200, *[0.0] * 20):
+        for one in (kf, still):
+            one.predict(0.05, 0.0, 0.0, rate_rad_s)
+    assert kf.sigma(WHEEL_LAG) > 0.03
+    assert kf.sigma(GYRO_HEADING) == pytest.approx(still.sigma(GYRO_HEADING), rel=1e-3)
+
+
+# ---- how it steers ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("tread_m", "drive_kind"), [(0.5, Drive.DIFFERENTIAL), (0.85, Drive.SKID)])
+def test_the_effective_tread_tells_how_the_robot_steers(tread_m: float, drive_kind: Drive) -> None:
+    e = make()
+    assert e.steering.drive.value == "unknown"
+    feed(e, drive(40.0, tread_m=tread_m))
+    assert e.steering.drive == drive_kind
+    assert e.filter.nominal.tread_m == pytest.approx(tread_m, rel=0.02)
+    told = learned_values(e, loads(NO_BIAS, Config).value)
+    assert told["tread_m"]["verdict"] == (OUTSIDE if drive_kind is Drive.SKID else LEARNED)
+    # No sensor tells both wheels' scale: it stays as unsure as it was.
+    common = math.sqrt(e.filter.P[SCALE_R, SCALE_R] + e.filter.P[SCALE_L, SCALE_L] + 2.0 * e.filter.P[SCALE_R, SCALE_L])
+    assert 0.5 * common > 0.9 * (SKID_SCALE if drive_kind is Drive.SKID else 0.005 / math.sqrt(2.0))
+
+
+def test_a_straight_line_does_not_tell_it_and_the_bound_covers_both() -> None:
+    straight = [
+        (t, s._replace(rate_rad_s=0.0) if isinstance(s, GyroSample) else s._replace(left_m=0.05, right_m=0.05))
+        for t, s in drive(20.0)
+    ]
+    e = make()
+    poses = feed(e, straight)
+    assert e.steering.drive is Drive.UNKNOWN
+    assert poses[-1].position_bound_m > 3.0 * SKID_SCALE * 20.0
+    assert learned_values(e, loads(NO_BIAS, Config).value)["tread_m"]["verdict"] == NOT_YET
+
+
+def test_the_scale_of_all_ways_stays_unobservable_while_the_tread_is_found() -> None:
+    """Linearised where the tread is estimated anew each time, comparisons would seem to tell it."""
+    noise = NoiseProfile(comparison_rad2=1e-7, turn_rad2_per_rad=1e-4, wheel_m2_per_m=1e-6)
+    kf = Filter(0.5, Sigmas(0.0, 0.0, 0.005, 0.25, 0.0, 0.0), noise, gate_sigma=100.0)
+    kf.add_scale_variance(0.04, 0.0)
+    for i in range(400):
+        rate = 0.5 * math.sin(0.1 * i)
+        half_m = 0.5 * 0.9 * rate * WHEEL_S
+        kf.predict(WHEEL_S, 0.05 - half_m, 0.05 + half_m, rate)
+        kf.update(rate)
+    assert kf.nominal.tread_m == pytest.approx(0.9, rel=0.02)
+    n = kf.nominal
+    g = np.zeros(N)
+    g[X], g[Y], g[SCALE_R], g[SCALE_L], g[TREAD] = n.x_m, n.y_m, 1.0, 1.0, n.tread_m
+    information = float(g @ np.linalg.pinv(kf.P, rcond=1e-14) @ g)
+    assert information == pytest.approx(1.0 / (0.04**2 + 0.005**2 / 2.0), rel=0.02)
+    assert abs(n.scale_right + n.scale_left) < 0.004
+
+
+# ---- standing --------------------------------------------------------------------------------------------------
+
+
+def turns_then_rest(rng: np.random.Generator, deg_per_sqrt_h: float, bias_rad_s: float, rest_s: float) -> Iterator[tuple[float, Sample]]:  # fmt: skip  # noqa: E501
+    """Two turns as `drive` makes them, with noise as a data sheet has it, then wheels that stand."""
+    n = deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(GYRO_S)
+    moving_s = 30.0
+    for t_s, true in drive(moving_s):
+        noise = bias_rad_s + n * float(rng.normal())
+        yield t_s, true._replace(rate_rad_s=true.rate_rad_s + noise) if isinstance(true, GyroSample) else true
+    for step in range(1, round(rest_s / WHEEL_S) + 1):
+        t_s = moving_s + step * WHEEL_S
+        stamp_ns = T0 + round(t_s * S)
+        yield t_s, WheelSample(stamp_ns, WHEEL_S, 0.0, 0.0, 0.0)
+        if step % 2 == 0:
+            yield t_s, GyroSample(stamp_ns, GYRO_S, bias_rad_s + n * float(rng.normal()), 25.0)
+
+
+@pytest.mark.parametrize(("stated", "true"), [(0.083, 0.083), (0.42, 0.42), (0.42, 5.0)])
+def test_an_hour_at_rest_after_turns_moves_nothing(stated: float, true: float) -> None:
+    config = NO_BIAS.replace("{static", f"{{noise: {{gyro_deg_per_sqrt_h: {stated}}}, static")
+    e = make(config)
+    rest_s, bias = 3600.0, 1e-4
+    poses = feed(e, turns_then_rest(np.random.default_rng(3), true, bias, rest_s))
+    before = next(p for p in poses if p.t_ns >= T0 + 31 * S)
+    alone_rad = true * RAD_PER_DEG * math.sqrt(rest_s / 3600.0)  # what the gyro's noise alone makes of an hour
+    assert abs(poses[-1].heading_rad - before.heading_rad) < 3.0 * alone_rad
+    # The bias that is found at rest mends the way before, too, by no more than was claimed.
+    assert math.dist((poses[-1].x_m, poses[-1].y_m), (before.x_m, before.y_m)) < 0.5 * before.position_bound_m
+    assert e.filter.nominal.gyro_scale == pytest.approx(1.0, abs=0.01)
+    # And the bias is known as well as an hour of this noise allows.
+    sigma = true * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(rest_s)
+    assert -e.filter.nominal.gyro_bias_rad_s == pytest.approx(bias, abs=5.0 * max(sigma, 1e-5))
+
+
+@pytest.mark.parametrize("heading", ["filter", "gyro"])
+def test_a_later_stop_teaches_the_bias_in_both_modes(heading: str) -> None:
+    e = make(ROBOT + f"estimation: {{heading: {heading}, static_bias: {{duration_s: 0}}}}\n")
+    feed(e, turns_then_rest(np.random.default_rng(5), 0.083, 3e-4, 60.0))
+    assert -e.filter.nominal.gyro_bias_rad_s == pytest.approx(3e-4, abs=3e-5)
+
+
+# ---- kept ------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_learned_is_kept_in_the_state() -> None:
+    e = make()
+    feed(e, late(turns_then_rest(np.random.default_rng(7), 5.0, 0.0, 40.0), 0.1))
+    saved = e.estimate()
+    assert saved is not None
+    again: Estimator = make()
+    again.resume(estimate_of(json.loads(json.dumps(saved.plain()))), bias_known=True)
+    assert again.steering.drive is e.steering.drive
+    assert again.rest_noise.known
+    assert again.rest_noise.variance_rad2_per_s == pytest.approx(e.rest_noise.variance_rad2_per_s, rel=0.2)
+    assert again.filter.noise.turn_rad2_per_rad == pytest.approx(e.filter.noise.turn_rad2_per_rad, rel=1e-9)
+    assert again.filter.nominal.wheel_lag_s == e.filter.nominal.wheel_lag_s
+    assert again.filter.P[HEADING, HEADING] == saved.P[HEADING, HEADING]
