@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter, N, Sigmas
 from drd.estimation.noise import NoiseProfile
 
 TREAD_M = 0.588
