@@ -38,7 +38,7 @@ def test_the_command_prints_the_table_and_draws_again_from_what_it_saved(
     assert "robot.skid" in first
     pictures = ("path.png", "table2.png", "figure3.png", "onway.png", "variances.png")
     assert {p.name for p in folder.iterdir()} == {*pictures, "report.html", "results.json"}
-    assert json.loads((folder / "results.json").read_text())["format"] == "drd-paper/1"
+    assert json.loads((folder / "results.json").read_text())["format"] == "drd-paper/2"
     for name in (*pictures, "report.html"):
         (folder / name).unlink()
     assert main(["paper", "--output", str(folder), "--draw"]) == 0
@@ -49,7 +49,7 @@ def test_the_command_prints_the_table_and_draws_again_from_what_it_saved(
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"), [(None, "results of an earlier"), ("[]", "drd-paper/1"), ('{"format": 1}', "drd-paper/1")]
+    ("content", "complaint"), [(None, "results of an earlier"), ("[]", "drd-paper/2"), ('{"format": 1}', "drd-paper/2")]
 )
 def test_nothing_to_draw_again_is_a_clear_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None, complaint: str

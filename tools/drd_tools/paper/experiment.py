@@ -19,7 +19,7 @@ from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
 from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
-from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps
+from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
 from drd_tools.shipped import shipped_config
 
 Array = npt.NDArray[np.float64]
@@ -65,6 +65,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
         variance_time_s=time_s,
         variance_sigma=sigma,
         delay=np.array(delay_alone(laboratory)),
+        comparing_m=sigmas_with_and_without_comparing(laboratory),
         others=np.array(others),
         other_names=[", ".join(f"{k} {v:g}" for k, v in changes.items()) for changes in OTHER_ROBOTS],
         parameters=list(_parameters(physics)),

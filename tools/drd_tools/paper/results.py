@@ -11,7 +11,7 @@ from drd_tools.report.saved import FILE, load, save
 
 Array = npt.NDArray[np.float64]
 
-FORMAT: Final = "drd-paper/1"
+FORMAT: Final = "drd-paper/2"
 RESAMPLES: Final = 2000
 
 
@@ -32,6 +32,7 @@ class Results:
     variance_time_s: Array  # (k,)
     variance_sigma: Array  # (k, 9)
     delay: Array  # (d, 3): delay in s, return error, largest error on the way
+    comparing_m: Array  # (k, 2): sigma of the return position with a calibrated gyro: headings compared, and not
     others: Array  # (v, 2): mean return error of the other robots, without filter and with it
     other_names: list[str]
     parameters: list[list[str]]  # name, value, unit, meaning, source

@@ -1,22 +1,39 @@
 """Beside Table II: the filter's variances, a delay that the return position hides, and other robots."""
 
 import dataclasses
+import math
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
-from drd.samples import GyroSample
+from drd.estimation.filter import Sigmas, X, Y
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.track import Track, make_track
+from drd.samples import GyroSample, WheelSample
 from drd_tools.emulate.drive import square_drive
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Gyro, Robot, Weather
-from drd_tools.paper.runs import CELLS, Climate, Laboratory, SkidSteer, Way, configured, drive, sensor_samples, told
+from drd_tools.paper.runs import (
+    CELLS,
+    Climate,
+    Laboratory,
+    SkidSteer,
+    Way,
+    calibrate,
+    configured,
+    drive,
+    sensor_samples,
+    told,
+)
 
 Array = npt.NDArray[np.float64]
 
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
 EVERY_NS: Final = 1_000_000_000
+NOTHING_RAD2: Final = 1e9  # a variance beside which every other is nothing
 
 
 def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tuple[Array, Array]:
@@ -38,6 +55,38 @@ def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tu
             rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
     table = np.array(rows)
     return table[:, 0], table[:, 1 : 1 + len(STATES)]  # the paper has no lag and no sideways slip
+
+
+def sigmas_with_and_without_comparing(laboratory: Laboratory, gyros: int = 4) -> Array:
+    """Standard deviation of the return position, m, by the filter's own covariance, for calibrated gyros, (gyros, 2):
+    with the wheels' turning, and without. No estimator that is told the truth gains more by it.
+    """
+    rows = []
+    for seed in range(gyros):
+        random = np.random.default_rng([seed, 2004])
+        physics, config, way = laboratory.physics, laboratory.config, laboratory.ways[seed % 2]
+        gyro, wheels = SimulatedGyro(physics.gyro, random), SkidSteer(config, physics.robot, random)
+        calibration = calibrate(gyro, physics)[0]
+        weather = Climate(physics.weather, random)
+        samples = list(sensor_samples(way, gyro, wheels, weather, 0.0, physics.gyro.delay_s))
+        estimators = (Estimator(config, calibration, new_track=new_track) for new_track in (make_track, _deaf))
+        rows.append([_return_sigma_m(estimator, samples) for estimator in estimators])
+    return np.array(rows)
+
+
+def _deaf(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
+    """A track to which no comparison of the headings says anything."""
+    return make_track(config, sigmas, dataclasses.replace(noise, comparison_rad2=NOTHING_RAD2))
+
+
+def _return_sigma_m(estimator: Estimator, samples: list[GyroSample | WheelSample]) -> float:
+    for sample in samples:
+        if isinstance(sample, GyroSample):
+            estimator.add_gyro(sample)
+        else:
+            estimator.add_wheels(sample)
+    P = estimator.filter.P
+    return math.sqrt(P[X, X] + P[Y, Y])
 
 
 def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05, 0.1)) -> list[tuple[float, ...]]:

@@ -97,8 +97,12 @@ def _filter_depends(results: Results) -> str:
         f"{name}, its factor alone is {e[0] / e[1]:.1f}"
         for name, e in zip(results.other_names, results.others, strict=True)
     ]
+    compared, alone = np.median(results.comparing_m, axis=0)
     return (
-        "The filter can only take from the wheels what they know better than the gyro. Where the robot has "
+        "The filter can only take from the wheels what they know better than the gyro. With a calibrated gyro and all "
+        f"noise known, comparing the headings brings the standard deviation of the return position from {alone:.3f} to "
+        f"{compared:.3f} m: both methods can be {alone / compared:.2f} times better than calibration alone, and no "
+        "more, since the rest is the wheels' way. Where the robot has "
         f"{'; '.join(error)}. The paper does not say how well its wheels knew a turn."
     )
 
