@@ -40,9 +40,9 @@ EXAMPLES = f"""\
 examples:
   {PROGRAM} --each 1 --only '*-d20-*' --minutes 4 5 --output out/singles
   {PROGRAM} --each 40 --only 'null-*' --no-baselines --output out/nulls
-  {PROGRAM} --large --seed 7 --output out/large                   (about an hour on two cores)
+  {PROGRAM} --large --seed 7 --output out/large                   (half an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
-  {PROGRAM} --draw out/large --quote README.md                    (print and draw again, and quote)
+  {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
 """
@@ -154,7 +154,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
     add("--jobs", type=_jobs, default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
-    add("--quote", type=Path, metavar="FILE", help="put the short table between FILE's marks, as README.md has them")
+    add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")
     add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
     return parser
 
