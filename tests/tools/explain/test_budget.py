@@ -15,11 +15,11 @@ from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile, make_noise
 from drd.estimation.track import Track
-from drd_tools.explain import causes
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.parts import Parts
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import TappedFilter
+from drd_tools.limit import causes
 
 Array = npt.NDArray[np.float64]
 

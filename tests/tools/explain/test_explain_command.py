@@ -13,14 +13,14 @@ from replay_folders import STANDING, write_perfect
 
 from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import read_reference
-from drd_tools.explain import causes
 from drd_tools.explain.analysis import explain
-from drd_tools.explain.causes import GROUPS
 from drd_tools.explain.command import main
 from drd_tools.explain.source import open_source
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import tapped_track
 from drd_tools.explain.text import fits
+from drd_tools.limit import causes
+from drd_tools.limit.causes import GROUPS
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
 

@@ -13,9 +13,9 @@ from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
 from drd.estimation.noise import make_noise
 from drd.estimation.track import Track
-from drd_tools.explain.causes import GROUPS, by_group
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import TappedFilter
+from drd_tools.limit.causes import GROUPS, by_group
 
 Array = npt.NDArray[np.float64]
 

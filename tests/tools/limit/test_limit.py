@@ -17,7 +17,7 @@ from drd.estimation.noise import NoiseProfile
 from drd.units import RAD_PER_DEG
 from drd.units import RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H as PER_SQRT_H
 from drd_tools.evaluate.results import Evaluation
-from drd_tools.explain.causes import CAUSES
+from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive, blocks_of, replayed_drive
 from drd_tools.limit.known import FINEST_RAD2, Known, known_of, slip_factor
 from drd_tools.limit.limit import Limit, limit_of, limit_on, start_covariance

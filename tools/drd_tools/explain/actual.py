@@ -9,9 +9,9 @@ import numpy.typing as npt
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
-from drd_tools.explain.causes import CAUSES, GROUPS, SKID_SCALE
 from drd_tools.explain.results import Actual, Part
 from drd_tools.explain.stretch import Stretch
+from drd_tools.limit.causes import CAUSES, GROUPS, SKID_SCALE
 
 Array = npt.NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
-from drd_tools.explain.causes import CAUSES, GROUPS, by_group
 from drd_tools.explain.results import Actual, Delay, Explanation, Line
 from drd_tools.explain.source import Source
 from drd_tools.explain.stretch import Snapshot, Stretch
+from drd_tools.limit.causes import CAUSES, GROUPS, by_group
 from drd_tools.replay.result import Replayed
 
 Array = npt.NDArray[np.float64]

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.estimation.filter import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
-from drd_tools.explain.causes import CAUSES
 from drd_tools.explain.parts import Parts
+from drd_tools.limit.causes import CAUSES
 
 COUNT: Final = len(CAUSES)
 

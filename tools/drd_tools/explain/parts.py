@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N
-from drd_tools.explain.causes import CAUSES, GROUPS
+from drd_tools.limit.causes import CAUSES, GROUPS
 
 Array = npt.NDArray[np.float64]
 

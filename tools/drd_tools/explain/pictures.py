@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd_tools.explain.causes import GROUPS
 from drd_tools.explain.results import Actual, Explanation
+from drd_tools.limit.causes import GROUPS
 from drd_tools.report.style import (  # fmt: skip
     BLUE,
     GREEN,

@@ -13,8 +13,8 @@ from drd.estimation.track import Track
 from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.explain.budget import Budget
-from drd_tools.explain.causes import COUNTS, JITTER, NOT_SEEN, SKID_SCALE
 from drd_tools.explain.parts import Parts
+from drd_tools.limit.causes import COUNTS, JITTER, NOT_SEEN, SKID_SCALE
 
 SNAPSHOTS: Final = 1200  # twice as many as are drawn at least
 FIRST_INTERVAL_S: Final = 0.1

@@ -32,10 +32,10 @@ from drd.estimation.learning import Drive, WheelNoise
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track, make_track
-from drd_tools.explain import causes
 from drd_tools.explain.budget import COUNT
-from drd_tools.explain.process_noise import Step, fill
 from drd_tools.explain.stretch import Stretch
+from drd_tools.limit import causes
+from drd_tools.limit.process_noise import Step, fill
 
 START_OF = {
     SCALE_R: causes.WHEEL_SCALE_START,

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from drd_tools.explain.causes import HELP
 from drd_tools.explain.results import Actual, Explanation, Line, Part
 from drd_tools.limit import text as limit_text
+from drd_tools.limit.causes import HELP
 
 HEADER: Final = (
     "cause", "along / m", "across / m", "position / m", "% of var.", "heading / deg", "% of var.",

@@ -26,8 +26,8 @@ from drd.estimation.filter import (
     Y,
 )
 from drd.units import DEG_PER_RAD
-from drd_tools.explain import causes
-from drd_tools.explain.causes import CAUSES, GROUPS
+from drd_tools.limit import causes
+from drd_tools.limit.causes import CAUSES, GROUPS
 from drd_tools.limit.drive import Drive, replayed_drive
 from drd_tools.limit.known import Known, known_of
 from drd_tools.limit.recursion import Case, ErrorModel, Spread, spreads, standing

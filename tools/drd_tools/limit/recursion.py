@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from drd.estimation.filter import GYRO_HEADING, HEADING, Filter, Matrix, N, Sigmas, X, Y, _elements
 from drd.estimation.noise import NoiseProfile
-from drd_tools.explain import causes
-from drd_tools.explain.causes import CAUSES
-from drd_tools.explain.process_noise import Step, fill
+from drd_tools.limit import causes
+from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive
+from drd_tools.limit.process_noise import Step, fill
 
 Array = npt.NDArray[np.float64]
 

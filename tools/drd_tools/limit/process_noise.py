@@ -26,7 +26,7 @@ from drd.estimation.filter import (
     N,
 )
 from drd.estimation.noise import NoiseProfile
-from drd_tools.explain import causes
+from drd_tools.limit import causes
 
 SIZE = N * N
 
