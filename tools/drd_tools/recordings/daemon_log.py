@@ -21,6 +21,7 @@ from drd.estimation.calibration import Calibration, load_calibration
 from drd.recording.in_force import IN_FORCE
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
+from drd_tools.recordings.configuration import config_in_force
 from drd_tools.recordings.folder import (
     EncoderLog,
     FogLog,
@@ -31,7 +32,6 @@ from drd_tools.recordings.folder import (
     read_reference_log,
 )
 from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
-from drd_tools.replay.mcap_source import config_in_force
 
 GYRO, WHEELS = "/fog", "/wheels"
 # A reference's times beyond this are seconds since 1970, not since the daemon's start.

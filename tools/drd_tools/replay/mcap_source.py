@@ -1,11 +1,10 @@
 """Replay of the daemon's recording: the same calls of the same pipeline, in the same order."""
 
 import binascii
-import dataclasses
 import hashlib
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -13,17 +12,16 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
-from drd.config.file import check_estimate, check_layout, load_overlay
-from drd.config.keys import CalibrationFile, Config, ModelFile
-from drd.config.schema import ConfigError, loads
+from drd.config.schema import ConfigError
 from drd.estimation.estimate import estimate_of
 from drd.estimation.track import MakeTrack, make_track
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
-from drd.recording.in_force import CALIBRATION, DBC, IN_FORCE, MODEL
+from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
+from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
 from drd_tools.replay.memory import no_garbage
 from drd_tools.replay.result import BITS, Replayed
@@ -176,7 +174,7 @@ def _event(pipeline: Pipeline, value: dict[str, Any]) -> Callable[[], object] | 
 def _reload(pipeline: Pipeline, now_ns: int, files: dict[str, str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         attached = {name: text.encode() for name, text in files.items()}
-        config = _attached(attached, Path(folder), f"reload, {IN_FORCE}")
+        config = attached_configuration(attached, Path(folder), f"reload, {IN_FORCE}")
         fresh = Pipeline(config, Path(folder), lambda *_: None)
     pipeline.reload(now_ns, fresh, files)
 
@@ -218,47 +216,6 @@ def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
     rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
     numbers = (p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
     return BITS.pack(p.t_ns, p.sequence, *numbers), p.validity, p.reasons
-
-
-def config_in_force(
-    recording: McapFile,
-    folder: Path,
-    config: Path | None = None,
-    calibration: Path | None = None,
-    model: Path | None = None,
-) -> tuple[Config, Path]:
-    """The configuration and where its relative paths start from; `folder` takes the attached files.
-
-    It is the recorded one, and what the file `config` states instead of it; any part of the file may be missing.
-    Raises ConfigError.
-    """
-    found, base = _attached(recording.attachments, folder, f"{recording.path}, {IN_FORCE}"), folder
-    if config is not None:
-        stated = load_overlay(config, found)
-        check_layout(stated)
-        check_estimate(stated)
-        found = stated.value
-    if calibration is not None:
-        found = dataclasses.replace(found, calibration=CalibrationFile(file=str(calibration.resolve())))
-    if model is not None:
-        found = dataclasses.replace(found, model=ModelFile(file=str(model.resolve())))
-    return found, base
-
-
-def _attached(files: Mapping[str, bytes], folder: Path, where: str) -> Config:
-    """The configuration in force among these files; the others go into `folder`, where it finds them."""
-    found = loads(files[IN_FORCE].decode("utf-8", "replace"), Config, where).value
-    for name in (CALIBRATION, MODEL, DBC):
-        if name in files:
-            (folder / name).write_bytes(files[name])
-    if found.calibration.file is not None:
-        found = dataclasses.replace(found, calibration=CalibrationFile(file=CALIBRATION))
-    if found.model.file is not None:
-        found = dataclasses.replace(found, model=ModelFile(file=MODEL))
-    if found.encoders.dbc.file is not None:
-        dbc = dataclasses.replace(found.encoders.dbc, file=DBC)
-        found = dataclasses.replace(found, encoders=dataclasses.replace(found.encoders, dbc=dbc))
-    return found
 
 
 def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> list[str]:
