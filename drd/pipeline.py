@@ -110,7 +110,8 @@ class Pipeline:
         self, config: Config, calibration: Calibration | None, reasons: Reasons | None = None
     ) -> Estimator:
         resolution_m, compensation = self.encoders.resolution_m, self._compensation
-        return Estimator(config, calibration, resolution_m, compensation, reasons, self._new_track)
+        publish_on = config.output.publish_on
+        return Estimator(config, calibration, resolution_m, compensation, reasons, self._new_track, publish_on)
 
     def resume(self, now_ns: int, estimate: Estimate, bias_known: bool) -> None:
         """Go on from an estimate of before a restart; before the first input. `bias_known`: its bias still holds."""

@@ -22,7 +22,8 @@ Sample = GyroSample | WheelSample
 
 
 def make(text: str = NO_BIAS, calibration: Calibration | None = None, resolution_m: float = 1e-4) -> Estimator:
-    return Estimator(loads(text, Config).value, calibration, resolution_m)
+    config = loads(text, Config).value
+    return Estimator(config, calibration, resolution_m, publish_on=config.output.publish_on)
 
 
 def turn(t_s: float) -> float:

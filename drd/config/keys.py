@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+PublishOn = Literal["wheels", "gyro"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
@@ -327,7 +329,7 @@ class Output:
     """Frame of the pose in odom messages"""
     child_frame_id: str = "base_link"
     """Frame of the robot in odom messages"""
-    publish_on: Literal["wheels", "gyro"] = "wheels"
+    publish_on: PublishOn = "wheels"
     """Samples that publish a pose: wheels, or gyro (at most at the encoders' rate)"""
     health_period_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 1.0
     """How often the health is published"""

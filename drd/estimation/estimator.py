@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drd.config.keys import Config
+from drd.config.keys import Config, PublishOn
 from drd.effects.compensation import Compensation
 from drd.estimation.agreement import Agreement
 from drd.estimation.calibration import Calibration
@@ -34,6 +34,7 @@ class Estimator:
     `resolution_m`: wheel travel of one encoder count, which decides what a standstill is. `compensation` takes a
     model's effects off the samples, behind the gyro's calibration. `reasons`: those of the estimator to take over from.
     `new_track` makes the track that the samples go into: one whose filter is watched gives the same poses.
+    `publish_on`: the samples that bring a pose, the gyro's at most at the encoders' rate.
     """
 
     def __init__(
@@ -44,9 +45,11 @@ class Estimator:
         compensation: Compensation | None = None,
         reasons: Reasons | None = None,
         new_track: MakeTrack = make_track,
+        publish_on: PublishOn = "wheels",
     ):
         e = config.estimation
         self._config = config
+        self._publish_on = publish_on
         self._has_gyro = config.fog.protocol != "none"
         self.estimates_gyro_scale = e.gyro_scale == "yes" or (e.gyro_scale == "auto" and calibration is None)
         tread_m = config.robot.tread_m
@@ -92,7 +95,7 @@ class Estimator:
     # ---- samples -----------------------------------------------------------------------------------------------
 
     def add_gyro(self, sample: GyroSample) -> Pose | None:
-        """Take a gyro sample; a pose where the configuration or silent wheels ask for one here."""
+        """Take a gyro sample; a pose where `publish_on` or silent wheels ask for one here."""
         self._silence.begin(sample.t_ns)
         self._gyro_interval_s = sample.interval_s
         rate = self._corrections.gyro(sample, self.bias.active and not self.counters["bias_measured"])
@@ -107,13 +110,13 @@ class Estimator:
         silent = self._silence.wheels(now_ns)
         # A gyro may be much faster than poses are wanted.
         soon = now_ns - self._gyro_pose_ns < self._pose_period_ns
-        if not self._track.t_ns or soon or not (silent or self._config.output.publish_on == "gyro"):
+        if not self._track.t_ns or soon or not (silent or self._publish_on == "gyro"):
             return None
         self._gyro_pose_ns = now_ns
         return self._pose(now_ns if silent else self._silence.wheels_ns)
 
     def add_wheels(self, sample: WheelSample) -> Pose | None:
-        """Take a wheel sample; a pose at its time unless the configuration publishes on the gyro only."""
+        """Take a wheel sample; a pose at its time unless poses are to come with the gyro's samples."""
         self._silence.begin(sample.t_ns)
         still = self.standstill.feed(sample)  # whole counts
         sample = self._corrections.wheels(sample)
@@ -135,7 +138,7 @@ class Estimator:
         self._advance()
         # The pose is not older than the last one, nor may its silences be judged by an older time.
         self._watch(max(sample.t_ns, self._pose_ns))
-        wanted = self._config.output.publish_on == "wheels" or self._silence.gyro(sample.t_ns)
+        wanted = self._publish_on == "wheels" or self._silence.gyro(sample.t_ns)
         return self._pose(sample.t_ns) if wanted else None
 
     def tick(self, now_ns: int) -> Pose | None:

@@ -147,8 +147,7 @@ def told(config: Config, physics: Physics) -> Config:
         gyro_scale=math.hypot(gyro.nonlinearity, 0.25 * gyro.scale_over_temperature / 2),
     )
     estimation = dataclasses.replace(config.estimation, noise=noise, initial=initial)
-    output = dataclasses.replace(config.output, publish_on="gyro")
-    return dataclasses.replace(config, estimation=estimation, output=output)
+    return dataclasses.replace(config, estimation=estimation)
 
 
 def configured(config: Config, cell: Cell) -> Config:
@@ -240,7 +239,7 @@ class Run(NamedTuple):
 
 def drive(way: Way, samples: list[GyroSample | WheelSample], config: Config, calibration: Calibration | None) -> Run:
     """Feed the daemon's estimator, compare its poses with the truth."""
-    estimator = Estimator(config, calibration)
+    estimator = Estimator(config, calibration, publish_on="gyro")
     poses: list[Pose] = []
     for sample in samples:
         pose = estimator.add_gyro(sample) if isinstance(sample, GyroSample) else estimator.add_wheels(sample)

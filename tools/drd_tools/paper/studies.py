@@ -42,7 +42,7 @@ def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tu
     physics, config = laboratory.physics, laboratory.config
     gyro, wheels = SimulatedGyro(physics.gyro, random), SkidSteer(config, physics.robot, random)
     way = Way.of(square_drive(stand_s=config.estimation.static_bias.duration_s + 1.0, laps=laps))
-    estimator = Estimator(config)
+    estimator = Estimator(config, publish_on="gyro")
     samples = list(sensor_samples(way, gyro, wheels, Climate(physics.weather, random), 0.0, physics.gyro.delay_s))
     rows, next_ns = [], samples[0].t_ns
     for sample in samples:
