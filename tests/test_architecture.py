@@ -15,9 +15,9 @@ FLOORS = (
     ("config",),
     ("effects",),
     ("estimation", "fog", "encoders", "ports", "output"),
-    ("pipeline", "batch", "recording"),
+    ("pipeline", "recording"),
     ("state", "wiring"),
-    ("service",),
+    ("batch", "service"),
     ("commands",),
     ("cli", "__main__"),
 )

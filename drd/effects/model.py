@@ -3,20 +3,22 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
 import yaml
 from msgspec import Meta
 
 from drd.config.keys import Config
-from drd.config.nominal import Stated
+from drd.config.nominal import Nominal, Stated
 from drd.config.schema import ConfigError, Loaded, keys, loads, made, read_text
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.units import RAD_PER_DEG
+
+T = TypeVar("T")
 
 
 class Driver(NamedTuple):
@@ -90,6 +92,10 @@ class Model:
             if origin != "default":
                 yield path, attrgetter(path)(self.robot.value)
 
+    def changed(self, nominal: Nominal) -> Nominal:
+        """The nominal robot with what the model states of it."""
+        return _overlaid(nominal, self.robot.value, self.robot.origins, "")
+
     def holds_in(self, recording: str | None) -> tuple[tuple[Term, ...], list[str]]:
         """The terms that hold in a recording (None: in a run that is still to come), and sentences about the others."""
         kept, notes = [], []
@@ -106,6 +112,18 @@ class Model:
                 notes.append(f"{effect.id} cannot be taken off: {effect.irreversible}")
             kept.append(term)
         return tuple(kept), notes
+
+
+def _overlaid(base: T, stated: Any, origins: dict[str, str], path: str) -> T:
+    """`base` with every value that a file states, and none of the file's defaults."""
+    changes: dict[str, Any] = {}
+    for f in fields(base):  # type: ignore[arg-type]  # T is always a dataclass
+        mine, theirs, here = getattr(base, f.name), getattr(stated, f.name), f"{path}{f.name}"
+        if is_dataclass(mine):
+            changes[f.name] = _overlaid(mine, theirs, origins, f"{here}.")
+        elif origins.get(here, "default") != "default":
+            changes[f.name] = theirs
+    return replace(base, **changes)  # type: ignore[type-var]  # the same
 
 
 def _names(text: str) -> list[str]:

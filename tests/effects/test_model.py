@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from replay_folders import long_drive, short_drive
 from sensors import NO_BIAS, T0, S, drive, feed
 
+from drd.batch.run import compensation
+from drd.batch.samples import FIRST_NS
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import ConfigError, loads
@@ -28,7 +30,7 @@ from drd.recording.in_force import MODEL, files_in_force
 from drd.samples import CalibratedRate, GyroSample, Validity, WheelSample
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
-from drd_tools.replay.folder_source import FIRST_NS, compensation, replay_folder
+from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import digest
@@ -373,7 +375,7 @@ def test_time_counts_from_the_recordings_zero_if_it_begins_near_it(
     )
     first_s = float(min(moved.fog.time_s[0], moved.encoders.time_s[0])) if moved.fog else 0.0
     zero_ns = FIRST_NS - round(first_s * S)
-    model = compensation(moved, replay_folder(short).config, zero_ns)
+    model = compensation(moved.terms, moved.fog, moved.encoders, replay_folder(short).config)
     assert model is not None
     times_s = np.arange(first_s, first_s + 4.0, 0.1)
     rates = [

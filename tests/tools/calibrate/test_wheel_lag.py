@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from replay_folders import write_perfect
 from wheel_recordings import STRAIGHT, TOUR, Leg
 
+from drd.batch.logs import EncoderLog
 from drd_tools.calibrate.wheels.lag import EARLIEST_S, LATEST_S, Lag, find_lag
-from drd_tools.recordings.folder import EncoderLog, Recording, read_recording
+from drd_tools.recordings.folder import Recording, read_recording
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared/recordings"
 

@@ -14,13 +14,14 @@ from diagnosis_runs import written
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.batch.logs import EncoderLog, FogLog
 from drd.cli import main
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.audit import audit
 from drd_tools.diagnose.evidence import gather
 from drd_tools.diagnose.grids import MOST_STEPS
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording
+from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 
 Array = npt.NDArray[np.float64]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 from replay_folders import STANDING, write_perfect
 
+from drd.batch.logs import EncoderLog
 from drd.cli import main
 from drd.estimation.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
@@ -22,7 +23,7 @@ from drd_tools.limit.drive import Block, Drive, blocks_of, replayed_drive
 from drd_tools.limit.known import FINEST_RAD2, Known, known_of, slip_factor
 from drd_tools.limit.limit import Limit, limit_of, limit_on, start_covariance
 from drd_tools.limit.recursion import Case, ErrorModel, spreads, standing
-from drd_tools.recordings.folder import EncoderLog, Recording, ReferenceLog
+from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT

@@ -14,20 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive, short_drive, true_end, write_perfect
 
+from drd.batch.logs import Array, EncoderLog, FogLog
+from drd.batch.samples import FIRST_NS, gyro_samples, metres_per_count, stamps_ns, wheel_samples
 from drd.config.schema import ConfigError
 from drd.encoders.counter import Counter, Outcome
 from drd.encoders.pairing import Pairing
 from drd.samples import Side, Validity
 from drd.units import NS_PER_S
-from drd_tools.recordings.folder import Array, EncoderLog, FogLog, Recording, read_recording
-from drd_tools.replay.folder_source import (
-    FIRST_NS,
-    gyro_samples,
-    metres_per_count,
-    replay_folder,
-    stamps_ns,
-    wheel_samples,
-)
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import configuration
 from drd_tools.replay.reference import end_error
 from drd_tools.replay.result import table

@@ -6,13 +6,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.batch.logs import EncoderLog, FogLog
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.problem import Array
 from drd_tools.diagnose.run import run
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog, continuous_rad
+from drd_tools.recordings.folder import Recording, ReferenceLog, continuous_rad
 
 Columns = Mapping[str, Any]  # names of the recording format's columns to arrays, as a DataFrame has them
 

@@ -11,11 +11,12 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.ndimage import binary_dilation, median_filter
 
+from drd.batch.logs import EncoderLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import SIDES, Symptom
 from drd_tools.diagnose.evidence import Evidence
 from drd_tools.diagnose.selected import Selected
-from drd_tools.recordings.folder import EncoderLog, Recording
+from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
 

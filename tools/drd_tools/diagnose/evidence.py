@@ -8,6 +8,8 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from drd.batch.configuration import data_sheet
+from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
 from drd.units import (
     RAD_PER_DEG,
@@ -15,8 +17,7 @@ from drd.units import (
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
 from drd_tools.diagnose import grids
-from drd_tools.recordings.folder import Nominal, Recording
-from drd_tools.replay.nominal import data_sheet
+from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
 

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from drd.batch.logs import EncoderLog, FogLog
+from drd.batch.samples import MISSING_ROWS
 from drd.config.schema import ConfigError
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
-from drd_tools.replay.folder_source import MISSING_ROWS
+from drd_tools.recordings.folder import Recording, ReferenceLog
 
 Array = npt.NDArray[np.float64]
 

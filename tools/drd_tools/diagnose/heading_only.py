@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.samples import MISSING_ROWS
 from drd.config.keys import Robot
 from drd.effects.compensation import Compensation
 from drd.samples import CalibratedRate
 from drd.units import DEG_PER_RAD, NS_PER_S
 from drd_tools.diagnose.results import Figures
 from drd_tools.recordings.folder import Recording
-from drd_tools.replay.folder_source import MISSING_ROWS
 from drd_tools.replay.nominal import with_model
 
 Array = npt.NDArray[np.float64]

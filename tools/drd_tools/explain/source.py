@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from drd.batch.samples import zero_of
 from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import tapped_track
 from drd_tools.limit.limit import Limit, limit_of
 from drd_tools.recordings.daemon_log import read_daemon_log
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import open_mcap
-from drd_tools.replay.folder_source import FIRST_NS, replay_folder, stamps_ns
+from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.nominal import in_force, with_model
 from drd_tools.replay.result import Replayed
@@ -52,8 +53,7 @@ def open_source(path: Path, config: Path | None, calibration: Path | None, model
     recording = read_recording(path)
     if model is not None:
         recording = with_model(recording, model)
-    logs = [recording.encoders.time_s, *([recording.fog.time_s] if recording.fog is not None else [])]
-    zero_ns = FIRST_NS - min(int(stamps_ns(time_s[:1], 0)[0]) for time_s in logs)
+    zero_ns = zero_of(recording.fog, recording.encoders)
     reference = recording.reference
     return Source(
         path,

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.logs import FogLog
 from drd_tools.evaluate.trajectory import Poses
-from drd_tools.recordings.folder import FogLog, Recording
+from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

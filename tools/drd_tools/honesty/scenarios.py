@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.batch.logs import FogLog
 from drd.config.nominal import Nominal
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
@@ -14,7 +15,7 @@ from drd.effects.model import Amount, Term
 from drd.estimation.estimate import initial_sigmas
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.honesty.configurations import as_simulated
-from drd_tools.recordings.folder import FogLog, Recording, read_recording
+from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.conditions import Random, stream
 from drd_tools.simulate.missions import Drive, make_drive

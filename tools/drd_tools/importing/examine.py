@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from drd.batch.configuration import MAX_SPEED_M_S
 from drd_tools.importing.checks import (
     WRONG,
     Finding,
@@ -17,7 +18,6 @@ from drd_tools.importing.checks import (
 )
 from drd_tools.importing.matching import Array, Match, angle_of
 from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
-from drd_tools.replay.nominal import MAX_SPEED_M_S
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 import drd
+from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
 from drd.config.file import load_config
 from drd.config.nominal import Nominal, Wheel
 from drd.config.schema import ConfigError, load
@@ -18,7 +19,7 @@ from drd.units import DEG_PER_RAD
 from drd_tools.importing.checks import Finding
 from drd_tools.importing.convert import EncoderRows
 from drd_tools.importing.streams import Array, Origin, Reference, Wheels
-from drd_tools.recordings.folder import COUNTS, POSES, RATE, RATE_AND_TEMPERATURE, SPEEDS
+from drd_tools.recordings.folder import POSES
 
 FORMAT: Final = "drd-import/1"
 SAID: Final = "import.yaml"

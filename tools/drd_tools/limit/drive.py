@@ -6,6 +6,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.run import run
+from drd.batch.samples import gyro_samples, metres_per_count, wheel_samples, zero_of
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
@@ -14,7 +16,6 @@ from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
-from drd_tools.replay.folder_source import FIRST_NS, gyro_samples, metres_per_count, run, stamps_ns, wheel_samples
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +71,7 @@ class _Watched(Filter):
 
 def replayed_drive(recording: Recording, config: Config) -> Drive:
     """The drive as the daemon's own estimator sees it. Raises ConfigError where nothing can be replayed."""
-    zero_ns = FIRST_NS - int(stamps_ns(recording.encoders.time_s[:1], 0)[0])
+    zero_ns = zero_of(None, recording.encoders)
     wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
     gyro, _ = gyro_samples(recording.fog, config, zero_ns)
     counted = recording.encoders.left_counts is not None

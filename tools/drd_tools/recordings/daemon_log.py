@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.batch.logs import EncoderLog, FogLog
 from drd.config.keys import CalibrationFile, Config, ModelFile
 from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
 from drd.config.schema import ConfigError
@@ -22,15 +23,7 @@ from drd.recording.in_force import IN_FORCE
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.recordings.configuration import config_in_force
-from drd_tools.recordings.folder import (
-    EncoderLog,
-    FogLog,
-    Recording,
-    ReferenceLog,
-    file_hash,
-    read_recording,
-    read_reference_log,
-)
+from drd_tools.recordings.folder import Recording, ReferenceLog, file_hash, read_recording, read_reference_log
 from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
 
 GYRO, WHEELS = "/fog", "/wheels"

@@ -7,46 +7,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, Array, EncoderLog, FogLog
 from drd.config.keys import Config
-from drd.config.nominal import Nominal as Nominal  # noqa: PLC0414  # found here, too
-from drd.config.nominal import Wheelless
+from drd.config.nominal import Nominal, Wheelless
 from drd.config.schema import ConfigError, Loaded, load
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
-Array = npt.NDArray[np.float64]
-
-COUNTS: Final = ("time_s", "left_counts", "right_counts")
-SPEEDS: Final = ("time_s", "left_rad_s", "right_rad_s")
-RATE: Final = ("time_s", "rate_deg_s")
-RATE_AND_TEMPERATURE: Final = (*RATE, "temperature_c")
 POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
-
-
-@dataclass(frozen=True)
-class FogLog:
-    """Rates, shape (n,) each: the mean over the interval that ends at the time. Counter-clockwise positive."""
-
-    time_s: Array
-    rate_rad_s: Array
-    temperature_c: Array | None
-
-
-@dataclass(frozen=True)
-class EncoderLog:
-    """Wheel motion, shape (n,) each, n >= 2: cumulative counts, or else speeds over the interval that ends there.
-
-    `is_lost` (n,): nothing is known of the travel since the row before; None: all of it is known.
-    """
-
-    time_s: Array
-    left_counts: Array | None
-    right_counts: Array | None
-    left_rad_s: Array | None
-    right_rad_s: Array | None
-    is_lost: npt.NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)

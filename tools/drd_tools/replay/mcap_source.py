@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from tqdm import tqdm
 
+from drd.batch.run import no_garbage
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import estimate_of
 from drd.estimation.track import MakeTrack, make_track
@@ -23,7 +24,6 @@ from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
-from drd_tools.replay.memory import no_garbage
 from drd_tools.replay.result import BITS, Replayed
 
 NUMBERS: Final = 1 << 32

@@ -9,7 +9,6 @@ import yaml
 from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
 from drd.config.schema import load
 from drd.effects.model import load_model
-from drd_tools.replay.nominal import overlay
 from drd_tools.simulate.simulator import Effects
 
 # A small skid-steer robot with a gyro as in Table I of the paper (KVH RD2100) and a good laser tracker.
@@ -37,7 +36,7 @@ def read_robot(robot: Path | None, model: Path | None) -> tuple[Nominal, Effects
     if model is None:
         return nominal, ()
     found = load_model(model)
-    return overlay(nominal, found.robot), tuple((term.effect, term.values()) for term in found.terms)
+    return found.changed(nominal), tuple((term.effect, term.values()) for term in found.terms)
 
 
 def robot_yaml(nominal: Nominal) -> str:

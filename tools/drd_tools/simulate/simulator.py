@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.batch.logs import EncoderLog, FogLog
 from drd.config.nominal import FogSheet, Nominal
 from drd.effects.chain import add
 from drd.effects.effect import ActsOn, Effect, Values
@@ -18,7 +19,7 @@ from drd.units import (
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
+from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.simulate.conditions import Conditions, Ground, Random, scatter, stream, wandering
 from drd_tools.simulate.route import STEP_S, Array
 from drd_tools.simulate.truth import Truth

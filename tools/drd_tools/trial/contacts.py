@@ -9,11 +9,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.logs import EncoderLog, FogLog
 from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
 from drd.effects.effect import ActsOn, Effect, Errors, Values
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.recordings.folder import EncoderLog, FogLog, Recording, ReferenceLog
+from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial.overlay import overlaid
 

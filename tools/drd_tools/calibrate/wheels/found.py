@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drd.batch.logs import Array
 from drd.config.keys import Encoders, Fog
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive
@@ -13,7 +14,7 @@ from drd_tools.calibrate.wheels.heldout import HeldOut, compare, leave_one_out
 from drd_tools.calibrate.wheels.lag import Lag, find_lag
 from drd_tools.calibrate.wheels.rest import Rest, at_rest
 from drd_tools.calibrate.wheels.spread import wheel_spread
-from drd_tools.recordings.folder import Array, Recording
+from drd_tools.recordings.folder import Recording
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.logs import FogLog
 from drd.units import DEG_PER_RAD, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.calibrate.wheels.fit import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
-from drd_tools.recordings.folder import FogLog, Recording
+from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]
 

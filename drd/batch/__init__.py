@@ -1,0 +1,1 @@
+"""A whole drive at once: arrays of what the sensors read in, arrays of poses out."""

@@ -1,0 +1,134 @@
+"""Samples in order of time, through the estimator that the daemon runs."""
+
+import gc
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+from drd.batch.logs import EncoderLog, FogLog
+from drd.batch.samples import FIRST_NS, gyro_samples, metres_per_count, wheel_samples, zero_of
+from drd.config.keys import Config
+from drd.effects.compensation import Compensation
+from drd.effects.model import Term
+from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
+from drd.estimation.calibration import Calibration
+from drd.estimation.estimator import Estimator
+from drd.estimation.track import MakeTrack, make_track
+from drd.ports.clock import TICK_S
+from drd.samples import GyroSample, Pose, WheelSample
+from drd.units import NS_PER_S
+from drd.wiring.judge import Geometry, judge
+from drd.wiring.table import sentences
+
+TICK_NS: Final = round(TICK_S * NS_PER_S)
+# A recording whose times begin so near to 0 counts them from a moment of its own, such as the gyro's power-on.
+ZERO_WITHIN_S: Final = 60.0
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """What came of two logs.
+
+    `zero_ns`: the poses' time at which the logs' `time_s` is 0. `began_ns`: where the dead reckoning began, the pose
+    there being zero. `samples` and `counters` are by part and name. `notes`: sentences about wheels and gyro that
+    contradict each other.
+    """
+
+    poses: list[Pose]
+    zero_ns: int
+    began_ns: int
+    samples: dict[str, int]
+    counters: dict[str, dict[str, int]]
+    notes: list[str]
+
+
+def filter_logs(
+    fog: FogLog | None,
+    encoders: EncoderLog,
+    config: Config,
+    calibration: Calibration | None = None,
+    terms: tuple[Term, ...] = (),
+    late_ns: tuple[int, int] = (0, 0),
+    new_track: MakeTrack = make_track,
+    watch: Callable[[list[Any]], Iterable[Any]] = iter,
+) -> Filtered:
+    """Estimate from logs whose times were checked, see `check_times`.
+
+    `terms`: the effects that are taken off. `late_ns`: how much earlier than its row a sample was taken, of gyro and
+    wheels. `new_track`: see Estimator. `watch` hands on the samples, and may show how far they are.
+    """
+    zero_ns = zero_of(fog, encoders)
+    wheels, began_ns, wheel_counters = wheel_samples(encoders, config, zero_ns - late_ns[1])
+    gyro, gyro_counters = gyro_samples(fog, config, zero_ns - late_ns[0])
+    counted = encoders.left_counts is not None
+    resolution_m = max(map(abs, metres_per_count(config))) if counted else UNCOUNTED_RESOLUTION_M
+    removal = compensation(terms, fog, encoders, config)
+    publish_on = config.output.publish_on
+    estimator = Estimator(config, calibration, resolution_m, removal, new_track=new_track, publish_on=publish_on)
+    poses = run(estimator, gyro, wheels, watch)
+    geometry = Geometry(config.robot.tread_m, resolution_m, config.fog.protocol != "none")
+    return Filtered(
+        poses,
+        zero_ns,
+        began_ns,
+        {"gyro": len(gyro), "wheels": len(wheels)},
+        {"fog": gyro_counters, "encoders": wheel_counters, "estimator": dict(estimator.counters)},
+        sentences(judge(gyro, wheels, geometry)) if poses else [],
+    )
+
+
+def compensation(
+    terms: tuple[Term, ...], fog: FogLog | None, encoders: EncoderLog, config: Config
+) -> Compensation | None:
+    """What takes the terms off the logs' samples. Their time counts from the logs' 0, if they begin near it."""
+    if not terms:
+        return None
+    logs = [log.time_s for log in (fog, encoders) if log is not None]
+    first_s, last_s = min(time_s[0] for time_s in logs), max(time_s[-1] for time_s in logs)
+    is_near = abs(first_s) <= ZERO_WITHIN_S
+    begin_ns = zero_of(fog, encoders) if is_near else FIRST_NS
+    end_s = float(last_s if is_near else last_s - first_s)
+    return Compensation(terms, config.robot, config.fog.protocol != "none", begin_ns, end_s)
+
+
+@contextmanager
+def no_garbage() -> Iterator[None]:
+    """No garbage collection: thousands of poses are kept, none of them in a cycle, and looking at them again costs."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def run(
+    estimator: Estimator,
+    gyro: list[GyroSample],
+    wheels: list[WheelSample],
+    watch: Callable[[list[Any]], Iterable[Any]] = iter,
+) -> list[Pose]:
+    """Feed samples in order of time, and a tick every TICK_S as the daemon does; the poses.
+
+    At the same stamp the gyro's sample comes first, so that the wheels' pose has it, then the wheels', then the tick.
+    """
+    samples: list[Any] = sorted([*gyro, *wheels], key=_time)  # stable
+    poses: list[Pose] = []
+    keep, add_gyro, add_wheels, tick = poses.append, estimator.add_gyro, estimator.add_wheels, estimator.tick
+    next_ns = samples[0].t_ns if samples else 0
+    with no_garbage():
+        for sample in watch(samples):
+            while next_ns < sample[0]:
+                if (pose := tick(next_ns)) is not None:
+                    keep(pose)
+                next_ns += TICK_NS
+            pose = add_gyro(sample) if type(sample) is GyroSample else add_wheels(sample)
+            if pose is not None:
+                keep(pose)
+    return poses
+
+
+def _time(sample: GyroSample | WheelSample) -> int:
+    return sample.t_ns

@@ -1,0 +1,114 @@
+"""Logs as the samples that the daemon would have made of them."""
+
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.batch.logs import Array, EncoderLog, FogLog
+from drd.config.keys import Config
+from drd.config.schema import ConfigError
+from drd.fog.stream import OVER_RANGE
+from drd.samples import GyroSample, WheelSample
+from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
+
+Times = npt.NDArray[np.int64]
+# The first row's time on the estimator's clock, to which 0 means "never".
+FIRST_NS: Final = 1000 * NS_PER_S
+# A gyro row so many typical intervals after the one before is not the mean over all that time: rows are missing.
+MISSING_ROWS: Final = 1.5
+# What whole ns in 64 bits hold; and a pause in which every tick gives a pose.
+LATEST_S: Final = 4e9
+LONGEST_GAP_S: Final = 86_400.0
+
+
+def check_times(fog: FogLog | None, encoders: EncoderLog, names: tuple[str, str] = ("gyro", "wheels")) -> None:
+    """Times are seconds, and the two logs belong together. Raises ConfigError with the log's name."""
+    wheels_s = encoders.time_s
+    gyro = [] if fog is None else [(names[0], fog.time_s)]
+    for name, time_s in [(names[1], wheels_s), *gyro]:
+        apart_s = np.diff(time_s)
+        if max(abs(time_s[0]), abs(time_s[-1])) > LATEST_S:
+            raise ConfigError(name, "time_s", f"seconds, at most {LATEST_S:g}", f"{time_s[0]:g} to {time_s[-1]:g}")
+        if len(apart_s) and apart_s.max() > LONGEST_GAP_S:
+            got = f"{apart_s.max():g} s after {time_s[apart_s.argmax()]:.12g}"
+            raise ConfigError(name, "time_s", f"rows at most {LONGEST_GAP_S:g} s apart", got)
+        if time_s[0] > wheels_s[-1] or time_s[-1] < wheels_s[0]:
+            expected = f"times that overlap {Path(names[1]).name}'s, {wheels_s[0]:.12g} to {wheels_s[-1]:.12g} s"
+            raise ConfigError(name, "time_s", expected, f"{time_s[0]:.12g} to {time_s[-1]:.12g} s")
+
+
+def zero_of(fog: FogLog | None, encoders: EncoderLog) -> int:
+    """The estimator's time, in ns, at which `time_s` is 0: the first row of both logs is at FIRST_NS."""
+    firsts_s = [log.time_s[:1] for log in (fog, encoders) if log is not None]
+    return FIRST_NS - min(int(stamps_ns(first_s, 0)[0]) for first_s in firsts_s)
+
+
+def stamps_ns(time_s: Array, zero_ns: int) -> Times:
+    """Times as whole ns on the estimator's clock, shape (n,)."""
+    # Seconds and their fraction apart: the product of 1.7e9 s (an epoch) with 1e9 has no room for ns in a double.
+    whole = np.floor(time_s)
+    return whole.astype(np.int64) * NS_PER_S + np.round((time_s - whole) * NS_PER_S).astype(np.int64) + zero_ns
+
+
+def metres_per_count(config: Config) -> tuple[float, float]:
+    """Travel of one count of the left and of the right wheel."""
+    assert config.encoders.counts_per_revolution is not None
+    unit_m = 2.0 * math.pi * config.robot.wheel_radius_m / config.encoders.counts_per_revolution
+    return unit_m * config.robot.left_scale, unit_m * config.robot.right_scale
+
+
+def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[WheelSample], int, dict[str, int]]:
+    """Samples, the time where the first one begins, and counters.
+
+    Counts: differences of whole numbers, so that no rounding adds up. Speeds hold over the interval that ends with
+    their row, as in `Recording.wheel_angles_rad`: a drive shows a value that it measured before, and the daemon's
+    trapezoid, half an interval later, would add to that lag. After more than gap_s, or a step faster than
+    max_speed_m_s, the row is a new start as in the daemon; the time until then is the next sample's lost_s.
+    """
+    t_ns = stamps_ns(log.time_s, zero_ns)
+    robot, gap_ns = config.robot, round(config.encoders.gap_s * NS_PER_S)
+    step_ns = np.diff(t_ns)
+    step_s = step_ns * S_PER_NS
+    if log.left_counts is not None and log.right_counts is not None:
+        unit = metres_per_count(config)
+        left_m, right_m = np.diff(log.left_counts) * unit[0], np.diff(log.right_counts) * unit[1]
+    else:
+        assert log.left_rad_s is not None
+        assert log.right_rad_s is not None
+        left_m = log.left_rad_s[1:] * robot.wheel_radius_m * robot.left_scale * step_s
+        right_m = log.right_rad_s[1:] * robot.wheel_radius_m * robot.right_scale * step_s
+    gaps = step_ns > gap_ns if log.is_lost is None else (step_ns > gap_ns) | log.is_lost[1:]
+    # As the daemon's counters: rows that were written in bunches may carry a whole period's travel each.
+    largest_m = robot.max_speed_m_s * np.maximum(step_s, 1.0 / config.encoders.rate_hz)
+    jumps = ~gaps & (np.maximum(np.abs(left_m), np.abs(right_m)) > largest_m)
+    known = np.flatnonzero(~(gaps | jumps))
+    until = np.concatenate([[0.0], np.cumsum(np.where(gaps | jumps, step_s, 0.0))])
+    lost_s = np.diff(until[known + 1], prepend=0.0)
+    columns = (t_ns[1:][known], step_s[known], left_m[known], right_m[known], lost_s)
+    samples = list(map(WheelSample, *(column.tolist() for column in columns)))
+    began_ns = int(t_ns[known[0]]) if known.size else int(t_ns[0])
+    return samples, began_ns, {"gaps": int(gaps.sum()), "jumps": int(jumps.sum())}
+
+
+def gyro_samples(log: FogLog | None, config: Config, zero_ns: int) -> tuple[list[GyroSample], dict[str, int]]:
+    """Samples and counters; none where there is no gyro in the recording or in the configuration.
+
+    A row is the mean since the row before. After a hole it is the mean over one typical interval, as is the first.
+    The range is looked at as in the daemon; its limit on acceleration is not, which is against broken packets.
+    """
+    if log is None or config.fog.protocol == "none":
+        return [], {}
+    t_ns = stamps_ns(log.time_s, zero_ns)
+    step_s = np.diff(t_ns) * S_PER_NS
+    typical_s = float(np.median(step_s)) if len(step_s) else 1.0 / config.fog.rate_hz
+    step_s = np.concatenate([[typical_s], step_s])
+    holes = step_s > MISSING_ROWS * typical_s
+    step_s[holes] = typical_s
+    good = np.abs(log.rate_rad_s) <= OVER_RANGE * config.fog.full_scale_deg_s * RAD_PER_DEG
+    temperature_c = np.full(len(t_ns), math.nan) if log.temperature_c is None else log.temperature_c
+    columns = (t_ns[good], step_s[good], log.rate_rad_s[good], temperature_c[good])
+    samples = list(map(GyroSample, *(column.tolist() for column in columns)))
+    return samples, {"holes": int(holes.sum()), "over_range": int((~good).sum())}
