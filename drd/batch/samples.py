@@ -46,6 +46,11 @@ def zero_of(fog: FogLog | None, encoders: EncoderLog) -> int:
     return FIRST_NS - min(int(stamps_ns(first_s, 0)[0]) for first_s in firsts_s)
 
 
+def rate_hz(log: FogLog | EncoderLog) -> float:
+    """How many rows a second the log has."""
+    return 1.0 / float(np.median(np.diff(log.time_s))) if len(log.time_s) > 1 else 10.0
+
+
 def stamps_ns(time_s: Array, zero_ns: int) -> Times:
     """Times as whole ns on the estimator's clock, shape (n,)."""
     # Seconds and their fraction apart: the product of 1.7e9 s (an epoch) with 1e9 has no room for ns in a double.

@@ -1,17 +1,21 @@
-"""robot.yaml: the nominal robot of a recording, and what a model file may state of it."""
+"""robot.yaml: the nominal robot of a recording. NaN stands for what is not stated."""
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Literal
 
 from msgspec import Meta
+
+from drd.config.schema import ConfigError, Loaded, keys, load
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wheel:
     """Both wheels, as believed."""
 
-    radius_m: Annotated[float, "m", Meta(ge=0.001, le=5)]  # Rolling radius
+    radius_m: Annotated[float, "m", Meta(ge=0.001, le=5)] = math.nan  # Rolling radius
     # Counts of one turn of the wheel; null where the drive reports speed only
     counts_per_revolution: Annotated[float, "1", Meta(ge=1e-3, le=1e9)] | None = None
 
@@ -55,52 +59,21 @@ class Nominal:
     """robot.yaml: what the robot's engineers believe."""
 
     name: str = "robot"  # Name of the recording or robot
-    wheel: Wheel
-    tread_m: Annotated[float, "m", Meta(ge=0.01, le=50)]  # Distance between left and right wheels
-    fog: FogSheet = FogSheet()
-    encoders: EncoderSheet = EncoderSheet()
-    reference: ReferenceSheet = ReferenceSheet()
-    standstill_at_start_s: Annotated[float, "s", Meta(ge=0, le=1e6)] = 0.0  # How long the robot stands at first
-
-
-@dataclass(frozen=True, kw_only=True)
-class StatedWheel(Wheel):
-    """Both wheels; nothing is required."""
-
-    radius_m: Annotated[float, "m", Meta(ge=0.001, le=5)] = math.nan  # Rolling radius
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stated(Nominal):
-    """Keys of robot.yaml in a model. NaN stands for "not stated" and is never used."""
-
-    wheel: StatedWheel = StatedWheel()
+    wheel: Wheel = Wheel()
     tread_m: Annotated[float, "m", Meta(ge=0.01, le=50)] = math.nan  # Distance between left and right wheels
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsentWheel:
-    """Wheels without encoders: nothing need be known of them."""
-
-    radius_m: Annotated[float, "m", Meta(ge=0.001, le=5)] | None = None  # Rolling radius
-    counts_per_revolution: Annotated[float, "1", Meta(ge=1e-3, le=1e9)] | None = None  # Counts of one turn of the wheel
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wheelless:
-    """robot.yaml of a recording without encoders: its keys, of which the wheels' may be null."""
-
-    name: str = "robot"  # Name of the recording or robot
-    wheel: AbsentWheel = AbsentWheel()
-    tread_m: Annotated[float, "m", Meta(ge=0.01, le=50)] | None = None  # Distance between left and right wheels
+    drive: Literal["auto", "differential", "skid"] | None = None  # How it steers; null: auto
+    # Faster wheel travel is a counter's jump; null: far more than a robot's
+    max_speed_m_s: Annotated[float, "m/s", Meta(ge=0.01, le=100)] | None = None
     fog: FogSheet = FogSheet()
     encoders: EncoderSheet = EncoderSheet()
     reference: ReferenceSheet = ReferenceSheet()
     standstill_at_start_s: Annotated[float, "s", Meta(ge=0, le=1e6)] = 0.0  # How long the robot stands at first
 
-    def nominal(self) -> Nominal:
-        """The same as a nominal robot; NaN where nothing is known."""
-        radius_m, tread_m = (math.nan if v is None else v for v in (self.wheel.radius_m, self.tread_m))
-        values = {name: getattr(self, name) for name in ("name", "fog", "encoders", "reference")}
-        wheel = Wheel(radius_m=radius_m, counts_per_revolution=self.wheel.counts_per_revolution)
-        return Nominal(wheel=wheel, tread_m=tread_m, standstill_at_start_s=self.standstill_at_start_s, **values)
+
+def load_nominal(file: Path, has_wheels: bool = True) -> Loaded[Nominal]:
+    """Read robot.yaml. Without encoders nothing need be known of the wheels. Raises ConfigError."""
+    loaded, meanings = load(file, Nominal), dict(keys(Nominal))
+    for path in ("wheel.radius_m", "tread_m") if has_wheels else ():
+        if math.isnan(attrgetter(path)(loaded.value)):
+            raise ConfigError(str(file), path, meanings[path].expected, "nothing (the key is required)")
+    return loaded

@@ -14,7 +14,7 @@ import re
 import textwrap
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import attrgetter
@@ -104,6 +104,18 @@ def keys(cls: Any, prefix: str = "") -> Iterator[tuple[str, Key]]:
 def values(section: Any) -> dict[str, Any]:
     """The value of each key by its path."""
     return {path: attrgetter(path)(section) for path, _ in keys(type(section))}
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Sections of keys, as a file has them, of values by their paths."""
+    content: dict[str, Any] = {}
+    for path, value in values.items():
+        *sections, name = path.split(".")
+        inner = content
+        for part in sections:
+            inner = inner.setdefault(part, {})
+        inner[name] = value
+    return content
 
 
 def meanings(cls: Any, prefix: str = "") -> dict[str, str]:
@@ -225,6 +237,9 @@ class _Reader:
         for name, hint in hints.items():
             here, child, before = _join(path, name), found.get(name), getattr(base, name, None)
             self.hints[here] = hint
+            if child is not None and child.tag == NULL and _is_nan(getattr(cls, name, None)):
+                child = None  # not stated
+                del self.nodes[here]
             if _is_section(hint):
                 plain[name] = self.section(hint, child, here, before)
             elif child is not None:
@@ -257,6 +272,11 @@ class _Reader:
             return _scalar(kind, node)
         except (KeyError, ValueError):
             raise self.error(path) from None
+
+
+def _is_nan(default: Any) -> bool:
+    """A key with this default need not be stated, and null says that it is not."""
+    return isinstance(default, float) and math.isnan(default)
 
 
 def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:

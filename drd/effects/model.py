@@ -12,8 +12,8 @@ import yaml
 from msgspec import Meta
 
 from drd.config.keys import Config
-from drd.config.nominal import Nominal, Stated
-from drd.config.schema import ConfigError, Loaded, keys, loads, made, read_text
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError, Loaded, keys, loads, made, nested, read_text
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.units import RAD_PER_DEG
@@ -83,7 +83,7 @@ class Model:
     """
 
     terms: tuple[Term, ...] = ()
-    robot: Loaded[Stated] = field(default_factory=lambda: loads("", Stated))
+    robot: Loaded[Nominal] = field(default_factory=lambda: loads("", Nominal))
     provenance: dict[str, str] = field(default_factory=dict)
 
     def stated(self) -> Iterator[tuple[str, Any]]:
@@ -139,13 +139,13 @@ def loads_model(text: str, where: str = "(text)") -> Model:
     """Read a model from YAML text. Raises ConfigError; nothing else escapes."""
     loaded = loads(text, _File, where)
     terms = [_term(node, f"effects[{i}]", where) for i, node in enumerate(loaded.value.effects or ())]
-    stated = Stated(**{f.name: getattr(loaded.value, f.name) for f in fields(Stated)})
-    origins = {path: loaded.origins[path] for path, _ in keys(Stated)}
+    stated = Nominal(**{f.name: getattr(loaded.value, f.name) for f in fields(Nominal)})
+    origins = {path: loaded.origins[path] for path, _ in keys(Nominal)}
     return Model(tuple(terms), Loaded(stated, origins, where), loaded.value.provenance)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _File(Stated):
+class _File(Nominal):
     """model.yaml."""
 
     effects: Annotated[tuple[yaml.Node, ...], "effects"] | None = None
@@ -231,13 +231,7 @@ def check_geometry(model: Model, config: Config) -> None:
 
 def save_model(file: Path, model: Model, comment: str = "") -> None:
     """Write a model file, which `load_model` reads as the same model. `comment`: its head. Raises OSError."""
-    content: dict[str, Any] = {}
-    for path, value in model.stated():
-        *sections, name = path.split(".")
-        inner = content
-        for part in sections:
-            inner = inner.setdefault(part, {})
-        inner[name] = value
+    content = nested(dict(model.stated()))
     content["effects"] = [_plain(term) for term in model.terms]
     if model.provenance:
         content["provenance"] = dict(model.provenance)

@@ -60,6 +60,15 @@ def test_gyro_reference_and_temperature_are_optional(tmp_path: Path) -> None:
     assert recording.fog.temperature_c is None
 
 
+def test_without_encoders_the_wheels_may_be_null(tmp_path: Path) -> None:
+    tmp_path.joinpath("robot.yaml").write_text("wheel: {radius_m: null}\ntread_m: null\nfog: {rate_hz: 10}\n")
+    tmp_path.joinpath("fog.csv").write_text("time_s,rate_deg_s\n0.1,1\n")
+    nominal = read_recording(tmp_path).nominal
+    assert math.isnan(nominal.wheel.radius_m)
+    assert math.isnan(nominal.tread_m)
+    assert nominal.fog.rate_hz == 10.0
+
+
 def test_counts_become_wheel_angles_from_the_first_row(tmp_path: Path) -> None:
     left_rad, right_rad = read_recording(folder(tmp_path)).wheel_angles_rad()
     assert left_rad == pytest.approx([0.0, math.pi])
@@ -107,6 +116,11 @@ def test_spreadsheet_marks_and_empty_lines_do_no_harm(tmp_path: Path) -> None:
     ("name", "text", "expected"),
     [
         ("robot_yaml", "tread_m: 0.5\n", r"robot.yaml: wheel.radius_m: expected a number in m .*the key is required"),
+        (
+            "robot_yaml",
+            ROBOT.replace("0.5", "null"),
+            r"robot.yaml: tread_m: expected a number in m .*the key is required",
+        ),
         ("robot_yaml", ROBOT.replace("tread_m", "track_m"), r"robot.yaml:4: track_m: expected one of .*unknown key"),
         ("robot_yaml", ROBOT.replace("0.5", "wide"), r"robot.yaml:4: tread_m: expected a number in m .*got 'wide'"),
         ("robot_yaml", ROBOT.replace("1000", "null"), r"robot.yaml:3: wheel.counts_per_revolution: expected a number"),

@@ -172,6 +172,17 @@ def test_a_model_changes_the_nominal_robot(short: Recording, tmp_path: Path) -> 
     assert changed.fog == short.nominal.fog
 
 
+def test_what_a_model_has_null_stays_as_it_is(short: Recording, tmp_path: Path) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text("tread_m: null\nwheel: {radius_m: null}\neffects: []\n")
+    assert with_model(short, file).nominal == short.nominal
+
+
+def test_robot_yaml_may_state_how_the_robot_steers_and_its_top_speed(short: Recording) -> None:
+    config = configuration(replace(short, nominal=replace(short.nominal, drive="skid", max_speed_m_s=2.0)))
+    assert (config.robot.drive, config.robot.max_speed_m_s) == ("skid", 2.0)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
-from drd.batch.configuration import data_sheet
+from drd.config.from_nominal import data_sheet
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
 from drd.units import (

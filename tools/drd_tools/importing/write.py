@@ -13,8 +13,8 @@ import yaml
 import drd
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
 from drd.config.file import load_config
-from drd.config.nominal import Nominal, Wheel
-from drd.config.schema import ConfigError, load
+from drd.config.nominal import Nominal, Wheel, load_nominal
+from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.importing.checks import Finding
 from drd_tools.importing.convert import EncoderRows
@@ -41,7 +41,7 @@ def nominal_of(
 
     Nothing is guessed: raises ConfigError with the option that is missing.
     """
-    stated = load(robot, Nominal).value if robot is not None else None
+    stated = load_nominal(robot).value if robot is not None else None
     if stated is None and wheels is None and radius_m is None:
         return None
     given = None

@@ -164,7 +164,7 @@ def _counts_per_revolution(config: Config, base: Path) -> float | None:
 
 
 def _nominal(config: Config, per_revolution: float | None) -> Nominal:
-    """robot.yaml as the configuration would have it: the reverse of drd_tools.replay.nominal."""
+    """robot.yaml as the configuration would have it: the reverse of `nominal_config`."""
     e, noise = config.estimation, config.estimation.noise
     return Nominal(
         name=config.robot.name,

@@ -10,8 +10,8 @@ import numpy as np
 
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, Array, EncoderLog, FogLog
 from drd.config.keys import Config
-from drd.config.nominal import Nominal, Wheelless
-from drd.config.schema import ConfigError, Loaded, load
+from drd.config.nominal import Nominal, load_nominal
+from drd.config.schema import ConfigError, Loaded
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
@@ -83,8 +83,7 @@ def read_recording(folder: Path) -> Recording:
         name = "robot.yaml" if "robot.yaml" not in sha256 else "encoders.csv"
         raise ConfigError(str(folder), name, "this file in the folder", "none")
     has_wheels = "encoders.csv" in sha256
-    robot = folder / "robot.yaml"
-    loaded = load(robot, Nominal) if has_wheels else Loaded(load(robot, Wheelless).value.nominal(), {})
+    loaded = load_nominal(folder / "robot.yaml", has_wheels)
     return Recording(
         folder,
         loaded.value,

@@ -3,8 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from drd.batch.configuration import nominal_config
+from drd.batch.samples import rate_hz
 from drd.config.file import check_estimate, load_overlay
+from drd.config.from_nominal import nominal_config
 from drd.config.keys import CalibrationFile, Config
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError, Loaded
@@ -46,7 +47,8 @@ def configuration(recording: Recording) -> Config:
     """
     if recording.config is not None:
         return _as_believed(recording.config, recording.nominal)
-    return nominal_config(recording.nominal, recording.fog, recording.encoders)
+    fog, encoders = recording.fog, recording.encoders
+    return nominal_config(recording.nominal, None if fog is None else rate_hz(fog), rate_hz(encoders))
 
 
 def _as_believed(config: Config, nominal: Nominal) -> Config:

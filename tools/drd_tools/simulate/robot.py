@@ -6,8 +6,7 @@ from typing import Final
 
 import yaml
 
-from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
-from drd.config.schema import load
+from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel, load_nominal
 from drd.effects.model import load_model
 from drd_tools.simulate.simulator import Effects
 
@@ -32,7 +31,7 @@ DEFAULT: Final = Nominal(
 
 def read_robot(robot: Path | None, model: Path | None) -> tuple[Nominal, Effects]:
     """The nominal robot (none given: DEFAULT) with the model file's keys, and its effects. Raises ConfigError."""
-    nominal = DEFAULT if robot is None else load(robot, Nominal).value
+    nominal = DEFAULT if robot is None else load_nominal(robot).value
     if model is None:
         return nominal, ()
     found = load_model(model)

@@ -1,19 +1,17 @@
 """From the nominal robot to the configuration of the daemon that it stands for."""
 
 from dataclasses import replace
-from typing import Final, TypeVar
+from typing import Final, Literal, TypeVar
 
-import numpy as np
-
-from drd.batch.logs import Array, EncoderLog, FogLog
 from drd.config.keys import Config, Encoders, Estimation, Fog, Initial, Noise, Robot, StaticBias
 from drd.config.nominal import FogSheet, Nominal
 
 T = TypeVar("T")
-# robot.yaml knows no top speed. No robot this is meant for is faster, and a counter that starts again at 0 is.
+# Where no top speed is stated: no robot this is meant for is faster, and a counter that starts again at 0 is.
 MAX_SPEED_M_S: Final = 10.0
 # robot.yaml -> configuration. A key that is null or missing leaves the configuration's default.
-#   name                                        robot.name
+#   name, drive                                 robot.name, robot.drive
+#   max_speed_m_s                               robot.max_speed_m_s (missing: MAX_SPEED_M_S)
 #   wheel.radius_m                              robot.wheel_radius_m
 #   wheel.counts_per_revolution                 encoders.counts_per_revolution
 #   tread_m                                     robot.tread_m
@@ -37,11 +35,14 @@ MEMS: Final = FogSheet(
 )
 
 
-def nominal_config(nominal: Nominal, fog: FogLog | None, encoders: EncoderLog) -> Config:
-    """The daemon's configuration that a robot stands for. Nothing in it comes from the recorded motion."""
+def nominal_config(nominal: Nominal, gyro_hz: float | None, wheels_hz: float) -> Config:
+    """The daemon's configuration that a robot stands for. Nothing in it comes from the recorded motion.
+
+    `gyro_hz`, `wheels_hz`: how often the sensors report, where the robot does not state it. None: there is no gyro.
+    """
     sheet, bias_s = data_sheet(nominal.fog), nominal.standstill_at_start_s
-    wheels_hz = nominal.encoders.rate_hz or _rate_hz(encoders.time_s)
-    gyro_hz = sheet.rate_hz or (_rate_hz(fog.time_s) if fog is not None else 10.0)
+    protocol: Literal["ecore", "none"] = "none" if gyro_hz is None else "ecore"
+    gyro_hz, wheels_hz = sheet.rate_hz or gyro_hz or Fog.rate_hz, nominal.encoders.rate_hz or wheels_hz
     noise = _stated(Noise(), sheet, NOISE_KEYS)
     if nominal.encoders.slip_noise_m_per_sqrt_m is not None:
         noise = replace(noise, wheel_m_per_sqrt_m=nominal.encoders.slip_noise_m_per_sqrt_m)
@@ -51,17 +52,18 @@ def nominal_config(nominal: Nominal, fog: FogLog | None, encoders: EncoderLog) -
         name=nominal.name,
         wheel_radius_m=nominal.wheel.radius_m,
         tread_m=nominal.tread_m,
-        max_speed_m_s=MAX_SPEED_M_S,
+        drive=nominal.drive or Robot.drive,
+        max_speed_m_s=nominal.max_speed_m_s or MAX_SPEED_M_S,
     )
     # A slow log is not a silent one.
-    gyro = Fog(
-        protocol="none" if fog is None else Fog.protocol,
+    fog = Fog(
+        protocol=protocol,
         positive="counterclockwise",
         rate_hz=gyro_hz,
         full_scale_deg_s=5000.0,  # none stated: whatever the gyro gave is used
         silent_after_s=max(Fog.silent_after_s, 3.0 / gyro_hz),
     )
-    wheels = Encoders(
+    encoders = Encoders(
         counts_per_revolution=nominal.wheel.counts_per_revolution,
         rate_hz=wheels_hz,
         gap_s=max(Encoders.gap_s, 3.0 / wheels_hz),
@@ -73,7 +75,7 @@ def nominal_config(nominal: Nominal, fog: FogLog | None, encoders: EncoderLog) -
         static_bias=static_bias,
         reorder_s=max(Estimation.reorder_s, 2.5 / gyro_hz),
     )
-    return Config(robot=robot, fog=_stated(gyro, sheet, FOG_KEYS), encoders=wheels, estimation=estimation)
+    return Config(robot=robot, fog=_stated(fog, sheet, FOG_KEYS), encoders=encoders, estimation=estimation)
 
 
 def data_sheet(fog: FogSheet) -> FogSheet:
@@ -88,7 +90,3 @@ def _stated(base: T, sheet: FogSheet, names: dict[str, str]) -> T:
     """`base` with the values that the data sheet states."""
     found = {ours: getattr(sheet, theirs) for theirs, ours in names.items() if getattr(sheet, theirs) is not None}
     return replace(base, **found)  # type: ignore[type-var]  # a dataclass
-
-
-def _rate_hz(time_s: Array) -> float:
-    return 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 10.0
