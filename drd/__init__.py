@@ -1,3 +1,34 @@
-"""Real-time dead reckoning for wheeled robots: gyro and wheel encoders in, pose with its uncertainty out."""
+"""Real-time dead reckoning for wheeled robots: gyro and wheel encoders in, pose with its uncertainty out.
+
+`run_filter` estimates from arrays, `Estimator` from samples as they come; both need no more than numpy, PyYAML and
+msgspec.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from drd.batch.poses import Poses, run_filter
+    from drd.config.schema import ConfigError
+    from drd.estimation.estimator import Estimator
+    from drd.robot import Robot
 
 __version__ = "0.1.0"
+__all__ = ["ConfigError", "Estimator", "Poses", "Robot", "run_filter"]
+
+# Loaded when they are asked for: a command or a module of drd does not wait for what it does not use.
+HOMES: Final = {
+    "ConfigError": "drd.config.schema",
+    "Estimator": "drd.estimation.estimator",
+    "Poses": "drd.batch.poses",
+    "Robot": "drd.robot",
+    "run_filter": "drd.batch.poses",
+}
+
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        if name not in HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(HOMES[name]), name)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drd import Robot
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose import diagnose
 from drd_tools.simulate.missions import make_drive
@@ -26,7 +27,17 @@ gyro = {"time_s": fog.time_s, "rate_deg_s": np.degrees(fog.rate_rad_s), "tempera
 wheels = {"time_s": encoders.time_s, "left_counts": encoders.left_counts, "right_counts": encoders.right_counts}
 reference = {"time_s": pose.time_s, "x_m": pose.x_m, "y_m": pose.y_m, "heading_deg": np.degrees(pose.heading_rad)}
 
-diagnosis = diagnose(gyro, wheels, DEFAULT, reference=reference)
+robot = Robot(
+    wheel_radius_m=0.11,
+    tread_m=0.52,
+    counts_per_revolution=20000,
+    gyro_angle_random_walk_deg_per_sqrt_h=0.083,
+    slip_noise_m_per_sqrt_m=0.002,
+    reference_position_sigma_m=0.01,
+    reference_heading_sigma_deg=0.15,
+    standstill_at_start_s=10,
+)
+diagnosis = diagnose(gyro, wheels, robot, reference=reference)
 
 print(diagnosis.verdict)
 for finding in diagnosis.findings:

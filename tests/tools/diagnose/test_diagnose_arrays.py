@@ -4,16 +4,34 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, recorded, selected
 
-from drd.config.schema import ConfigError
+from drd import ConfigError, Robot
 from drd_tools.diagnose import Amount, Diagnosis, Verdict, diagnose
-from drd_tools.diagnose.api import Columns
 from drd_tools.simulate.robot import DEFAULT
 
+Frame = dict[str, Any]
+ROBOT = Robot(
+    name="simulated",
+    wheel_radius_m=0.11,
+    tread_m=0.52,
+    counts_per_revolution=20000,
+    gyro_rate_hz=10,
+    gyro_range_deg_s=100,
+    gyro_angle_random_walk_deg_per_sqrt_h=0.0833,
+    gyro_bias_repeatability_deg_s=0.02,
+    gyro_bias_random_walk_deg_per_h_per_sqrt_h=3.7,
+    gyro_resolution_deg_s=0.004,
+    encoders_rate_hz=20,
+    slip_noise_m_per_sqrt_m=0.002,
+    reference_position_sigma_m=0.01,
+    reference_heading_sigma_deg=0.15,
+    standstill_at_start_s=10,
+)
 ROOT = Path(__file__).parents[3]
 NUMERICS = ("drd_tools.diagnose", "drd_tools.simulate.simulator", "drd_tools.recordings.folder")
 BLOCKED = f"""
@@ -26,7 +44,7 @@ assert not {{"drd.service.daemon", "drd.output.zenoh_link"}} & sys.modules.keys(
 
 
 @pytest.fixture(scope="module")
-def columns() -> tuple[Columns, Columns, Columns]:
+def columns() -> tuple[Frame, Frame, Frame]:
     """A robot whose gyro's scale is 1 % off, as a data frame would have it."""
     recording = recorded(SLALOM, 1, selected("gyro_scale_error", k=0.01))
     fog, log, pose = recording.fog, recording.encoders, recording.reference
@@ -40,9 +58,10 @@ def columns() -> tuple[Columns, Columns, Columns]:
 
 
 @pytest.fixture(scope="module")
-def diagnosis(columns: tuple[Columns, Columns, Columns]) -> Diagnosis:
+def diagnosis(columns: tuple[Frame, Frame, Frame]) -> Diagnosis:
     gyro, wheels, reference = columns
-    return diagnose(gyro, wheels, DEFAULT, reference=reference)
+    assert ROBOT.nominal() == DEFAULT
+    return diagnose(gyro, wheels, ROBOT, reference=reference)
 
 
 def test_findings_have_names_sizes_and_probabilities(diagnosis: Diagnosis) -> None:
@@ -66,23 +85,23 @@ def test_the_report_is_that_of_the_command(diagnosis: Diagnosis, tmp_path: Path)
     assert content["findings"][0]["parameters"]["k"]["value"] == diagnosis.findings[0].parameters["k"].value
 
 
-def test_without_a_gyro_the_reference_tells(columns: tuple[Columns, Columns, Columns]) -> None:
+def test_without_a_gyro_the_reference_tells(columns: tuple[Frame, Frame, Frame]) -> None:
     _, wheels, reference = columns
-    said = diagnose(None, wheels, DEFAULT, reference=reference)
+    said = diagnose(None, wheels, ROBOT, reference=reference)
     assert said.verdict is Verdict.NOTHING
     assert {row.effect for row in said.result.unobservable} >= {"gyro_scale_error"}
 
 
-def test_what_is_wrong_with_a_column_is_said(columns: tuple[Columns, Columns, Columns]) -> None:
+def test_what_is_wrong_with_a_column_is_said(columns: tuple[Frame, Frame, Frame]) -> None:
     gyro, wheels, reference = columns
     with pytest.raises(ConfigError, match=r"reference.*y_m.*a column of numbers.*none"):
-        diagnose(gyro, wheels, DEFAULT, reference={k: v for k, v in reference.items() if k != "y_m"})
+        diagnose(gyro, wheels, ROBOT, reference={k: v for k, v in reference.items() if k != "y_m"})
     with pytest.raises(ConfigError, match=r"gyro.*rate_deg_s.*finite"):
-        diagnose({**gyro, "rate_deg_s": np.full(len(gyro["time_s"]), np.nan)}, wheels, DEFAULT)
+        diagnose({**gyro, "rate_deg_s": np.full(len(gyro["time_s"]), np.nan)}, wheels, ROBOT)
     with pytest.raises(ConfigError, match=r"wheels.*time_s.*rising"):
-        diagnose(gyro, {**wheels, "time_s": wheels["time_s"][::-1]}, DEFAULT)
+        diagnose(gyro, {**wheels, "time_s": wheels["time_s"][::-1]}, ROBOT)
     with pytest.raises(ConfigError, match="a gyro alone"):
-        diagnose(gyro, None, DEFAULT)
+        diagnose(gyro, None, ROBOT)
 
 
 def ran(*arguments: str) -> str:

@@ -1,0 +1,88 @@
+"""The filter for arrays: `drd.run_filter`."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.batch.logs import Array, Columns, gyro_log, wheel_log
+from drd.batch.run import Filtered, filter_logs
+from drd.batch.samples import check_times, rate_hz
+from drd.config.from_nominal import nominal_config
+from drd.effects.model import Model, Term, load_model
+from drd.estimation.calibration import Calibration, load_calibration
+from drd.robot import Robot
+from drd.units import S_PER_NS
+
+# Row and column of a pose's six numbers in its covariance.
+UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Estimated poses in order of time, shape (n,) unless stated, seen from where the robot began.
+
+    x points ahead of the robot as it stood at the beginning, y to its left; the heading is counter-clockwise, and
+    whole turns are kept.
+    """
+
+    time_s: Array  # on the wheels' clock
+    x_m: Array
+    y_m: Array
+    heading_rad: Array
+    covariance_m_rad: Array  # (n, 3, 3), of x in m, y in m and heading in rad
+    position_bound_m: Array  # Radius that holds the true position in 99 of 100 cases
+    validity: npt.NDArray[np.str_]  # "initialising", "valid", "degraded" or "invalid"
+    notes: tuple[str, ...] = ()  # Sentences on what in the input looks wrong
+
+
+def run_filter(
+    gyro: Columns | None,
+    wheels: Columns,
+    robot: Robot,
+    *,
+    calibration: Path | str | Calibration | None = None,
+    model: Path | str | Model | None = None,
+) -> Poses:
+    """Estimate where a robot went, with the filter of the daemon.
+
+    `gyro`: time_s (s, rising), rate_deg_s (the mean since the row before, counter-clockwise positive) and, where
+    known, temperature_c; None: no gyro. `wheels`: time_s and left_counts, right_counts (cumulative, rising while the
+    robot drives forward), or left_rad_s, right_rad_s (speeds of the wheels since the row before); two rows at least.
+    Both are mappings from these names to arrays (n,), such as a DataFrame, and their times are of one clock.
+    `calibration` is the gyro's, `model` what a diagnosis found: files, or what was loaded from them.
+
+    Raises ConfigError with the column, what was expected and what was found; or with file and line.
+    """
+    nominal, notes, terms = robot.nominal(), list[str](), tuple[Term, ...]()
+    if model is not None:
+        model = model if isinstance(model, Model) else load_model(Path(model))
+        nominal = model.changed(nominal)
+        terms, notes = model.holds_in(nominal.name)
+    fog, encoders = gyro_log(gyro), wheel_log(wheels, nominal)
+    check_times(fog, encoders)
+    if calibration is not None and not isinstance(calibration, Calibration):
+        calibration = load_calibration(Path(calibration))
+    config = nominal_config(nominal, None if fog is None else rate_hz(fog), rate_hz(encoders))
+    made = filter_logs(fog, encoders, config, calibration if fog is not None else None, terms)
+    return _poses(replace(made, notes=[*notes, *made.notes]))
+
+
+def _poses(made: Filtered) -> Poses:
+    """Of several poses for one time the last: the wheels' first sample after a silence corrects what came before."""
+    t_ns = np.array([p.t_ns for p in made.poses], np.int64)
+    poses = [made.poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
+    rows = np.array([(p.x_m, p.y_m, p.heading_rad, p.position_bound_m, *p.covariance) for p in poses]).reshape(-1, 10)
+    covariance = np.empty((len(poses), 3, 3))
+    covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = rows[:, 4:]
+    return Poses(
+        time_s=np.array([(p.t_ns - made.zero_ns) * S_PER_NS for p in poses]),
+        x_m=rows[:, 0],
+        y_m=rows[:, 1],
+        heading_rad=rows[:, 2],
+        covariance_m_rad=covariance,
+        position_bound_m=rows[:, 3],
+        validity=np.array([p.validity.value for p in poses], np.str_),
+        notes=tuple(made.notes),
+    )
