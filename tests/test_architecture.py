@@ -13,6 +13,7 @@ PACKAGES = {"drd": ROOT / "drd", "drd_tools": ROOT / "tools" / "drd_tools"}
 FLOORS = (
     ("units", "samples"),
     ("config",),
+    ("robot",),
     ("effects",),
     ("estimation", "fog", "encoders", "ports", "output"),
     ("pipeline", "recording"),
