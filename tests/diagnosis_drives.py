@@ -4,8 +4,8 @@ from functools import lru_cache
 
 from drd.config.nominal import Nominal
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference

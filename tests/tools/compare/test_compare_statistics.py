@@ -14,10 +14,10 @@ from drd_tools.compare.drivers import Driver, drivers_of
 from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
 from drd_tools.compare.noise import Expected, draw, expected
 from drd_tools.compare.shares import Share, curve, shares, whitened
-from drd_tools.diagnose.evidence import Evidence, gather
-from drd_tools.diagnose.linear import Sensitivity
-from drd_tools.diagnose.nominal_path import follow
-from drd_tools.diagnose.path import Path as Poses
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.error_model.nominal_path import follow
+from drd_tools.diagnose.error_model.path import Path as Poses
+from drd_tools.diagnose.observe.evidence import Evidence, gather
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

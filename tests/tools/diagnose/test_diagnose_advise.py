@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.advise import (
+from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES, drive
+from drd_tools.diagnose.advise.next_drive import (
     NOTHING,
     SETTLED_NATS,
     _driven,
@@ -16,16 +17,14 @@ from drd_tools.diagnose.advise import (
     open_questions,
     options_for,
 )
-from drd_tools.diagnose.analysis import Analysis
-from drd_tools.diagnose.conclude import Conclusion
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.finding import Cause
-from drd_tools.diagnose.generic import Curve
-from drd_tools.diagnose.manoeuvres import MANOEUVRES, drive
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, refine_all
+from drd_tools.diagnose.conclude.cause import Cause
+from drd_tools.diagnose.conclude.conclusion import Conclusion
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine_all
 from drd_tools.diagnose.results import NextDrive, Status, Support
-from drd_tools.diagnose.search import Found
+from drd_tools.diagnose.select.search import Found
+from drd_tools.diagnose.select.splines import Curve
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -56,24 +55,24 @@ def recorded(reference: str) -> tuple[Recording, Problem]:
     return recording, Problem(gather(recording))
 
 
-def diagnosed(*findings: Cause, reference: str = "full") -> Analysis:
-    recording, problem = recorded(reference)
+def diagnosed(*findings: Cause, reference: str = "full") -> Conclusion:
+    problem = recorded(reference)[1]
     fit = Fit(tuple(f.selected for f in findings if f.selected is not None), 0.0, np.zeros(0), problem.data)
     found = Found(problem, fit, 0.0, 0.0)
-    return Analysis(recording, [], problem, problem.data, Conclusion(list(findings), found, [], {}, [], 0.0))
+    return Conclusion(list(findings), found, [], {}, [], 0.0)
 
 
 def advised(*findings: Cause, reference: str = "full") -> NextDrive:
-    advice = next_drive(diagnosed(*findings, reference=reference))
+    advice = next_drive(diagnosed(*findings, reference=reference), DEFAULT)
     assert advice is not None
     return advice
 
 
 def test_without_an_open_question_there_is_nothing_to_drive() -> None:
-    assert next_drive(diagnosed()) is None
-    assert next_drive(diagnosed(finding(selected("tread_error", k=0.02)))) is None
+    assert next_drive(diagnosed(), DEFAULT) is None
+    assert next_drive(diagnosed(finding(selected("tread_error", k=0.02))), DEFAULT) is None
     step = selected("gyro_bias_step", b=1e-4, t0=30.0)
-    assert next_drive(diagnosed(finding(step, status=Status.SUSPECTED))) is None
+    assert next_drive(diagnosed(finding(step, status=Status.SUSPECTED)), DEFAULT) is None
 
 
 def test_questions_are_all_that_also_fits_and_what_is_only_suspected() -> None:
@@ -89,14 +88,14 @@ def test_questions_are_all_that_also_fits_and_what_is_only_suspected() -> None:
 
 @pytest.mark.parametrize(("name", "rival"), [("tread_error", "turn_scrub"), ("turn_scrub", "tread_error")])
 def test_constant_against_growing_tread_takes_tight_and_wide_turns(name: str, rival: str) -> None:
-    diagnosis = diagnosed(finding(selected(name, k=0.05), rival))
-    advice = next_drive(diagnosis)
+    conclusion = diagnosed(finding(selected(name, k=0.05), rival))
+    advice = next_drive(conclusion, DEFAULT)
     assert advice is not None
     assert advice.manoeuvre == CIRCLES
     assert advice.separates == [[name, rival]]
     assert (advice.nats or 0.0) >= SETTLED_NATS
     assert f"{name} from {rival}" in advice.sentence
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
+    options = options_for(conclusion.found, DEFAULT, open_questions(conclusion.causes))
     best = {o.manoeuvre: o.nats[0] for o in options if o.minutes == advice.minutes}
     assert all(nats < 0.8 * best[CIRCLES] for manoeuvre, nats in best.items() if manoeuvre.startswith(WEAK))
 
@@ -120,8 +119,8 @@ def test_what_no_drive_settles_is_said() -> None:
 
 
 def test_more_minutes_bring_more() -> None:
-    diagnosis = diagnosed(finding(selected("gyro_scale_error", k=0.0003), "gyro_scale_asymmetry"))
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
+    conclusion = diagnosed(finding(selected("gyro_scale_error", k=0.0003), "gyro_scale_asymmetry"))
+    options = options_for(conclusion.found, DEFAULT, open_questions(conclusion.causes))
     for name in {o.manoeuvre for o in options}:
         nats = [o.nats[0] for o in sorted(options, key=lambda o: o.minutes) if o.manoeuvre == name]
         assert np.all(np.diff(nats) > -0.5)
@@ -157,9 +156,9 @@ def test_a_robot_without_gyro_or_thermometer() -> None:
     recording, problem = recorded("full")
     without = replace(recording, fog=None)
     gyroless = Problem(gather(without))
-    diagnosis = diagnosed(finding(selected("wheel_radius_error", left=0.004, right=0.004), "wheel_radius_speed"))
-    found = replace(diagnosis.conclusion.found, problem=gyroless)
-    advice = next_drive(replace(diagnosis, recording=without, conclusion=replace(diagnosis.conclusion, found=found)))
+    conclusion = diagnosed(finding(selected("wheel_radius_error", left=0.004, right=0.004), "wheel_radius_speed"))
+    found = replace(conclusion.found, problem=gyroless)
+    advice = next_drive(replace(conclusion, found=found), without.nominal)
     assert advice is not None
     assert advice.separates
     assert problem.evidence.gyro_rad is not None
@@ -167,8 +166,8 @@ def test_a_robot_without_gyro_or_thermometer() -> None:
 
 def test_the_nats_are_those_of_real_drives() -> None:
     tread = selected("tread_error", k=0.03)
-    diagnosis = diagnosed(finding(tread, "turn_scrub"))
-    options = options_for(diagnosis, open_questions(diagnosis.conclusion.causes))
+    conclusion = diagnosed(finding(tread, "turn_scrub"))
+    options = options_for(conclusion.found, DEFAULT, open_questions(conclusion.causes))
     promised = next(o.nats[0] for o in options if o.manoeuvre == CIRCLES and o.minutes == 2)
     truth = drive(CIRCLES, 2, DEFAULT.standstill_at_start_s)
     gained = []

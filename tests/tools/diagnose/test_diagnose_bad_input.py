@@ -18,9 +18,9 @@ from drd.batch.logs import EncoderLog, FogLog
 from drd.cli import main
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.audit import audit
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.grids import MOST_STEPS
+from drd_tools.diagnose.observe.audit import audit
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.grids import MOST_STEPS
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 

@@ -8,11 +8,18 @@ import pytest
 from diagnosis_drives import SLALOM, problem, selected
 from scipy import stats
 
-from drd_tools.diagnose.confirm import blocks, chance_gains, e_value, family_wise_p, gain_over_time, predictive_nats
-from drd_tools.diagnose.identify import Identifiability
-from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.diagnose.conclude.confirm import (
+    blocks,
+    chance_gains,
+    e_value,
+    family_wise_p,
+    gain_over_time,
+    predictive_nats,
+)
+from drd_tools.diagnose.conclude.identify import Identifiability
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine
+from drd_tools.diagnose.select.library import Library
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
 

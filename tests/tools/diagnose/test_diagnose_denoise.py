@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drd_tools.diagnose.denoise import denoised
+from drd_tools.diagnose.error_model.denoise import denoised
 
 SIGMA, WIDTH = 0.01, 3.0
 

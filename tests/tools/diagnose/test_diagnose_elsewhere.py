@@ -9,11 +9,11 @@ from msgspec import UNSET
 
 from drd.effects.catalogue import catalogue
 from drd.effects.model import Amount, Model, Term, load_model
-from drd_tools.diagnose.held_out import CONTRADICTED_NATS, held_out_nats
-from drd_tools.diagnose.prove import Proof, validated
-from drd_tools.diagnose.report_text import in_words
+from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Finding, Status, Support
 from drd_tools.diagnose.results import Term as Said
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
+from drd_tools.diagnose.validate.prove import Proof, validated
 from drd_tools.recordings.folder import Recording
 from drd_tools.trial.draw import Case, make
 from drd_tools.trial.plan import Plan, drawings

@@ -8,10 +8,10 @@ import pytest
 from diagnosis_drives import WAREHOUSE, recorded, selected, simulated
 
 from drd.batch.logs import FogLog
-from drd_tools.diagnose import grids
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.run import cut_off
+from drd_tools.diagnose.observe import grids
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.parts import cut_off
 from drd_tools.simulate.robot import DEFAULT
 
 DRIVE = ("slalom", 120.0)

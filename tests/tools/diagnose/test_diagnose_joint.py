@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, problem, selected
 
-from drd_tools.diagnose.joint import Share, share_of, shared, together
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.combine.joint import Share, share_of, shared, together
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
 
 TREAD = selected("tread_error", k=1.0)
 D = 3.5  # visibility in each recording: 6 nats, where 8 are asked for

@@ -10,8 +10,8 @@ from diagnosis_drives import recorded, selected
 from diagnosis_runs import written
 
 from drd.cli import main
-from drd_tools.diagnose import parts as parts_module
-from drd_tools.diagnose.parts import parts
+from drd_tools.diagnose.observe import parts as parts_module
+from drd_tools.diagnose.observe.parts import parts
 from drd_tools.recordings.folder import Recording
 
 SCALE = selected("gyro_scale_error", k=0.01)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd_tools.diagnose.recursion import Recursion, StateSpace
+from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 
 
 @settings(deadline=None)

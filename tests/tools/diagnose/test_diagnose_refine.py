@@ -7,8 +7,8 @@ import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import DISCREPANCY_SHARE, discrepancies, refine, refine_all
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE, discrepancies, refine, refine_all
 from drd_tools.diagnose.selected import Selected
 
 GROUND = replace(

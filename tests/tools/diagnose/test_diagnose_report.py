@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.files import load
-from drd_tools.diagnose.pictures import end_to_end
-from drd_tools.diagnose.report import write_report
-from drd_tools.diagnose.report_text import detectable_rows, percent, power, ruled_out_rows, with_sigma
-from drd_tools.diagnose.report_verdict import lead
+from drd_tools.diagnose.report.page import write_report
+from drd_tools.diagnose.report.pictures import end_to_end
+from drd_tools.diagnose.report.text import detectable_rows, percent, power, ruled_out_rows, with_sigma
+from drd_tools.diagnose.report.verdict import lead
 
 
 class Reader(HTMLParser):

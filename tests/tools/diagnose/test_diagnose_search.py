@@ -7,9 +7,9 @@ import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.library import is_possible
-from drd_tools.diagnose.refine import refine
-from drd_tools.diagnose.search import (
+from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.select.search import (
     Found,
     Search,
     _one_more,

@@ -16,12 +16,12 @@ from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Errors
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.columns import Sensitivities
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.conclude.identify import not_observable
+from drd_tools.diagnose.error_model.sensitivities import Sensitivities
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Status
-from drd_tools.diagnose.run import not_observable
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.conditions import Conditions, Reference

@@ -11,13 +11,13 @@ from msgspec.structs import replace
 
 from drd.effects.model import Model, load_model
 from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.combine.joint import Share
+from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
 from drd_tools.diagnose.files import load
-from drd_tools.diagnose.joint import Share
-from drd_tools.diagnose.outcome import findings_of, model_of, terms_of
-from drd_tools.diagnose.pool import combined
-from drd_tools.diagnose.prove import validated
-from drd_tools.diagnose.report_text import in_words
+from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Amount, Result, Term
+from drd_tools.diagnose.validate.prove import validated
 from drd_tools.trial.draw import make
 from drd_tools.trial.plan import Plan, drawings
 

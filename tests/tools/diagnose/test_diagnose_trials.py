@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.conclude import outcome
 from drd_tools.recordings.folder import read_recording
 
 TRIALS = Path("/work/shared/trials")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from diagnosis_drives import WAREHOUSE, problem, selected
 
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import Fit, refine
+from drd_tools.diagnose.conclude.uncertainty import shrunk, told
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.selected import Selected
-from drd_tools.diagnose.uncertainty import shrunk, told
 
 Z_90 = 1.645
 COST_NATS = 4.5  # of a parameter, where there are 8000 rows

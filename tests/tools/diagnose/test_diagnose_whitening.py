@@ -9,11 +9,11 @@ import pytest
 from diagnosis_drives import ASIDE_4_CM, LATE_5_MS, SLALOM, WAREHOUSE, problem, selected, simulated
 from scipy import stats
 
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.library import Library
-from drd_tools.diagnose.linear import Linear, Sensitivity
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.select.library import Library
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Conditions
 from drd_tools.simulate.robot import DEFAULT

@@ -8,7 +8,7 @@ import pytest
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.effects.model import make_model, save_model
-from drd_tools.diagnose.trajectory import evaluated
+from drd_tools.diagnose.validate.trajectory import evaluated
 from drd_tools.recordings.folder import read_recording
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.simulate.conditions import PERFECT, Conditions, Reference
 from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT

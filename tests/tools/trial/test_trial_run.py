@@ -11,8 +11,8 @@ import pytest
 from drd.cli import main
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.simulate.conditions import Conditions
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive

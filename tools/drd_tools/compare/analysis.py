@@ -24,9 +24,9 @@ from drd_tools.compare.mismatch import (
 from drd_tools.compare.noise import Expected, expected
 from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
 from drd_tools.compare.shares import Share, Whitened, curve, shares, whitened
-from drd_tools.diagnose.evidence import Evidence, gather
-from drd_tools.diagnose.nominal_path import follow
-from drd_tools.diagnose.path import Path
+from drd_tools.diagnose.error_model.nominal_path import follow
+from drd_tools.diagnose.error_model.path import Path
+from drd_tools.diagnose.observe.evidence import Evidence, gather
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.evidence import Evidence
+from drd_tools.diagnose.observe.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from drd.units import DEG_PER_RAD
 from drd_tools.compare.blocks import Blocks
-from drd_tools.diagnose.columns import SUB, motion_along
-from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.path import Path
+from drd_tools.diagnose.error_model.path import Path
+from drd_tools.diagnose.error_model.sensitivities import SUB, motion_along
+from drd_tools.diagnose.observe.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from drd.effects.chain import add
 from drd.effects.effect import Errors
 from drd.effects.model import Term
-from drd_tools.diagnose.columns import Sensitivities
-from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Sensitivity
-from drd_tools.diagnose.path import Path, within_steps
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.error_model.path import Path, within_steps
+from drd_tools.diagnose.error_model.sensitivities import Sensitivities
+from drd_tools.diagnose.observe.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from tqdm import tqdm
 
 from drd_tools.compare.blocks import Blocks
 from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
-from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.linear import Sensitivity
-from drd_tools.diagnose.nominal_path import follow
-from drd_tools.diagnose.path import Path
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.error_model.nominal_path import follow
+from drd_tools.diagnose.error_model.path import Path
+from drd_tools.diagnose.observe.evidence import Evidence
 
 Array = npt.NDArray[np.float64]
 

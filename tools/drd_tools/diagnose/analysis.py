@@ -6,15 +6,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.audit import Event, audit
-from drd_tools.diagnose.conclude import Conclusion, conclude
-from drd_tools.diagnose.evidence import Noise, gather
-from drd_tools.diagnose.library import is_plausible, release
-from drd_tools.diagnose.noise_fit import fitted, inflated
-from drd_tools.diagnose.problem import Inflation, Problem
-from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
+from drd_tools.diagnose.observe.audit import Event, audit
+from drd_tools.diagnose.observe.evidence import Noise, gather
+from drd_tools.diagnose.regression.noise_fit import fitted, inflated
+from drd_tools.diagnose.regression.problem import Inflation, Problem
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Figures
-from drd_tools.diagnose.search import coarse_search, full_search, is_rough
+from drd_tools.diagnose.select.library import is_plausible, release
+from drd_tools.diagnose.select.search import coarse_search, full_search, is_rough
 from drd_tools.recordings.folder import Recording
 
 Array = npt.NDArray[np.float64]

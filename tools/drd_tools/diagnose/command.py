@@ -9,10 +9,10 @@ from pathlib import Path
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.diagnosis import Diagnosis
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.parts import parts
-from drd_tools.diagnose.report import write_report
-from drd_tools.diagnose.report_text import in_words
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.parts import parts
+from drd_tools.diagnose.report.page import write_report
+from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Verdict
 from drd_tools.diagnose.run import run_all, together
 from drd_tools.recordings.daemon_log import read

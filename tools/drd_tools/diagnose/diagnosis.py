@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
-from drd_tools.diagnose.joint import Share
+from drd_tools.diagnose.combine.joint import Share
 from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 
 
@@ -35,7 +35,7 @@ class Diagnosis:
 
     def report(self, folder: Path) -> list[Path]:
         """Write diagnosis.json, series.json, model.yaml and the report into a folder; the files. Raises OSError."""
-        from drd_tools.diagnose.report import write_report  # noqa: PLC0415  # matplotlib is slow
+        from drd_tools.diagnose.report.page import write_report  # noqa: PLC0415  # matplotlib is slow
 
         folder.mkdir(parents=True, exist_ok=True)
         save_model(folder / "model.yaml", self.model)

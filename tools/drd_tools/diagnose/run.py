@@ -10,29 +10,26 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
-import numpy as np
 from msgspec import UNSET
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
 from drd.config.schema import ConfigError
-from drd.effects.catalogue import catalogue
-from drd_tools.diagnose import outcome
-from drd_tools.diagnose.advise import next_drive
+from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
-from drd_tools.diagnose.confirm import unseen_rms
+from drd_tools.diagnose.combine.joint import share_of
+from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.conclude import outcome
+from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
+from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
-from drd_tools.diagnose.evidence import Evidence
-from drd_tools.diagnose.joint import share_of
-from drd_tools.diagnose.pool import combined
-from drd_tools.diagnose.problem import Array
-from drd_tools.diagnose.prove import Proof, validated
-from drd_tools.diagnose.results import Bar, Because, Course, Drive, Fit, Result, Series, Train, Unexplained
-from drd_tools.diagnose.trajectory import judged, paths
+from drd_tools.diagnose.observe.parts import cut_off
+from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Train, Unexplained
+from drd_tools.diagnose.validate.prove import Proof, validated
+from drd_tools.diagnose.validate.trajectory import judged, paths
 from drd_tools.recordings.folder import Recording
 
-CUT_S: Final = 60.0
 OTHER_HALF: Final = "other half of the blocks"
 WHITENED: Final = "whitened_rms"
 
@@ -130,7 +127,7 @@ def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
     before, nominal = judged(recording, None)
     after, corrected = (before, None) if model is None else judged(recording, model)
     train = Train(
-        {**before, WHITENED: _rms(analysis.null)}, {**after, WHITENED: _rms(analysis.conclusion.found.fit.left)}
+        {**before, WHITENED: rms(analysis.null)}, {**after, WHITENED: rms(analysis.conclusion.found.fit.left)}
     )
     duration_s, path_m = float(e.time_s[-1] - e.time_s[0]), float(0.5 * e.travel_m.sum())
     return train, Drive(recording.name, duration_s, path_m, paths(recording, nominal, corrected))
@@ -160,7 +157,7 @@ def _result(analysis: Analysis, proof: Proof, train: Train, unseen: Bar) -> Resu
         not_observable=not_observable(e, {*conclusion.detectable, *outcome.names_of(proof.findings)}),
         classes=conclusion.classes,
         fit=Fit(train, figures),
-        next_drive=next_drive(analysis),
+        next_drive=next_drive(conclusion, analysis.recording.nominal),
         cut=UNSET if cut is None else cut,
     )
 
@@ -173,35 +170,3 @@ def _series(analysis: Analysis, proof: Proof, drive: Drive, unseen: Bar) -> Seri
         held_out=[*proof.bars, unseen],
         noise=analysis.noise_ratios(),
     )
-
-
-def _rms(rows: Array) -> float:
-    return float(np.sqrt(np.mean(rows**2))) if len(rows) else 0.0
-
-
-def cut_off(recording: Recording, e: Evidence) -> str | None:
-    """What is said where a recording is longer than what can be looked at."""
-    ends_s = [float(log.time_s[-1]) for log in (recording.fog, recording.wheels) if log is not None]
-    end_s, begin_s = min(ends_s), float(e.edges_s[0])
-    if end_s - e.time_s[-1] < CUT_S:
-        return None
-    seen_min, whole_min = (e.time_s[-1] - begin_s) / 60.0, (end_s - begin_s) / 60.0
-    return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were looked at"
-
-
-def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
-    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show."""
-    no_wheels = "the recording has no wheel encoders"
-    missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
-    found = []
-    for name, effect in catalogue().items():
-        if effect.channel not in e.channels:
-            found.append(Because(name, missing[effect.channel]))
-        elif effect.needs_wheels and not e.has_wheels:
-            found.append(Because(name, effect.needs_wheels))
-        elif name not in seen and effect.searched:
-            because = "nothing in this drive and its reference shows it"
-            if effect.driver in ("speed", "acceleration") and not e.travel_m.any():
-                because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
-            found.append(Because(name, because))
-    return found

@@ -13,10 +13,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.evidence import Evidence, gather
-from drd_tools.diagnose.library import library_of
-from drd_tools.diagnose.linear import Sensitivity
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.observe.evidence import Evidence, gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.select.library import library_of
 from drd_tools.diagnose.selected import SCALE
 from drd_tools.recordings.folder import Recording
 

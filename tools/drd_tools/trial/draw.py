@@ -11,8 +11,8 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.problem import Problem
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import effect_rows

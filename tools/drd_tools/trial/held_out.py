@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 import drd
 from drd.effects.model import Amount, Term
-from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import Analysis
-from drd_tools.diagnose.evidence import gather
-from drd_tools.diagnose.finding import named
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.ranges import seen, within
-from drd_tools.diagnose.refine import projected
+from drd_tools.diagnose.conclude import outcome
+from drd_tools.diagnose.conclude.cause import named
+from drd_tools.diagnose.error_model.ranges import seen, within
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import projected
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording

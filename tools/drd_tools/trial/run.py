@@ -13,10 +13,10 @@ from typing import Any
 from tqdm import tqdm
 
 from drd.config.schema import ConfigError
-from drd_tools.diagnose import outcome
 from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.files import plain
-from drd_tools.diagnose.refine import refine
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial import held_out
 from drd_tools.trial.baselines import baselines

@@ -8,9 +8,9 @@ import numpy as np
 
 from drd.effects.effect import SIDES, ActsOn, Chance, Effect
 from drd.effects.motion import Motion
-from drd_tools.diagnose.problem import Problem
-from drd_tools.diagnose.refine import projected, refine, refine_all
-from drd_tools.diagnose.search import CLASS_NATS, Search
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import projected, refine, refine_all
+from drd_tools.diagnose.select.search import CLASS_NATS, Search
 from drd_tools.diagnose.selected import BIAS, Selected
 from drd_tools.trial.overlay import Effects
 

@@ -24,7 +24,7 @@ def fingerprint() -> str:
     digest = hashlib.sha256()
     for package in (drd.effects, drd_tools.diagnose, drd_tools.simulate):
         for folder in package.__path__:
-            for file in sorted(Path(folder).glob("*.py")):
+            for file in sorted(Path(folder).rglob("*.py")):
                 digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -1,0 +1,1 @@
+"""What to drive next, so that the open questions are settled."""

@@ -1,0 +1,1 @@
+"""What several recordings of one robot say together."""

@@ -1,0 +1,200 @@
+"""Effects that several recordings of one robot show together, though none shows them alone.
+
+Each recording sends normal equations of its lasting, linear effects; nuisances and its own effects are projected out.
+Their sums are those of one regression over all recordings, with the parameters in common.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import ActsOn, Effect
+from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
+from drd_tools.diagnose.conclude.confirm import e_value
+from drd_tools.diagnose.conclude.outcome import parameters_of
+from drd_tools.diagnose.error_model.ranges import seen
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, nuisance_design, projected
+from drd_tools.diagnose.results import Finding, Ranges, Status, Support, Window
+from drd_tools.diagnose.select.library import is_plausible
+from drd_tools.diagnose.select.search import CLASS_NATS
+from drd_tools.diagnose.selected import Selected
+
+Array = npt.NDArray[np.float64]
+Part = tuple[Array, Array]  # G (p, p) and b (p,)
+
+MOST: Final = 4
+
+
+@dataclass(frozen=True)
+class Share:
+    """One recording's part: products `G` (p, p) and `b` (p,) of the columns `names`, of `rows` rows of data.
+
+    `ranges`: where each effect's driver was, by the effect's name; `span_s`: from when to when. An effect that it
+    selected effects itself has no column.
+    """
+
+    names: tuple[tuple[str, str], ...]
+    G: Array
+    b: Array
+    rows: int
+    ranges: dict[str, Ranges]
+    span_s: Window
+
+
+def shared() -> list[Effect]:
+    """Effects whose parameters are all linear and mean the same in each recording."""
+    return [
+        e
+        for e in catalogue().values()
+        if e.lasting
+        and e.driver != "temperature"  # it counts from each recording's own standstill
+        and e.acts_on not in (ActsOn.TIMING, ActsOn.READOUT)
+        and all(q.linear for q in e.parameters)
+    ]
+
+
+def share_of(problem: Problem, fit: Fit) -> Share:
+    """What a recording sends."""
+    selected = {c.id for c in fit.selection}
+    effects = [e for e in shared() if e.id not in selected and e.channel in problem.evidence.channels]
+    names = tuple((e.id, name) for e in effects for name in e.linear())
+    X = np.column_stack(
+        [np.zeros((len(problem.data), 0)), *problem.units([(catalogue()[e], {}, name) for e, name in names])]
+    )
+    data = problem.data - problem.effect_rows(fit.selection)
+    left = projected(nuisance_design(problem, fit.selection), np.column_stack([X, data]))
+    motion = problem.sensitivities.motion
+    ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
+    span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
+    return Share(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
+
+
+def together(shares: Sequence[Share], selected: set[str]) -> list[Finding]:
+    """Findings of effects that no recording selected effects by itself."""
+    names = [n for n in shares[0].names if n[0] not in selected and all(n in s.names for s in shares)]
+    parts = [_chosen(s, names) for s in shares]
+    rows, chosen, refused, findings = sum(s.rows for s in shares), list[str](), set[str](), list[Finding]()
+    while len(findings) < MOST:
+        ranked = [r for r in _ranked(parts, names, chosen, rows) if r[1] not in refused]
+        if not ranked or ranked[0][0] <= 0.0:
+            break
+        best = ranked[0][1]
+        also = [name for score, name in ranked[1:] if score > ranked[0][0] - CLASS_NATS]
+        finding = _finding(shares, parts, names, chosen, best, also)
+        if finding is None:
+            refused.add(best)
+        else:
+            chosen.append(best)
+            findings.append(finding)
+    return findings
+
+
+def united(seen: Sequence[Ranges]) -> Ranges:
+    """The ranges that several recordings have seen together; a drive may show an effect at one value only."""
+    covariates = sorted({name for one in seen for name in one})
+    ends = {name: [one[name] for one in seen if name in one] for name in covariates}
+    return {name: (min(low for low, _ in found), max(high for _, high in found)) for name, found in ends.items()}
+
+
+def _chosen(share: Share, names: Sequence[tuple[str, str]]) -> Part:
+    index = [share.names.index(n) for n in names]
+    return share.G[np.ix_(index, index)], share.b[index]
+
+
+def _index(names: Sequence[tuple[str, str]], effects: Sequence[str]) -> list[int]:
+    return [i for i, (effect, _) in enumerate(names) if effect in effects]
+
+
+def _solved(G: Array, b: Array, index: list[int]) -> Array:
+    """Parameters of these columns, the others 0."""
+    x = np.zeros(len(b))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(G)[index], 1e-300))
+    scaled = G[np.ix_(index, index)] * scale[:, None] * scale
+    x[index] = scale * np.linalg.lstsq(scaled, scale * b[index], rcond=1e-8)[0]
+    return x
+
+
+def _sum(parts: Sequence[Part]) -> Part:
+    return np.sum([G for G, _ in parts], axis=0), np.sum([b for _, b in parts], axis=0)
+
+
+def _gain(parts: Sequence[Part], index: list[int]) -> float:
+    G, b = _sum(parts)
+    return 0.5 * float(b @ _solved(G, b, index))
+
+
+def _ranked(
+    parts: Sequence[Part], names: Sequence[tuple[str, str]], chosen: Sequence[str], rows: int
+) -> list[tuple[float, str]]:
+    """Score of each effect beside those chosen, nats; best first. Those that gain next to nothing are left out."""
+    before = _gain(parts, _index(names, chosen))
+    found = []
+    for effect in dict.fromkeys(e for e, _ in names if e not in chosen):
+        own = _index(names, [effect])
+        gain = _gain(parts, _index(names, [*chosen, effect])) - before
+        if gain >= LEAST_NATS:
+            found.append((gain - 0.5 * len(own) * math.log(rows) - math.log(len(catalogue())), effect))
+    return sorted(found, reverse=True)
+
+
+def _finding(
+    shares: Sequence[Share],
+    parts: Sequence[Part],
+    names: Sequence[tuple[str, str]],
+    chosen: Sequence[str],
+    best: str,
+    also: Sequence[str],
+) -> Finding | None:
+    """None where too little is left of its gain once the recordings' scatter counts, or the value makes no sense."""
+    effect, index, own = catalogue()[best], _index(names, [*chosen, best]), _index(names, [best])
+    G, b = _sum(parts)
+    x, scatter = _solved(G, b, index), _scatter(parts, index)
+    covariance = np.asarray(np.linalg.pinv(G[np.ix_(index, index)], rcond=1e-8, hermitian=True) * scatter, float)
+    at = [index.index(i) for i in own]
+    selected = Selected(effect, {names[i][1]: float(x[i]) for i in own}, effect.linear(), covariance[np.ix_(at, at)])
+    gain = (_gain(parts, index) - _gain(parts, _index(names, chosen))) / scatter
+    p = min(1.0, float(stats.chi2.sf(2.0 * gain, len(own))) * len(catalogue()))
+    if not is_plausible(selected) or gain < LEAST_NATS or p > FAMILY_WISE:
+        return None
+    e = e_value((_unseen(parts, index, own, 0) / scatter, _unseen(parts, index, own, 1) / scatter))
+    return Finding(
+        effect=best,
+        status=Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED,
+        also_fits=tuple(also),
+        acts_on=effect.channel,
+        parameters=parameters_of(selected)[0],
+        windows=((min(s.span_s[0] for s in shares), max(s.span_s[1] for s in shares)),),
+        seen=united([s.ranges[best] for s in shares]),
+        covariate=effect.driver,
+        evidence=Support(gain, p, e),
+        explains=1.0,
+        sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
+        probability=e / (1.0 + e) / (1 + len(also)),
+    )
+
+
+def _scatter(parts: Sequence[Part], index: list[int]) -> float:
+    """How much more than by their noise the recordings' own values scatter about the common ones (Birge 1932)."""
+    x = _solved(*_sum(parts), index)
+    apart = sum(float(own @ G @ own) for G, b in parts for own in [_solved(G, b, index) - x])
+    return max(1.0, apart / (len(index) * (len(parts) - 1)))
+
+
+def _unseen(parts: Sequence[Part], index: list[int], own: list[int], half: int) -> float:
+    """Log likelihood ratio on every other recording, the parameters being those of the rest."""
+    train, test = parts[half::2], parts[1 - half :: 2]
+    G, b = _sum(train)
+    x = _solved(G, b, index)
+    rest = _solved(G, b, [i for i in index if i not in own])
+
+    def nats(values: Array) -> float:
+        return sum(float(p[1] @ values) - 0.5 * float(values @ p[0] @ values) for p in test)
+
+    return nats(x) - nats(rest)

@@ -1,0 +1,203 @@
+"""Several recordings, each diagnosed by itself: what they say together."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+
+from msgspec.structs import replace
+
+from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.combine.joint import Share, together, united
+from drd_tools.diagnose.conclude.outcome import names_of
+from drd_tools.diagnose.results import (
+    Amount,
+    Because,
+    Figures,
+    Finding,
+    Fit,
+    Result,
+    Smallest,
+    Status,
+    Support,
+    Term,
+    Train,
+    Unexplained,
+    Verdict,
+)
+
+SURER: Final = list(Status)
+# Values of one parameter further apart than this, in sigmas of their difference, are not one value.
+APART_SIGMAS: Final = 4.0
+LARGEST_NATS: Final = 690.0  # exp of more is no double
+LEAST: Final = 1e-300
+
+
+class _Said(NamedTuple):
+    """A finding, and the recording of which it is said."""
+
+    recording: str
+    finding: Finding
+
+
+def combined(results: Sequence[Result], shares: Sequence[Share]) -> Result:
+    """One result of several. A lasting effect's parameters are combined with the inverse of their variances.
+
+    Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
+    only all together show comes to it (`joint`).
+    """
+    findings: list[Finding] = []
+    for name, said in _grouped(results).items():
+        if name in catalogue() and catalogue()[name].lasting:
+            findings.append(_one_of(said, len(results)))
+        else:
+            findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
+    findings = _with_one_surrogate_each(findings)
+    common = together(shares, names_of(findings))
+    findings = sorted([*findings, *common], key=lambda f: -f.gain_nats)
+    found, detectable = names_of(findings), _most_sensitive(results)
+    return Result(
+        recording=", ".join(map(_name, results)),
+        verdict=_verdict(results, findings, bool(common)),
+        findings=tuple(findings),
+        unexplained=Unexplained(
+            _largest(r.unexplained.share_of_residual for r in results),
+            _largest(r.unexplained.end_error_m for r in results),
+        ),
+        ruled_out=_ruled_out(results, found),
+        detectable=detectable,
+        not_observable=_unobservable(results, {*found, *detectable}),
+        classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
+        fit=Fit(Train(_side_by_side(results, _before), _side_by_side(results, _after)), results[0].fit.held_out),
+        next_drive=next((r.next_drive for r in results if r.next_drive), None),
+    )
+
+
+def _name(result: Result) -> str:
+    return result.recording if isinstance(result.recording, str) else ", ".join(result.recording)
+
+
+def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
+    groups: dict[str, list[_Said]] = {}
+    for result in results:
+        for finding in result.findings:
+            groups.setdefault(finding.effect, []).append(_Said(_name(result), finding))
+    return groups
+
+
+def _one_of(said: Sequence[_Said], count: int) -> Finding:
+    """What some of `count` recordings say of a lasting effect, as one finding."""
+    found = [f for _, f in said]
+    best = max(found, key=lambda f: f.gain_nats)
+    ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
+    log_e = sum(math.log(max(f.evidence.e_value or 0.0, LEAST)) for f in found)
+    where = ", ".join(r for r, _ in said)
+    return replace(
+        best,
+        status=max((f.status for f in found), key=SURER.index),
+        also_fits=tuple(sorted(set.intersection(*(set(f.also_fits) for f in found)))),
+        parameters=_mean([f.parameters for f in found]),
+        seen=united([f.seen for f in found]),
+        evidence=Support(
+            sum(f.gain_nats for f in found),
+            min(1.0, min(ps) * count) if ps else None,
+            math.exp(min(LARGEST_NATS, log_e)),
+        ),
+        explains=sum(f.explains or 0.0 for f in found) / count,
+        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).",
+        probability=max(f.probability for f in found),
+    )
+
+
+def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
+    """Means with the inverse of the variances; where the values contradict each other, with their scatter."""
+    found = dict(parameters[0])
+    for name, first in parameters[0].items():
+        amounts = [p[name] for p in parameters if name in p]
+        if any(not a.std > 0.0 for a in amounts):
+            continue
+        weights = [a.std**-2 for a in amounts]
+        mean = sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights)
+        std = sum(weights) ** -0.5
+        square = sum(w * (a.value - mean) ** 2 for w, a in zip(weights, amounts, strict=True)) / sum(weights)
+        apart = any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
+        found[name] = Amount(mean, max(std, math.sqrt(square)) if apart else std, first.unit)
+    return found
+
+
+def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
+    """Each name is a surrogate once, as all recordings have it that need it, and not beside itself."""
+    named = names_of(findings)
+    groups: dict[str, list[Term]] = {}
+    for near in (f.surrogate for f in findings):
+        if near is not None and near.effect not in named:
+            groups.setdefault(near.effect, []).append(near)
+    made = []
+    for finding in findings:
+        terms = groups.pop(finding.surrogate.effect, None) if finding.surrogate is not None else None
+        near = None
+        if terms:
+            near = replace(terms[0], parameters=_mean([t.parameters for t in terms]), seen=united([t.seen for t in terms]))  # fmt: skip  # noqa: E501
+        made.append(replace(finding, surrogate=near))
+    return made
+
+
+def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_together: bool) -> Verdict:
+    verdicts = {r.verdict for r in results} | ({Verdict.EXPLAINED} if is_more_together else set())
+    if len(verdicts) == 1:
+        return verdicts.pop()
+    if not any(f.is_named for f in findings):
+        return Verdict.UNKNOWN
+    return Verdict.PARTLY if verdicts - {Verdict.NOTHING, Verdict.EXPLAINED} else Verdict.EXPLAINED
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    """Of those that are known; None where none is."""
+    return max((v for v in values if v is not None), default=None)
+
+
+def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
+    """What no recording shows, as the one says it in which it would be seen best.
+
+    An effect that holds for one run only is ruled out where all recordings rule it out.
+    """
+    said: dict[str, list[tuple[float, str]]] = {}
+    for result in results:
+        for row in result.ruled_out:
+            size = _size(result.detectable.get(row.effect))
+            said.setdefault(row.effect, []).append((size, f"{_name(result)}: {row.because}"))
+    return [
+        Because(name, min(texts, key=lambda t: t[0])[1])
+        for name, texts in sorted(said.items())
+        if name not in found and (catalogue()[name].lasting or len(texts) == len(results))
+    ]
+
+
+def _unobservable(results: Sequence[Result], seen: set[str]) -> list[Because]:
+    """What none of the recordings can show."""
+    names = set.intersection(*({row.effect for row in r.unobservable} for r in results)) - seen
+    return [row for row in results[0].unobservable if row.effect in names]
+
+
+def _before(result: Result) -> Figures:
+    return result.fit.train.before
+
+
+def _after(result: Result) -> Figures:
+    return result.fit.train.after
+
+
+def _side_by_side(results: Sequence[Result], of: Callable[[Result], Figures]) -> Figures:
+    return {f"{_name(r)}: {q}": v for r in results for q, v in of(r).items()}
+
+
+def _most_sensitive(results: Sequence[Result]) -> dict[str, Smallest]:
+    found: dict[str, Smallest] = {}
+    for result in results:
+        for name, size in result.detectable.items():
+            if name not in found or _size(size) < _size(found[name]):
+                found[name] = size
+    return found
+
+
+def _size(found: Smallest | None) -> float:
+    return math.inf if found is None or found.smallest is None else found.smallest

@@ -1,0 +1,61 @@
+"""One cause as the regression knows it, before it is written down as a `results.Finding`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Gain, Status, Support, Window
+from drd_tools.diagnose.select.splines import CHANNELS, Array, Curve
+from drd_tools.diagnose.selected import Selected
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One cause. `selected` is None where it has no name; `curve` is then all that is known of it, and `surrogate` the
+    name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the effect at the curve's
+    knots.
+    """
+
+    selected: Selected | None
+    status: Status
+    also_fits: tuple[str, ...]
+    windows: tuple[Window, ...]
+    support: Support
+    explains: float
+    sentence: str
+    probability: float
+    curve: Curve | None = None
+    surrogate: Selected | None = None
+    gain: Gain = NO_GAIN
+    fitted: Array | None = None
+
+    @property
+    def effect(self) -> str:
+        """The catalogue's name, or "unknown"."""
+        return self.selected.id if self.selected is not None else UNNAMED
+
+    @property
+    def gain_nats(self) -> float:
+        """Gain in log likelihood."""
+        return self.support.gain_nats or 0.0
+
+    @property
+    def acts_on(self) -> str:
+        """gyro, wheels, body or timing."""
+        if self.selected is None:
+            assert self.curve is not None
+            return CHANNELS[self.curve.channel].acts_on
+        acts_on = self.selected.effect.acts_on.value
+        return acts_on if acts_on != "readout" else self.selected.effect.channel
+
+    @property
+    def driver(self) -> str:
+        """What it depends on."""
+        if self.selected is not None:
+            return self.selected.effect.driver
+        assert self.curve is not None
+        return self.curve.driver
+
+
+def named(causes: Sequence[Cause]) -> list[Selected]:
+    """The causes that have a name."""
+    return [c.selected for c in causes if c.selected is not None]

@@ -1,0 +1,303 @@
+"""From selected effects to findings: how sure, what else it could be, where, and in words."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import ActsOn
+from drd_tools.diagnose.conclude.cause import Cause
+from drd_tools.diagnose.conclude.confirm import (
+    LARGEST_NATS,
+    chance_gains,
+    e_value,
+    family_wise_p,
+    gain_over_time,
+    predictive_nats,
+)
+from drd_tools.diagnose.conclude.identify import Identifiability
+from drd_tools.diagnose.conclude.uncertainty import told
+from drd_tools.diagnose.observe.audit import Event
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
+from drd_tools.diagnose.results import Because, Gain, Smallest, Status, Support, Window
+from drd_tools.diagnose.select.intervals import same_window
+from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
+from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
+from drd_tools.diagnose.selected import Selected
+
+Array = npt.NDArray[np.float64]
+
+RIVALS: Final = 8
+# What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
+LEAST_NATS: Final = 12.0
+FAILING_NATS: Final = -0.01
+# A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
+UNKNOWN_SHARE: Final = 0.02
+GENERIC_SHARE: Final = 0.01  # of the names' worth, or
+GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
+FAMILY_WISE: Final = 0.05
+SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
+CONFIRMING_E: Final = 100.0
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """Causes, the best first, and what was not found."""
+
+    causes: list[Cause]
+    found: Found
+    ruled_out: list[Because]
+    detectable: dict[str, Smallest]
+    classes: list[list[str]]
+    unexplained: float
+
+
+def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
+    """Judge each selected effect, and what is left."""
+    search = Search(found.problem, [e.selected for e in events])
+    splines = SplineTerms(found.problem)
+    identity = Identifiability(found.problem, search.library)
+    found = _held(found, search)
+    chance = chance_gains(found.problem, search.library, found.fit.left)
+    by_logic = {e.selected.id: e for e in events}
+    by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
+    total = max(by_events.cost - found.fit.cost, 1e-9)
+    found, findings = _in_place_of_several(found, search, splines, chance)
+    for selected, reported in zip(found.fit.selection, told(found.problem, found.fit, search.known), strict=True):
+        event = by_logic.get(selected.id)
+        if event is not None:
+            findings.append(_event_finding(selected, event))
+        else:
+            findings.append(_finding(found, search, splines, selected, reported, chance, total))
+    left = splines.best(found.fit.selection)
+    unexplained = 0.0
+    all_explained = total + sum(e.nats for e in events)
+    if left is not None and left.gain > max(LEAST_NATS, UNKNOWN_SHARE * all_explained):
+        # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
+        rest = found.fit.left - splines.rows(left)
+        p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
+        unexplained = left.gain / (left.gain + total)
+        same = any(f.selected is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
+        if p <= FAMILY_WISE and not same:
+            findings.append(_unknown(left, p, left.gain / (left.gain + total)))
+    findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
+    named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
+    bounds = identity.bounds(found.fit.left)
+    ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
+    return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
+
+
+def _merged(findings: Sequence[Cause]) -> list[Cause]:
+    """The best first; several names that one and the same curve beats are one finding."""
+    found: dict[tuple[str, str] | int, Cause] = {}
+    for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
+        key = (
+            i
+            if finding.selected is not None or finding.curve is None
+            else (finding.curve.channel, finding.curve.driver)
+        )
+        first = found.setdefault(key, finding)
+        if first is not finding:
+            found[key] = replace(
+                first,
+                also_fits=unique((*first.also_fits, *finding.also_fits)),
+                surrogate=first.surrogate or finding.surrogate,
+                explains=min(1.0, first.explains + finding.explains),
+            )
+    return list(found.values())
+
+
+def _in_place_of_several(
+    found: Found, search: Search, splines: SplineTerms, chance: Array
+) -> tuple[Found, list[Cause]]:
+    """One curve without a name that is better than all names of a channel together takes their place."""
+    problem, fit = found.problem, found.fit
+    unknown: list[Cause] = []
+    for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
+        group = [c for c in fit.selection if c.id not in search.known and c.effect.channel == acts_on]
+        if len(group) < 2:
+            continue
+        rest = refine(problem, [c for c in fit.selection if c not in group])
+        worth = rest.cost - fit.cost
+        curve = splines.best(rest.selection)
+        margin = max(GENERIC_NATS, GENERIC_SHARE * worth)
+        if curve is None or CHANNELS[curve.channel].acts_on != acts_on:
+            continue
+        if curve.gain < worth - problem.penalty(group) + margin:
+            continue
+        p = family_wise_p(curve.gain, chance)
+        unknown.append(_unknown(curve, p, 1.0, also_fits=unique(c.id for c in group)))
+        fit = rest
+    return Found(problem, fit, search.score(fit), found.null), unknown
+
+
+def _held(found: Found, search: Search) -> Found:
+    """Without the selected effects that fail on data that they were not fitted to, or gain next to nothing.
+
+    One that shows in a single fix has no such data: nothing speaks against it there.
+    """
+    problem, fit = found.problem, found.fit
+    unseen = [sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
+    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
+    if len(kept) < len(fit.selection):
+        fit = refine(problem, kept)
+    while others := [one for one in fit.selection if one.id not in search.known]:
+        rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
+        least = min(rests, key=lambda rest: rest.cost)
+        if least.cost - fit.cost >= LEAST_NATS:
+            break
+        fit = least
+    return found if fit is found.fit else Found(problem, fit, search.score(fit), found.null)
+
+
+def _finding(
+    found: Found,
+    search: Search,
+    splines: SplineTerms,
+    selected: Selected,
+    reported: Selected,
+    chance: Array,
+    total: float,
+) -> Cause:
+    problem, fit = found.problem, found.fit
+    rest = refine(problem, [c for c in fit.selection if c is not selected])
+    worth = rest.cost - fit.cost
+    nats = predictive_nats(problem, search.library, fit, selected)
+    e = e_value(nats)
+    p = family_wise_p(worth, chance)
+    sure = p <= FAMILY_WISE
+    status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
+    rivals = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:RIVALS]
+    fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
+    pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.selection)]
+    scores = [_best_score(found, search, selected, r, f) for r, f in pairs]
+    least = found.score - CLASS_NATS
+    alike = [r.id for (r, _), s in zip(pairs, scores, strict=True) if s + _forgiven_nats(problem, selected, r) > least]
+    also = unique(alike)
+    rival = splines.best(fit.selection, selected)
+    score_of_name = worth - problem.penalty([selected])
+    if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
+        surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
+        return _unknown(rival, p, worth / total, surrogate, also_fits=(selected.id, *also), e=e, status=status)
+    curve = _curve(splines, found, selected, rival)
+    explains = min(1.0, worth / total)
+    return Cause(
+        selected=reported,
+        status=status,
+        also_fits=also,
+        windows=_windows(selected, problem.evidence.time_s),
+        support=Support(worth, p, e),
+        explains=explains,
+        sentence=sentence(reported, explains, also),
+        probability=_probability(found.score, [*scores, search.score(rest)]),
+        curve=curve,
+        gain=Gain(*gain_over_time(problem, fit, selected)),
+        fitted=None if curve is None else _told(splines, selected, curve),
+    )
+
+
+def _probability(score: float, others: Sequence[float]) -> float:
+    """Posterior probability of what has a score among what has the others: scores are log marginal likelihoods (58)."""
+    return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
+
+
+def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
+    """Of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
+    score = search.score(fit)
+    if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
+        score = max(score, linearised(found.problem, fit, found.null).score)
+    return score
+
+
+def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> float:
+    """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
+    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
+
+
+def unique(names: Iterable[str]) -> tuple[str, ...]:
+    """Without repetitions, in order."""
+    return tuple(dict.fromkeys(names))
+
+
+def _told(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
+    """The selected effect at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
+    told = splines.told(selected, curve)
+    if curve.channel == "gyro":
+        told = told + float(np.average(curve.value - told, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
+    return told
+
+
+def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
+    """The mismatch that an effect explains, against the effect's own driver where that is one of the smooths'."""
+    options = [
+        splines.best(found.fit.selection, selected, (channel, selected.effect.driver))
+        for channel, where in CHANNELS.items()
+        if where.acts_on == selected.effect.channel
+    ]
+    curves = [c for c in options if c is not None]
+    return max(curves, key=lambda c: c.gain, default=rival)
+
+
+def _event_finding(selected: Selected, event: Event) -> Cause:
+    e = math.exp(min(event.nats, LARGEST_NATS))
+    p = max(min(1.0, 31.0 / e), 1e-6)
+    text = f"{selected.effect.sentence} Seen: {event.seen}."
+    support = Support(float(event.nats), p, e)
+    return Cause(selected, Status.CONFIRMED, (), event.windows, support, 1.0, text, e / (1.0 + e))
+
+
+def _unknown(
+    curve: Curve,
+    p: float,
+    explains: float,
+    surrogate: Selected | None = None,
+    also_fits: tuple[str, ...] = (),
+    e: float = 1.0,
+    status: Status = Status.SUPPORTED,
+) -> Cause:
+    peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
+    where = (
+        f"in one of {len(curve.knots)} places"
+        if curve.driver == PLACE
+        else f"at {curve.knots[peak]:.3g} {curve.driver_unit}"
+    )
+    text = (
+        f"Something that is in no catalogue acts on the {curve.channel} and depends on "
+        f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
+    )
+    support, odds = Support(curve.gain, p, e), math.exp(min(max(curve.gain, -LARGEST_NATS), LARGEST_NATS))
+    return Cause(None, status, also_fits, (), support, explains, text, odds / (1.0 + odds), curve, surrogate)
+
+
+def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:
+    begin_s, end_s = selected.begin_s, selected.end_s
+    return ((float(time_s[0]) if begin_s is None else begin_s, float(time_s[-1]) if end_s is None else end_s),)
+
+
+def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str]) -> str:
+    """A finding in words; `explains`: its share of the mismatch, where that is known."""
+    shown = []
+    for q in selected.effect.parameters:
+        if q.choices:
+            shown.append(f"{q.name} {selected.values[q.name]}")
+        elif not (q.fixed or (q.linear and q.name not in selected.free)):
+            unit = "" if q.unit == "1" else f" {q.unit}"
+            value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
+            shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
+    share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
+    text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
+    if also_fits:
+        text += f" This recording cannot tell it from {', '.join(also_fits)}."
+    return f"{text} {selected.effect.caveat}".rstrip()
+
+
+def _rounded(value: float, sigma: float) -> str:
+    if sigma <= 0.0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(sigma)))
+    return f"{value:.{digits}f} +- {sigma:.{digits}f}" if digits < 7 else f"{value:.3g} +- {sigma:.2g}"

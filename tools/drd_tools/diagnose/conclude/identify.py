@@ -1,0 +1,115 @@
+"""What a recording can tell at all, before any residual is looked at: smallest sizes, names it cannot separate."""
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.results import Because, Smallest
+from drd_tools.diagnose.select.library import Library
+
+Array = npt.NDArray[np.float64]
+
+APART_NATS: Final = 3.0
+TYPICAL_VISIBILITY: Final = 8.0
+
+
+class Identifiability:
+    """Products of the library's columns, beside the nuisances."""
+
+    def __init__(self, problem: Problem, library: Library):
+        self._problem, self._library = problem, library
+        A = problem.nuisance.T @ problem.nuisance + np.eye(problem.nuisance.shape[1])
+        C = np.asarray(library.columns.T @ problem.nuisance.astype(np.float32), float)
+        self.products = np.asarray(library.products, float) - C @ np.linalg.solve(A, C.T)
+        self.norm = np.sqrt(np.maximum(np.diag(self.products), 0.0))
+
+    def detectable(self) -> dict[str, Smallest]:
+        """Smallest size of each effect that would be found, in its first parameter's unit."""
+        found: dict[str, Smallest] = {}
+        for candidate in self._library.candidates:
+            if len(candidate.columns) > 1 and not candidate.angle:
+                continue
+            norm = float(self.norm[list(candidate.columns)].max())
+            if norm <= 0.0:
+                continue
+            size = math.sqrt(2.0 * candidate.penalty) / norm
+            effect = candidate.effect
+            q = effect.parameters[0] if effect.parameters[0].choices == () else effect.parameters[1]
+            if effect.linear():
+                q = next(p for p in effect.parameters if p.name in (candidate.names[0], effect.linear()[0]))
+            else:  # of the variant's own size, such a share
+                size *= abs(float(candidate.shape[q.name]))
+            value = size / q.si
+            best = found.get(effect.id)
+            if best is None or best.smallest is None or value < best.smallest:
+                found[effect.id] = Smallest(value, q.unit)
+        return found
+
+    def classes(self) -> list[list[str]]:
+        """Effects that cannot be told apart in this recording where they are of a size that is just well seen."""
+        best: dict[tuple[str, str], float] = {}
+        norm = np.maximum(self.norm, 1e-30)
+        R = np.abs(self.products / norm[:, None] / norm)
+        first: dict[str, list[int]] = {}
+        for candidate in self._library.candidates:
+            if len(candidate.columns) == 1 and self.norm[candidate.columns[0]] > 0.0:
+                first.setdefault(candidate.effect.id, []).append(candidate.columns[0])
+        names = sorted(first)
+        for i, a in enumerate(names):
+            for b in names[i + 1 :]:
+                best[a, b] = float(R[np.ix_(first[a], first[b])].max())
+        together: list[set[str]] = []
+        for (a, b), r in best.items():
+            if 0.5 * TYPICAL_VISIBILITY**2 * (1.0 - min(r, 1.0) ** 2) < APART_NATS:
+                joined = [s for s in together if a in s or b in s]
+                together = [s for s in together if s not in joined] + [{a, b}.union(*joined)]
+        return [sorted(s) for s in together]
+
+    def bounds(self, left: Array) -> dict[str, str]:
+        """For each effect, what the residual still allows of it."""
+        b = np.asarray(self._library.columns.T @ left.astype(np.float32), float)
+        said: dict[str, tuple[float, str]] = {}
+        for candidate in self._library.candidates:
+            if len(candidate.columns) > 1:
+                continue
+            i = candidate.columns[0]
+            if self.norm[i] <= 0.0:
+                continue
+            effect = candidate.effect
+            value, sigma = b[i] / self.norm[i] ** 2, 1.0 / self.norm[i]
+            gain = 0.5 * (value / sigma) ** 2 - candidate.penalty
+            name = candidate.names[0] or next(q.name for q in effect.parameters if not q.choices)
+            q = next((p for p in effect.parameters if p.name == name), None)
+            if q is None:
+                continue
+            factor = 1.0 / q.si if effect.linear() else float(candidate.shape[name]) / q.si
+            text = (
+                f"{name} = {value * factor:.3g} +- {abs(sigma * factor):.2g} {q.unit}, worth "
+                f"{0.5 * (value / sigma) ** 2:.1f} nats where {candidate.penalty:.0f} are asked for"
+            )
+            if effect.id not in said or gain > said[effect.id][0]:
+                said[effect.id] = (gain, text)
+        return {name: text for name, (_, text) in said.items()}
+
+
+def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
+    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show."""
+    no_wheels = "the recording has no wheel encoders"
+    missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
+    found = []
+    for name, effect in catalogue().items():
+        if effect.channel not in e.channels:
+            found.append(Because(name, missing[effect.channel]))
+        elif effect.needs_wheels and not e.has_wheels:
+            found.append(Because(name, effect.needs_wheels))
+        elif name not in seen and effect.searched:
+            because = "nothing in this drive and its reference shows it"
+            if effect.driver in ("speed", "acceleration") and not e.travel_m.any():
+                because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
+            found.append(Because(name, because))
+    return found

@@ -1,0 +1,148 @@
+"""From what the regression concluded to what is said: verdict, findings, model, and the series that are drawn."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from drd.effects.model import Model, make_model
+from drd.effects.motion import Motion
+from drd_tools.diagnose.conclude.cause import Cause
+from drd_tools.diagnose.conclude.conclusion import Conclusion
+from drd_tools.diagnose.conclude.confirm import rms_per_block
+from drd_tools.diagnose.error_model.ranges import seen
+from drd_tools.diagnose.files import plain
+from drd_tools.diagnose.regression.problem import Array, Problem
+from drd_tools.diagnose.results import Amount, Course, Finding, Mismatch, Residual, Term, Verdict
+from drd_tools.diagnose.selected import SCALE, Selected
+from drd_tools.recordings.folder import Recording
+
+WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
+BAND_SIGMAS: Final = 1.96
+
+
+def verdict(conclusion: Conclusion) -> Verdict:
+    """One of the four words."""
+    causes = conclusion.causes
+    if not causes:
+        return Verdict.NOTHING
+    if all(c.selected is None for c in causes):
+        return Verdict.UNKNOWN
+    if any(c.selected is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
+        return Verdict.PARTLY
+    return Verdict.EXPLAINED
+
+
+def term_of(m: Motion, selected: Selected) -> Term:
+    """An effect with its parameters in the catalogue's units, and where its covariate was along a motion."""
+    amounts, choices = parameters_of(selected)
+    return Term(effect=selected.id, parameters=amounts, choices=choices, seen=seen(m, selected))
+
+
+def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]]:
+    """Its numbers, in the catalogue's units, and its words."""
+    effect = selected.effect
+    absorbed = effect.absorbed(selected.values, selected.number(SCALE.name)) if SCALE.name in selected.values else None
+    values = selected.values if absorbed is None else absorbed
+    amounts = {
+        q.name: Amount(float(values[q.name]) / q.si, selected.sigma(q.name) / q.si, q.unit)
+        for q in effect.parameters
+        if not q.choices
+    }
+    return amounts, {q.name: str(values[q.name]) for q in effect.parameters if q.choices}
+
+
+def terms_of(conclusion: Conclusion) -> list[Term]:
+    """The findings as a model's effects, each with the effect beside which alone its form is known."""
+    motion, made = conclusion.found.problem.sensitivities.motion, []
+    for selected in (c.selected for c in conclusion.causes if c.selected is not None):
+        made.append(term_of(motion, selected))
+        beside = selected.effect.beside
+        if beside and SCALE.name in selected.values and selected.effect.absorbed(selected.values, 0.0) is None:
+            (q,) = beside.parameters
+            amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
+            why = f"the straight line beside {selected.id}"
+            made.append(Term(effect=beside.id, parameters={q.name: amount}, why=why))
+    return made
+
+
+def terms_found(findings: Iterable[Finding]) -> list[Term]:
+    """The findings that have a name, as a model's effects."""
+    return [
+        Term(effect=f.effect, parameters=f.parameters, choices=f.choices, seen=f.seen) for f in findings if f.is_named
+    ]
+
+
+def model_of(terms: Iterable[Term], recording: Recording, names: str, version: str) -> Model:
+    """The nominal robot with these effects. `names`: of the recordings in which they were found."""
+    nominal = recording.nominal
+    wheel: dict[str, Any] = {"radius_m": nominal.wheel.radius_m}
+    if nominal.wheel.counts_per_revolution is not None:
+        wheel["counts_per_revolution"] = nominal.wheel.counts_per_revolution
+    robot = {} if recording.wheels is None else {"wheel": wheel, "tread_m": nominal.tread_m}
+    sha = recording.sha256.get("encoders.csv") or next(iter(recording.sha256.values()), "")
+    effects = [plain(t) | ({"provenance": {"why": t.why}} if t.why else {}) for t in terms]
+    return make_model(effects, robot, recording=names, tool=f"drd diagnose {version}", sha256=sha)
+
+
+def finding_of(cause: Cause, problem: Problem) -> Finding:
+    """As it is reported."""
+    motion, time_s = problem.sensitivities.motion, problem.evidence.time_s
+    amounts, choices = ({}, {}) if cause.selected is None else parameters_of(cause.selected)
+    return Finding(
+        effect=cause.effect,
+        status=cause.status,
+        also_fits=cause.also_fits,
+        acts_on=cause.acts_on,
+        parameters=amounts,
+        choices=choices,
+        windows=cause.windows or ((float(time_s[0]), float(time_s[-1])),),
+        seen={} if cause.selected is None else seen(motion, cause.selected),
+        covariate=cause.driver,
+        evidence=cause.support,
+        explains=cause.explains,
+        surrogate=None if cause.surrogate is None else term_of(motion, cause.surrogate),
+        sentence=cause.sentence,
+        probability=cause.probability,
+    )
+
+
+def findings_of(conclusion: Conclusion) -> list[Finding]:
+    """All causes as they are reported, the best first."""
+    return [finding_of(cause, conclusion.found.problem) for cause in conclusion.causes]
+
+
+def course_of(cause: Cause) -> Course:
+    """What is drawn of a cause."""
+    curve, fitted, nothing = cause.curve, cause.fitted, np.zeros(0)
+    if curve is None:
+        return Course(cause.effect, None, cause.gain)
+    x, fit, band = nothing, nothing, nothing
+    if fitted is not None and cause.selected is not None:
+        x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
+    mismatch = Mismatch(
+        curve.driver, curve.driver_unit, curve.unit, curve.channel, curve.knots, curve.value, curve.sigma,
+        x, fit, fit - band, fit + band,
+    )  # fmt: skip
+    return Course(cause.effect, mismatch, cause.gain)
+
+
+def _relative_sigma(selected: Selected) -> float:
+    shares = [
+        selected.sigma(n) / abs(selected.number(n))
+        for n in selected.effect.linear()
+        if n in selected.free and selected.number(n)
+    ]
+    return min(1.0, min(shares, default=0.0))
+
+
+def residual_of(null: Array, null_problem: Problem, conclusion: Conclusion) -> Residual:
+    """Rms of the whitened data per block, before and after."""
+    time_s, before = rms_per_block(null_problem, null)
+    _, after = rms_per_block(conclusion.found.problem, conclusion.found.fit.left)
+    return Residual(time_s, before, after)
+
+
+def names_of(findings: Sequence[Finding]) -> set[str]:
+    """The effects that were found."""
+    return {f.effect for f in findings}

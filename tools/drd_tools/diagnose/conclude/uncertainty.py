@@ -1,0 +1,146 @@
+"""What is told of the selected effects' parameters in the end: all of them, with deviations that cover.
+
+A curvature at the best fit is too sure of three things: a parameter that was left out, since it was worth less than
+its cost, is not zero; an edge of a window may lie anywhere in a time that tells nothing of it; and no form is exact.
+"""
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import Parameter
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
+from drd_tools.diagnose.select.library import is_plausible
+from drd_tools.diagnose.selected import Selected
+
+Array = npt.NDArray[np.float64]
+
+DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
+REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
+FINE: Final = 2000
+USUAL: Final = 3.0
+FEWEST_PLACES: Final = 3
+
+
+def told(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
+    """The effects of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
+    fit = _widened(problem, fit, known)
+    uncertain = response(problem, fit)
+    covariance = (
+        uncertain.covariance + DISCREPANCY_SHARE**2 * uncertain.discrepancy_shapes @ uncertain.discrepancy_shapes.T
+    )
+    drawn = shrunk(fit.selection, covariance, problem.per_parameter, known)
+    selection, first = [], 0
+    for i, selected in enumerate(fit.selection):
+        k = len(selected.free)
+        own = covariance[first : first + k, first : first + k]
+        first += k
+        if selected.id in known or not k:
+            selection.append(selected)
+            continue
+        deviation = np.sqrt(np.maximum(np.diag(own), 0.0))
+        profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
+        widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
+        scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
+        selection.append(replace(drawn[i], covariance=own * scale[:, None] * scale))
+    return tuple(selection)
+
+
+def shrunk(
+    selection: Sequence[Selected], covariance: Array, cost_nats: float, known: Collection[str] = ()
+) -> tuple[Selected, ...]:
+    """Linear parameters drawn towards 0 where the data do not object: of what they tell nothing, nothing is told.
+
+    Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
+    would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
+    sizes: one that is worth less than a parameter costs is taken to be of usual size. (58)
+    `covariance` (k, k): of all free parameters. `known` from logic: these stay.
+    """
+    named = [(i, name) for i, selected in enumerate(selection) for name in selected.free]
+    index = [
+        j for j, (i, name) in enumerate(named) if selection[i].id not in known and selection[i].parameter(name).linear
+    ]
+    if not index:
+        return tuple(selection)
+    usual = np.array([_usual(selection[i].parameter(name)) for i, name in (named[j] for j in index)])
+    x = np.array([selection[i].number(name) for i, name in (named[j] for j in index)]) / usual
+    variance, V = np.linalg.eigh(covariance[np.ix_(index, index)] / usual / usual[:, None])
+    y, variance = V.T @ x, np.maximum(variance, 0.0)
+    sizes = np.where(0.5 * y**2 > cost_nats * variance, np.maximum(y**2 - variance, 1.0), 1.0)
+    values = [dict(selected.values) for selected in selection]
+    for j, at in zip(index, usual * (V @ (y * sizes / (sizes + variance))), strict=True):
+        i, name = named[j]
+        values[i][name] = float(at)
+    drawn = [replace(selected, values=own) for selected, own in zip(selection, values, strict=True)]
+    return tuple(d if is_plausible(d) else selected for d, selected in zip(drawn, selection, strict=True))
+
+
+def _usual(q: Parameter) -> float:
+    """A size, SI, that would be no surprise, of those from a parameter's lowest to its highest."""
+    return USUAL * math.sqrt(q.low * q.high) * q.si
+
+
+def _most(problem: Problem, selected: Selected) -> Array:
+    """Deviations beyond which a parameter is as good as unknown: for a time, anywhere in the recording."""
+    edges = problem.evidence.edges_s
+    anywhere_s = float(edges[-1] - edges[0]) / 12.0**0.5
+    return np.array([anywhere_s if selected.parameter(name).moment else np.inf for name in selected.free])
+
+
+def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
+    """With every linear parameter of the selected effects free, where that is plausible."""
+    wider = tuple(
+        c if c.id in known else replace(c, free=(*c.free, *(n for n in c.effect.linear() if n not in c.free)))
+        for c in fit.selection
+    )
+    if all(w.free == c.free for w, c in zip(wider, fit.selection, strict=True)):
+        return fit
+    wide = refine(problem, wider)
+    return wide if all(map(is_plausible, wide.selection)) else fit
+
+
+def _is_curved(selected: Selected, name: str) -> bool:
+    q = selected.parameter(name)
+    return not q.linear and not q.is_angle and not q.choices
+
+
+def _distances(problem: Problem, fit: Fit, which: int, name: str) -> Array:
+    """Root mean square distances of an effect's free parameters from their estimates, over one's profile likelihood."""
+    selected = fit.selection[which]
+    at, sigma = selected.number(name), selected.sigma(name)
+    free = tuple(n for n in selected.free if n != name)
+    places, sets = [at], []
+    for offset in (sigma * sign * r for r in REACHES for sign in (-1.0, 1.0)):
+        moved = replace(selected, values={**selected.values, name: at + offset}, free=free)
+        if sigma > 0.0 and is_plausible(moved) and _is_inside(problem, moved):
+            places.append(at + offset)
+            sets.append([moved if j == which else c for j, c in enumerate(fit.selection)])
+    fits = [fit, *refine_all(problem, sets)]
+    if len(fits) < FEWEST_PLACES:
+        return np.zeros(len(selected.free))
+    order = np.argsort(places)
+    place = np.array(places)[order]
+    nats = np.array([fits[i].cost for i in order])
+    square = np.array([_squares(fits[i].selection[which], selected) for i in order])
+    fine = np.linspace(place[0], place[-1], FINE)
+    weight = np.exp(-np.minimum(np.interp(fine, place, nats - nats.min()), 700.0))
+    weight /= weight.sum()
+    mean = np.array([float(weight @ np.interp(fine, place, column)) for column in square.T])
+    # Between two places a parabola runs below its chord; for the profiled parameter itself it is known.
+    mean[selected.free.index(name)] = float(weight @ (fine - at) ** 2)
+    return np.asarray(np.sqrt(mean), float)
+
+
+def _squares(fitted: Selected, selected: Selected) -> list[float]:
+    """Mean square distance of each parameter from the selected effect's, its own deviation in it."""
+    return [(fitted.number(n) - selected.number(n)) ** 2 + fitted.sigma(n) ** 2 for n in selected.free]
+
+
+def _is_inside(problem: Problem, selected: Selected) -> bool:
+    begin_s, end_s = problem.evidence.edges_s[[0, -1]].tolist()
+    return all(begin_s < at_s < end_s for at_s in (selected.begin_s, selected.end_s) if at_s is not None)

@@ -1,0 +1,295 @@
+"""Errors of a recording around a path: a linear model, and the Kalman filter that whitens data and sensitivities alike.
+
+What is true differs from what sensors, added up, say by a state of four: x, y, heading and the gyro's bias. It grows by
+noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's sensitivity are
+sequences in white noise, and what is left is linear regression. (55) to (58)
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.error_model.path import Path, within_steps
+from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
+from drd_tools.diagnose.observe.evidence import Evidence, Noise
+
+Array = npt.NDArray[np.float64]
+
+STATES: Final = 4
+INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
+OUTPUTS: Final = 4  # the wheels', and a fix's three
+COLUMNS: Final = 8  # passed at once: so many stay near the processor
+NOWHERE_M2: Final = 1e4  # before the first fix
+NO_HEADING_RAD2: Final = 10.0
+NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading error does leaves gains as they are
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What a cause changes: increments of the sensors' sums, and of the body's own way to the left, (n,) each or 0.
+
+    `fix`: of the reference's poses, (m, 3) or 0.
+    """
+
+    gyro_rad: Array | float = 0.0
+    left_m: Array | float = 0.0
+    right_m: Array | float = 0.0
+    lateral_m: Array | float = 0.0
+    fix: Array | float = 0.0
+
+    def __add__(self, other: "Sensitivity") -> "Sensitivity":
+        return Sensitivity(*(a + b for a, b in zip(self.channels, other.channels, strict=True)))
+
+    def __mul__(self, factor: float) -> "Sensitivity":
+        return Sensitivity(*(a * factor for a in self.channels))
+
+    @property
+    def channels(self) -> tuple[Array | float, ...]:
+        """All five."""
+        return self.gyro_rad, self.left_m, self.right_m, self.lateral_m, self.fix
+
+
+class Linear:
+    """The model around `path`, with noise of given sizes. `doubt` (m,) multiplies the variance of each fix."""
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        path: Path,
+        noise: Noise,
+        doubt: Array | None = None,
+        like: "Linear | None" = None,
+    ):
+        self.evidence, self.path, self.noise = evidence, path, noise
+        self.doubt = np.ones(len(evidence.fix)) if doubt is None else doubt
+        self._forward, self._left, self._turn = path.steps()
+        self._c, self._s = np.cos(path.middle_rad), np.sin(path.middle_rad)
+        # What a heading error does to x and y in a step.
+        self._hx = -self._forward * self._s - self._left * self._c
+        self._hy = self._forward * self._c - self._left * self._s
+        self._gain(like)
+
+    # ---- the data -----------------------------------------------------------------------------------------------
+
+    def data(self) -> Sensitivity:
+        """The recording, less what the path would have given."""
+        e, half = self.evidence, 0.5 * self.evidence.tread_m
+        gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - self._turn
+        fix = e.fix - self.at_fixes(self.path.pose)
+        fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
+        left, right = self._forward - half * self._turn, self._forward + half * self._turn
+        shorter, aside = within_steps(e, self._turn)
+        return Sensitivity(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
+
+    def at_fixes(self, poses: Array) -> Array:
+        """Poses (n + 1, 3) of the edges, at the times of the fixes (m, 3)."""
+        e = self.evidence
+        after = poses[e.fix_step + 1]
+        result: Array = after + e.fix_share[:, None] * (poses[e.fix_step] - after)
+        return result
+
+    # ---- the filter ---------------------------------------------------------------------------------------------
+
+    def _gain(self, like: "Linear | None") -> None:
+        """Run the covariance, which does not depend on the data, and keep the gains; or take those of `like`."""
+        e = self.evidence
+        n, m = len(e.step_s), len(e.fix)
+        self._F = np.tile(np.eye(STATES), (n, 1, 1))
+        by_gyro_s = np.where(e.gyroless, 0.0, e.step_s)
+        self._F[:, 0, 2], self._F[:, 1, 2], self._F[:, 2, 3] = self._hx, self._hy, -by_gyro_s
+        self._F[:, 0, 3], self._F[:, 1, 3] = -0.5 * by_gyro_s * self._hx, -0.5 * by_gyro_s * self._hy
+        self._H = np.zeros((m, 3, STATES))
+        self._H[:, range(3), range(3)] = 1.0
+        k, share = e.fix_step, e.fix_share
+        self._H[:, 0, 2], self._H[:, 1, 2] = -share * self._hx[k], -share * self._hy[k]
+        self._H[:, 2, 3] = share * by_gyro_s[k]
+        if like is not None and self._is_near(like):
+            self._gains: _Gains = like._gains
+        else:
+            self._gains = self._run_covariance()
+
+    def _is_near(self, like: "Linear") -> bool:
+        """Whether gains of the same noise on a path that is nearly the same whiten as well."""
+        if like.noise != self.noise or not np.array_equal(like.doubt, self.doubt):
+            return False
+        largest = max(float(np.abs(h).max()) for h in (self._hx, self._hy))
+        return all(
+            float(np.abs(h - was).max()) <= NEAR_SHARE * largest
+            for h, was in ((self._hx, like._hx), (self._hy, like._hy))
+        )
+
+    def _run_covariance(self) -> "_Gains":
+        e, noise = self.evidence, self.noise
+        n, m, k = len(e.step_s), len(e.fix), e.fix_step
+        R_wheels = noise.wheels(e, self._turn)
+        Q = noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)
+        R = np.diag([noise.position_m**2, noise.position_m**2, noise.heading_rad**2])
+        P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
+        gains = _Gains(
+            np.zeros((n, STATES)), np.full(n, np.inf), np.zeros((m, STATES, 3)), np.zeros((m, 3, 3)),
+            np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
+        )  # fmt: skip
+        bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
+        compared, identity = (~e.gyroless).tolist(), np.eye(STATES)
+        for i in range(n):
+            if compared[i]:
+                h = float(e.step_s[i])
+                sigma = (h * h * float(P[3, 3]) + float(R_wheels[i])) ** 0.5
+                K = P[:, 3] * (-h / sigma)
+                gains.K_wheels[i], gains.sigma[i] = K, sigma
+                P = P - K[:, None] * K
+            gains.P_before[i] = P
+            F = self._F[i]
+            P = F @ P @ F.T + Q[i]
+            gains.P_after[i] = P
+            for j in range(bounds[i], bounds[i + 1]):
+                H = self._H[j]
+                PH = P @ H.T
+                gains.L[j] = L = _inverse_root(H @ PH + R * self.doubt[j])
+                gains.K[j] = K = PH @ L.T
+                # Joseph's form: of a P that was huge before the first fix, a difference would be chance.
+                KL = K @ L
+                kept = identity - KL @ H
+                P = kept @ P @ kept.T + KL @ (R * self.doubt[j]) @ KL.T
+        return gains
+
+    @cached_property
+    def _events(self) -> "_Events":
+        """The filter as one recursion. A step's second fix is an event of its own, in which no time passes."""
+        e = self.evidence
+        n, m = len(e.step_s), len(e.fix)
+        first = np.concatenate([[True], np.diff(e.fix_step) > 0])[:m]
+        # Events before a fix: one for each step up to its own, and one for each further fix of a step.
+        later = np.cumsum(~first)
+        of_fix = e.fix_step + later
+        count = n + int((~first).sum())
+        of_step = np.delete(np.arange(count), of_fix[~first])
+        A = np.tile(np.eye(STATES), (count, 1, 1))
+        B, C = np.zeros((count, STATES, INPUTS)), np.zeros((count, OUTPUTS, STATES))
+        D = np.zeros((count, OUTPUTS, INPUTS))
+        A[of_step], B[of_step, :, :4] = self._F, self._inputs()
+        sigma = self._gains.sigma
+        C[of_step, 0, 3] = e.step_s / sigma
+        D[of_step, 0, :3] = np.array([-1.0, -1.0 / e.tread_m, 1.0 / e.tread_m]) / sigma[:, None]
+        FK = np.einsum("nij,nj->ni", self._F, self._gains.K_wheels)
+        A[of_step] += FK[:, :, None] * C[of_step, :1]
+        B[of_step] += FK[:, :, None] * D[of_step, :1]
+        LH = self._gains.L @ self._H
+        C[of_fix, 1:], D[of_fix, 1:] = -LH @ A[of_fix], -LH @ B[of_fix]
+        D[of_fix, 1:, 4:] = self._gains.L
+        A[of_fix] += self._gains.K @ C[of_fix, 1:]
+        B[of_fix] += self._gains.K @ D[of_fix, 1:]
+        return _Events(A, B, C, D, of_step, of_fix)
+
+    @cached_property
+    def _filter(self) -> StateSpace:
+        v = self._events
+        return StateSpace(v.A, v.B, v.C, v.D)
+
+    def _inputs(self) -> Array:
+        """What is added to the state in a step per increment of gyro, left, right and lateral, (n, 4, 4)."""
+        e, c, s = self.evidence, self._c, self._s
+        turn = np.where(e.gyroless[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
+        forward, lateral = np.array([0.0, 0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
+        u = np.zeros((len(c), STATES, 4))
+        u[:, 0] = np.outer(c, forward) + np.outer(s, lateral) + 0.5 * self._hx[:, None] * turn
+        u[:, 1] = np.outer(s, forward) - np.outer(c, lateral) + 0.5 * self._hy[:, None] * turn
+        u[:, 2] = turn
+        return u
+
+    def _channels(self, sensitivities: Sequence[Sensitivity]) -> Array:
+        """Inputs of each event, (q, p, events): the four channels, and the fixes' three where there are any."""
+        v = self._events
+        has_fix = any(isinstance(s.fix, np.ndarray) for s in sensitivities)
+        inputs = np.zeros((INPUTS if has_fix else 4, len(sensitivities), len(v.A)))
+        for j, sensitivity in enumerate(sensitivities):
+            for i in range(4):
+                if isinstance(channel := sensitivity.channels[i], np.ndarray):
+                    inputs[i, j, v.of_step] = channel
+            if isinstance(sensitivity.fix, np.ndarray):
+                inputs[4:, j, v.of_fix] = sensitivity.fix.T
+        return inputs
+
+    def rows(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
+        """Innovations over their standard deviations, (n + 3 m, p): of the wheels against the gyro, 0 without one, then
+        of the fixes.
+        """
+        v, n = self._events, len(self.evidence.step_s)
+        rows: Array = np.empty((len(sensitivities), n + 3 * len(self.evidence.fix)), dtype)
+        for i in range(0, len(sensitivities), COLUMNS):
+            some = slice(i, i + COLUMNS)
+            y = self._filter.outputs(self._channels(sensitivities[some]))
+            rows[some, :n] = y[:, v.of_step, 0]
+            rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
+        return rows.T
+
+    def whiten(self, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
+        """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
+        rows, n = self.rows(sensitivities), len(self.evidence.step_s)
+        return rows[:n], rows[n:].reshape(-1, 3, len(sensitivities))
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the fixes' innovations, nats, but for what their whitened rows say: the logarithm of the whitener."""
+        return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
+
+    def smoothed(self, data: Sensitivity | None = None) -> Path:
+        """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
+        v, s = self._events, self._channels([self.data() if data is None else data])[:, 0]
+        X, last = Recursion(v.A).states(np.einsum("nij,jn->ni", v.B[:, :, : len(s)], s)[:, :, None])
+        x, s = X[v.of_step, :, 0], s[:4, v.of_step]
+        wheels = self._events.C[v.of_step, 0, 3] * x[:, 3] + np.einsum("nj,jn->n", v.D[v.of_step, 0, :4], s)
+        before = x + self._gains.K_wheels * wheels[:, None]
+        after = np.einsum("nij,nj->ni", self._F, before) + np.einsum("nij,jn->ni", self._inputs(), s)
+        P = self._gains.P_after + 1e-18 * np.eye(STATES)
+        G = np.linalg.solve(P, self._F @ self._gains.P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
+        v = before - np.einsum("nij,nj->ni", G, after)
+        states, first = Recursion(G[::-1]).states(v[::-1, :, None], last)
+        return Path(self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
+
+
+@dataclass(frozen=True)
+class _Gains:
+    """Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro tells nothing. Of the fixes: K (m, 4, 3),
+    whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
+    """
+
+    K_wheels: Array
+    sigma: Array
+    K: Array
+    L: Array
+    P_before: Array
+    P_after: Array
+
+
+@dataclass(frozen=True)
+class _Events:
+    """The recursion of events: x' = A x + B s, and what is seen, C x + D s: the wheels', and a fix's three. And which
+    of them are steps (n,) and fixes (m,).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    of_step: npt.NDArray[np.intp]
+    of_fix: npt.NDArray[np.intp]
+
+
+def _inverse_root(S: Array) -> Array:
+    """Inverse of the lower Cholesky factor of a 3 by 3 matrix, written out: several times faster than two calls."""
+    (a, _, _), (b, c, _), (d, e, f) = S.tolist()
+    l00 = math.sqrt(a)
+    l10, l20 = b / l00, d / l00
+    l11 = math.sqrt(c - l10 * l10)
+    l21 = (e - l20 * l10) / l11
+    l22 = math.sqrt(f - l20 * l20 - l21 * l21)
+    i10 = -l10 / (l00 * l11)
+    i21 = -l21 / (l11 * l22)
+    i20 = -(l20 / l00 + l21 * i10) / l22
+    return np.array(((1.0 / l00, 0.0, 0.0), (i10, 1.0 / l11, 0.0), (i20, i21, 1.0 / l22)))

@@ -1,0 +1,43 @@
+"""The path around which errors are linear: as near to the truth as fixes and sensors know it."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from drd_tools.diagnose.error_model.linear import Linear
+from drd_tools.diagnose.error_model.path import Path, dead_reckon
+from drd_tools.diagnose.observe.evidence import Evidence
+
+# What is missing from the model is no noise, but it must not keep the path from following the fixes.
+LOOSER: Final = 10.0
+ROUNDS: Final = 2
+
+
+def follow(e: Evidence) -> Path:
+    """Dead-reckon, then bend the path to the fixes, with sensors that are trusted less than their sheets say."""
+    turn = (e.right_m - e.left_m) / e.tread_m
+    if e.gyro_rad is not None:
+        known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
+        bias = float(e.gyro_rad[known].sum() / e.step_s[known].sum()) if known.any() else 0.0
+        turn = np.where(e.gyroless, turn, e.gyro_rad - bias * e.step_s)
+    path = dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
+    for _ in range(ROUNDS if len(e.fix) else 0):
+        path = loosened(e, path).smoothed()
+    return path
+
+
+def loosened(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
+    """The model around a path by which it is bent to the fixes; `like`: one whose gains serve where it is near.
+
+    With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
+    """
+    sheet = e.sheet
+    loose = replace(
+        sheet,
+        walk_rad_per_sqrt_s=LOOSER * sheet.walk_rad_per_sqrt_s,
+        bias_rad_s=LOOSER * sheet.bias_rad_s,
+        slip_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
+        lateral_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
+    )
+    return Linear(e, path, loose, like=like)

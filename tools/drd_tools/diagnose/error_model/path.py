@@ -1,0 +1,57 @@
+"""Where a robot went: poses, and what the steps between them leave out."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from drd_tools.diagnose.observe.evidence import Evidence
+
+Array = npt.NDArray[np.float64]
+
+PARTS: Final = 8  # of a step, in which the heading is followed
+
+
+@dataclass(frozen=True)
+class Path:
+    """Poses x_m, y_m, heading_rad at the edges of the steps, shape (n + 1, 3)."""
+
+    pose: Array
+
+    @property
+    def middle_rad(self) -> Array:
+        """Heading in the middle of each step, (n,)."""
+        result: Array = 0.5 * (self.pose[1:, 2] + self.pose[:-1, 2])
+        return result
+
+    def steps(self) -> tuple[Array, Array, Array]:
+        """Each step's way forward and to the left (m) and turn (rad), (n,) each."""
+        d = np.diff(self.pose, axis=0)
+        c, s = np.cos(self.middle_rad), np.sin(self.middle_rad)
+        return d[:, 0] * c + d[:, 1] * s, d[:, 1] * c - d[:, 0] * s, d[:, 2]
+
+
+def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
+    """Add up turns and ways, (n,) each, from the pose `start` (3,). (7)"""
+    heading = start[2] + np.concatenate([[0.0], np.cumsum(turn_rad)])
+    middle = 0.5 * (heading[1:] + heading[:-1])
+    x = start[0] + np.concatenate([[0.0], np.cumsum(forward_m * np.cos(middle))])
+    y = start[1] + np.concatenate([[0.0], np.cumsum(forward_m * np.sin(middle))])
+    return Path(np.column_stack([x, y, heading]))
+
+
+def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
+    """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
+
+    Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
+    a gyro.
+    """
+    edges = e.edges_s
+    turn = turn_rad if e.gyro_rad is None else np.where(e.gyroless, turn_rad, e.gyro_rad)
+    heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
+    inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
+    off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
+    way = 0.5 * (e.left_m + e.right_m)
+    return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)

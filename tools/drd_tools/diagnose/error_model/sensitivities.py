@@ -1,0 +1,150 @@
+"""Sensitivities of the catalogue's effects in one recording."""
+
+import math
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from drd.effects.effect import Errors
+from drd.effects.motion import Motion
+from drd_tools.diagnose.error_model.denoise import denoised
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.error_model.path import Path
+from drd_tools.diagnose.observe.evidence import Evidence
+
+Array = npt.NDArray[np.float64]
+SUB = 4
+SPEED_SMOOTHING_S = 0.3
+TEMPERATURE_SMOOTHING_S = 5.0
+MOST_SHARE = 3.0  # of the smooth speed, at a stop
+REACH = 4.0  # sigmas that a Gaussian filter looks
+SLOW_S = 3.0
+TURN_SMOOTHING_S = 0.8
+CALM_SMOOTHING_S = 0.4
+CALM_SIGMAS = 3.0
+
+
+def motion_along(e: Evidence, path: Path) -> Motion:
+    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals."""
+    edges = e.edges_s
+    typical = float(np.median(e.step_s))
+    n = len(e.time_s)
+    fine = np.interp(np.arange(n * SUB + 1) / SUB, np.arange(n + 1), edges)
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    h = np.diff(fine)
+    forward = 0.5 * (e.left_m + e.right_m)
+    # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
+    speed = denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical)
+    way = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
+    heading = CubicSpline(edges, path.pose[:, 2])
+    turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical))]))
+    # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
+    smooth = np.diff(way(edges))
+    share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
+    # On the spot the two are chance, and their ratio anything.
+    share = np.clip(share, 0.0, MOST_SHARE)
+    v = np.diff(way(fine)) / h * np.repeat(share, SUB)
+    w = np.diff(turned(fine)) / h
+    a = way(middle, 2)
+    B, r = e.tread_m, e.radius_m
+    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
+    known = np.isfinite(e.temperature_c)
+    if known.any():
+        T = _smoothed(np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical)
+        still = e.time_s <= e.time_s[0] + max(e.standstill_s, 1.0)
+        still_c = float(e.temperature_c[known & still].mean()) if (known & still).any() else float(T[0])
+        T = np.interp(middle, e.time_s, T)
+    else:
+        T, still_c = np.full(len(middle), np.nan), np.nan
+    return Motion(
+        middle, w, v, a, heading(middle), v - 0.5 * w * B, v + 0.5 * w * B, wl, wr, T, still_c, B, float(edges[-1])
+    )
+
+
+def _smoothed(values: Array, sigma: float) -> Array:
+    """Smoothed by a Gaussian of `sigma` rows. At its ends a series goes on along its line there: mirrored, a steady
+    rise would begin with a pause, which a coil remembers.
+    """
+    m = min(len(values), math.ceil(REACH * sigma) + 1)
+    k = np.arange(m)
+    first, last = (np.polynomial.Polynomial.fit(k, part, 1) for part in (values[:m], values[-m:]))
+    longer = np.concatenate([first(k - m), values, last(k + m)])
+    return np.asarray(gaussian_filter1d(longer, sigma)[m:-m], float)
+
+
+def _speed_sigma_m_s(e: Evidence) -> Array:
+    """Deviation of each step's speed, (n,), m/s."""
+    way = e.sheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.sheet.count_m**2 / 12.0
+    return np.asarray(np.sqrt(way) / e.step_s, float)
+
+
+def _ratio(a: Array, b: Array) -> Array:
+    result: Array = np.divide(a, b, out=np.zeros_like(a), where=np.abs(b) > 1e-9)
+    return result
+
+
+def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
+    """Turn of each step, from the gyro with a slow correction: what the fixes' noise shakes must not be a regressor.
+
+    A column with the reference's noise in it is correlated with the innovations that it is to explain.
+    """
+    turn = path.steps()[2]
+    # The wheels' turn is mostly noise on a straight line, and would explain itself there.
+    told = gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)
+    if e.gyro_rad is not None:
+        doubted = e.gyro_doubt_rad2 > 0.0
+        slow = gaussian_filter1d(np.where(doubted, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
+        told = np.where(doubted, told, e.gyro_rad + slow)
+    return np.asarray(np.where(e.still, 0.0, told), float)
+
+
+class Sensitivities:
+    """Makes sensitivities along a path."""
+
+    def __init__(self, e: Evidence, path: Path):
+        self.e, self.motion = e, motion_along(e, path)
+        edges = e.edges_s
+        self.h = np.repeat(np.diff(edges) / SUB, SUB)
+
+    @cached_property
+    def calm_rate_rad_s(self) -> Array:
+        """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves.
+
+        Where that noise does not account for the difference it is as it was: no turn leaks into a straight line.
+        """
+        e, rate = self.e, self.motion.rate_rad_s
+        step_s = float(self.motion.time_s[1] - self.motion.time_s[0])
+        calm = gaussian_filter1d(rate, CALM_SMOOTHING_S / step_s)
+        sigma_rad_s = np.repeat(np.sqrt(e.sheet.gyro(e)) / e.step_s, SUB)
+        return np.where(np.abs(rate - calm) > CALM_SIGMAS * sigma_rad_s, rate, calm)
+
+    def of(self, errors: Errors) -> Sensitivity:
+        """Rates on the fine grid, added up over each step."""
+
+        def summed(rate: Array | float) -> Array | float:
+            # A product is several times as fast as a sum over so short an axis.
+            return (rate * self.h).reshape(-1, SUB) @ np.ones(SUB) if isinstance(rate, np.ndarray) else 0.0
+
+        return Sensitivity(*(summed(rate) for rate in errors))
+
+
+def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
+    """What a reference may have without anything being missing in the robot: name, prior sigma, sensitivity."""
+    if not len(e.fix):
+        return []
+    k = e.fix_step
+    c, s = np.cos(path.pose[k + 1, 2]), np.sin(path.pose[k + 1, 2])
+    # From the sensors: the path is bent to the fixes, and has their noise in it.
+    way, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
+    moved = np.column_stack([way * np.cos(middle), way * np.sin(middle), _turn(e, path, float(np.median(e.step_s)))])
+    dp = (moved / e.step_s[:, None])[k]
+    zero = np.zeros(len(k))
+    one = zero + 1
+    return [
+        ("reference_latency", 0.010, Sensitivity(fix=-dp)),
+        ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
+        ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
+    ]

@@ -1,0 +1,238 @@
+"""Events, which are found by logic before any regression: a stopped counter, a clipped gyro, one-sided jumps of counts.
+
+Events are not regressions: what they explain is nearly certain where they are, and nothing elsewhere.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+from scipy.ndimage import binary_dilation, median_filter
+
+from drd.batch.logs import EncoderLog
+from drd.effects.catalogue import showing
+from drd.effects.effect import SIDES, Symptom
+from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.selected import Selected
+from drd_tools.recordings.folder import Recording
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_CLIPPED: Final = 10
+FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
+PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
+SHORTEST_STOP_ROWS: Final = 3
+STOP_SIGMAS: Final = 8.0
+LIKELY_SHARE: Final = 0.3
+SPIKE_SIGMAS: Final = 5.0
+MEDIAN_ROWS: Final = 5
+SURROUNDINGS_ROWS: Final = 9
+DEVIATION_PER_MAD: Final = 1.4826
+ONE_SIDED_P: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Event:
+    """A selected effect that was found by logic: `windows` (s), `nats` of evidence, and what was seen."""
+
+    selected: Selected
+    windows: tuple[tuple[float, float], ...]
+    nats: float
+    seen: str
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What was found, and the evidence with doubt where sensors said nothing of use."""
+
+    events: list[Event] = field(default_factory=list)
+    evidence: Evidence | None = None
+
+
+def audit(recording: Recording, e: Evidence) -> Audit:
+    """Look for events."""
+    gyro, left, right = (doubt.copy() for doubt in (e.gyro_doubt_rad2, e.left_doubt_m2, e.right_doubt_m2))
+    events = clipped(e, gyro) if e.has_wheels else []
+    if recording.wheels is not None:
+        events += stopped(recording.wheels, e, left, right)
+        events += bumps(recording.wheels, e, left, right)
+    return Audit(events, replace(e, gyro_doubt_rad2=gyro, left_doubt_m2=left, right_doubt_m2=right))
+
+
+def clipped(e: Evidence, doubt: Array) -> list[Event]:
+    """Readings that pile up at the largest rate, with the wheels turning faster."""
+    if e.gyro_rad is None:
+        return []
+    rate = e.gyro_rad / e.step_s
+    limit = float(np.abs(rate).max())
+    # Noise and resolution spread what is clipped before them.
+    step_s = float(np.median(e.step_s))
+    width = 6.0 * e.sheet.walk_rad_per_sqrt_s / step_s**0.5 + 2.0 * e.sheet.resolution_rad_s + 1e-6 * limit
+    at = np.abs(rate) >= limit - width
+    below = (np.abs(rate) < limit - width) & (np.abs(rate) >= limit - 10.0 * width)
+    if at.sum() < FEWEST_CLIPPED or at.sum() < PILED_UP * below.sum():
+        return []
+    limit = float(np.median(np.abs(rate[at])))
+    wheels = (e.right_m - e.left_m) / e.tread_m
+    # A turn at a constant rate piles up as well; then the wheels turn no faster than the gyro says.
+    turning = (np.abs(rate) > 0.3 * limit) & (np.abs(rate) < 0.9 * limit)
+    usual = 1.0
+    if turning.sum() > FEWEST_CLIPPED:
+        usual = float(wheels[turning] @ e.gyro_rad[turning] / (e.gyro_rad[turning] @ e.gyro_rad[turning]))
+    faster = (np.sign(rate) * wheels - usual * np.abs(e.gyro_rad))[at] / e.step_s[at]
+    sure = float(faster.std()) / float(np.sqrt(at.sum()))
+    if float(faster.mean()) < max(5.0 * sure, FASTER_SHARE * limit):
+        return []
+    # A reading at the edge is clipped for a part of its time.
+    doubt[binary_dilation(at)] = np.inf
+    effect = showing(Symptom.CLIPPED)
+    nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
+    seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
+    return [Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
+
+
+def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
+    """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
+    if log.left_counts is None or log.right_counts is None:
+        return []
+    events = []
+    per_count = e.sheet.count_m
+    for side, own, other, doubt, sign in (
+        (SIDES[0], log.left_counts, log.right_counts, left, -1.0),
+        (SIDES[1], log.right_counts, log.left_counts, right, 1.0),
+    ):
+        mine, its = np.diff(own) * per_count, np.diff(other) * per_count
+        for first, last in _runs(mine == 0.0):
+            stop = _stop(log, e, sign, its, first, last)
+            if stop is None:
+                continue
+            # It stopped and went on within a row: what it lost there is not known.
+            row_s = float(np.diff(log.time_s[first : last + 1]).max())
+            inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
+            doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
+            effect = showing(Symptom.STOPPED)
+            selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
+            rest_s = stop.t1 - stop.t0
+            seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
+            events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
+    return events
+
+
+class _Stop(NamedTuple):
+    """A counter's rest, in which its wheel went on: times (s), the way of the wheel, the evidence."""
+
+    t0: float
+    t1: float
+    missed_m: float
+    nats: float
+
+
+def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int) -> _Stop | None:
+    """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
+
+    A interval that is only likely belongs to one that is certain: the counter has not counted between them.
+    """
+    certain: list[tuple[float, float, float, float]] = []
+    likely: list[tuple[float, float]] = []
+    for begin, end in ((first + i, first + j) for i, j in _runs(its[first:last] != 0.0)):
+        t0, t1 = float(log.time_s[begin]), float(log.time_s[end])
+        turn = _turned(e, (e.time_s > t0) & (e.time_s - e.step_s < t1), t0, t1)
+        if turn is None:
+            continue
+        travel = float(its[begin:end].sum())
+        missed = travel + sign * e.tread_m * turn
+        # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
+        sigma = e.sheet.slip_m_per_sqrt_m * np.sqrt(abs(travel)) + 0.3 * e.tread_m * abs(turn) + 4.0 * e.sheet.count_m
+        if abs(missed) >= LIKELY_SHARE * abs(travel):
+            likely.append((t0, t1))
+        if end - begin >= SHORTEST_STOP_ROWS and abs(missed) >= max(STOP_SIGMAS * sigma, 0.5 * abs(travel)):
+            certain.append((t0, t1, missed, 0.5 * float(missed / sigma) ** 2))
+    if not certain:
+        return None
+    spans = likely + [(t0, t1) for t0, t1, _, _ in certain]
+    return _Stop(
+        min(t0 for t0, _ in spans), max(t1 for _, t1 in spans),
+        sum(missed for _, _, missed, _ in certain), sum(nats for *_, nats in certain),
+    )  # fmt: skip
+
+
+def _turned(e: Evidence, inside: npt.NDArray[np.bool_], t0: float, t1: float) -> float | None:
+    """Turn between two times by the gyro, else by the reference; None where neither tells."""
+    if e.gyro_rad is not None:
+        edges = e.edges_s
+        total = np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
+        return float(np.interp(t1, edges, total) - np.interp(t0, edges, total))
+    if inside.any() and len(e.fix) > 1:
+        at = e.time_s[e.fix_step]
+        if at[0] <= t0 and at[-1] >= t1 and np.diff(at).max() < 0.5:
+            return float(np.interp(t1, at, e.fix[:, 2]) - np.interp(t0, at, e.fix[:, 2]))
+    return None
+
+
+def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
+    """Sudden travel of one wheel that is always too much: stones and cracks. Slip goes both ways."""
+    if log.left_counts is None or log.right_counts is None:
+        return []
+    more, less, added, way = 0, 0, 0.0, 0.0
+    for counts, doubt in ((log.left_counts, left), (log.right_counts, right)):
+        travel = np.diff(counts) * e.sheet.count_m
+        usual = _neighbours(travel)
+        moving = np.abs(usual) > np.maximum(0.2 * np.percentile(np.abs(travel), 90), 20.0 * e.sheet.count_m)
+        if moving.sum() < 200:
+            continue
+        # Slip grows with the root of the way.
+        z = np.where(moving, (travel - usual) * np.sign(usual) / np.sqrt(np.abs(usual) + 1e-12), 0.0)
+        sigma = DEVIATION_PER_MAD * float(stats.median_abs_deviation(z[moving]))
+        if sigma <= 0.0:
+            continue
+        # A peak of the speed is no spike: it is near the median of its surroundings.
+        alone = np.abs(travel - median_filter(travel, SURROUNDINGS_ROWS, mode="nearest")) / np.sqrt(
+            np.abs(usual) + 1e-12
+        )
+        spike = (np.abs(z) > SPIKE_SIGMAS * sigma) & (alone > SPIKE_SIGMAS * sigma)
+        more += int((z[spike] > 0).sum())
+        less += int((z[spike] < 0).sum())
+        added += float(np.abs(travel - usual)[spike & (z > 0)].sum())
+        way += float(np.abs(travel).sum())
+        at = log.time_s[1:][spike]
+        size = (travel - usual)[spike]
+        index = np.searchsorted(e.time_s, at - 1e-9)
+        good = index < len(doubt)
+        np.add.at(doubt, index[good], size[good] ** 2)
+    total = more + less
+    if total == 0 or stats.binomtest(more, total, 0.5, "greater").pvalue > ONE_SIDED_P:
+        return []
+    effect = showing(Symptom.JUMPED)
+    selected = Selected(effect, effect.shown(size=added / way), effect.linear())
+    nats = (more - less) * float(np.log(2.0))
+    seen = f"{more} sudden jumps of a counter ahead, {less} back"
+    return [Event(selected, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]
+
+
+def _neighbours(values: Array) -> Array:
+    """Mean of the medians of the rows before and after each row: a spike is not in it, and a slope cancels."""
+    padded = np.concatenate([np.repeat(values[:1], MEDIAN_ROWS), values, np.repeat(values[-1:], MEDIAN_ROWS)])
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_ROWS), axis=1)
+    n = len(values)
+    result: Array = 0.5 * (medians[:n] + medians[MEDIAN_ROWS + 1 : MEDIAN_ROWS + 1 + n])
+    return result
+
+
+def _runs(flags: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and after-last index of each run of True."""
+    edge = np.diff(np.concatenate([[False], flags, [False]]).astype(int))
+    return list(zip(np.flatnonzero(edge == 1).tolist(), np.flatnonzero(edge == -1).tolist(), strict=True))
+
+
+def _spans(time_s: Array, step_s: Array, flags: npt.NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """Times of the runs of True; those that are less than 2 s apart are one."""
+    spans: list[tuple[float, float]] = []
+    for first, last in _runs(flags):
+        begin, end = float(time_s[first] - step_s[first]), float(time_s[last - 1])
+        if spans and begin - spans[-1][1] < 2.0:
+            spans[-1] = (spans[-1][0], end)
+        else:
+            spans.append((begin, end))
+    return tuple(spans)

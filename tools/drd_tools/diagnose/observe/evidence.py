@@ -1,0 +1,270 @@
+"""A recording on one grid of time: what the sensors say of each step, and what the reference says of the pose."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d
+
+from drd.config.from_nominal import data_sheet
+from drd.config.nominal import Nominal
+from drd.config.schema import ConfigError
+from drd.units import (
+    RAD_PER_DEG,
+    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
+    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+)
+from drd_tools.diagnose.observe import grids
+from drd_tools.recordings.folder import Recording
+
+Array = npt.NDArray[np.float64]
+
+FEWEST_STEPS: Final = 10
+MOST_DEG_S, MOST_M_S, USUAL_PERCENT = 5000.0, 100.0, 90.0
+UNSEEN: Final = 1e12  # sigma of what no sensor tells, m or rad
+NEIGHBOURS: Final = 1
+# Where robot.yaml does not say: data sheets of the gyros that the project supports, and a smooth floor.
+WALK_DEG_PER_SQRT_H: Final = 0.1
+BIAS_DEG_S: Final = 0.02
+BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
+SLIP_M_PER_SQRT_M: Final = 0.003
+LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a sheet may say so
+LATERAL_SHARE: Final = 0.25  # of the slip: no sheet gives it
+POSITION_SIGMA_M: Final = 0.02
+HEADING_SIGMA_DEG: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Sizes of the noise, SI. As data sheets give it, they are the priors of what is fitted."""
+
+    walk_rad_per_sqrt_s: float
+    bias_rad_s: float
+    bias_walk_rad_s_per_sqrt_s: float
+    resolution_rad_s: float
+    slip_m_per_sqrt_m: float
+    turn_slip_rad_per_sqrt_rad: float
+    lateral_m_per_sqrt_m: float
+    count_m: float
+    position_m: float
+    heading_rad: float
+
+    def wheels(self, e: "Evidence", turn_rad: Array) -> Array:
+        """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""
+        if not e.has_wheels:  # at standstill, that nothing turns
+            return np.where(e.still, self.gyro(e), UNSEEN**2)
+        D2 = e.tread_m**2
+        wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
+        wheels = wheels + (e.left_doubt_m2 + e.right_doubt_m2) / D2
+        wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
+        return wheels + np.where(e.gyroless, 1e-12, self.gyro(e))
+
+    def gyro(self, e: "Evidence") -> Array:
+        """Variance of the gyro's turn in a step, (n,)."""
+        return (
+            self.walk_rad_per_sqrt_s**2 * e.step_s + self.resolution_rad_s**2 / 12.0 * e.step_s**2 + e.gyro_doubt_rad2
+        )
+
+    def steps(self, e: "Evidence", turn_rad: Array, c: Array, s: Array, hx: Array, hy: Array) -> Array:
+        """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
+        forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_doubt_m2 + e.right_doubt_m2) / 4.0
+        sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
+        turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e))
+        Q = np.zeros((len(c), 4, 4))
+        Q[:, 0, 0] = forward * c * c + sideways * s * s + turn * hx * hx / 4.0
+        Q[:, 1, 1] = forward * s * s + sideways * c * c + turn * hy * hy / 4.0
+        Q[:, 0, 1] = Q[:, 1, 0] = (forward - sideways) * c * s + turn * hx * hy / 4.0
+        Q[:, 0, 2] = Q[:, 2, 0] = turn * hx / 2.0
+        Q[:, 1, 2] = Q[:, 2, 1] = turn * hy / 2.0
+        Q[:, 2, 2] = turn
+        if e.gyro_rad is not None:
+            Q[:, 3, 3] = self.bias_walk_rad_s_per_sqrt_s**2 * e.step_s
+        return Q
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Steps k = 0..n-1 end at `time_s` (n,), each `step_s` (n,) long.
+
+    `gyro_rad` (n,): angle that the gyro turned, or None. `left_m`, `right_m` (n,): travel that the counters told.
+    `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
+    decide what a step has. `still` (n,): no wheel has counted for a second before and after.
+    `..._doubt_...` (n,): variance of a step beyond the noise, where a sensor said nothing of use; a gyro's of inf: the
+    wheels tell the turn.
+    `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
+    `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
+    reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
+    """
+
+    name: str
+    time_s: Array
+    step_s: Array
+    gyro_rad: Array | None
+    left_m: Array
+    right_m: Array
+    temperature_c: Array
+    fix_step: npt.NDArray[np.intp]
+    fix_share: Array
+    fix: Array
+    tread_m: float
+    radius_m: float
+    standstill_s: float
+    sheet: Noise
+    travel_m: Array
+    near_travel_m: Array
+    still: npt.NDArray[np.bool_]
+    gyro_doubt_rad2: Array
+    left_doubt_m2: Array
+    right_doubt_m2: Array
+    has_wheels: bool = True
+
+    @property
+    def gyroless(self) -> npt.NDArray[np.bool_]:
+        """Steps whose turn the wheels alone tell, (n,)."""
+        return np.isinf(self.gyro_doubt_rad2) | (self.gyro_rad is None)
+
+    @property
+    def observed(self) -> slice | npt.NDArray[np.intp]:
+        """Of the rows that the filter gives (those of the wheels (n,), then x, y, heading of each fix), which tell."""
+        n = len(self.time_s)
+        if not self.has_wheels:
+            return np.concatenate([np.flatnonzero(self.still), n + 2 + 3 * np.arange(len(self.fix))])
+        return slice(n if self.gyro_rad is None else 0, None)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Whose errors can be seen at all."""
+        return (("gyro",) if self.gyro_rad is not None else ()) + (("wheels", "body") if self.has_wheels else ())
+
+    @property
+    def fix_time_s(self) -> Array:
+        """When each fix is, (m,)."""
+        result: Array = self.time_s[self.fix_step] - self.fix_share * self.step_s[self.fix_step]
+        return result
+
+    @property
+    def edges_s(self) -> Array:
+        """Where the steps begin and end, (n + 1,)."""
+        return np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
+
+    def earlier(self, increments: Array, delay_s: float) -> Array:
+        """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late."""
+        if delay_s == 0.0:
+            return increments
+        edges = self.edges_s
+        total = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(increments)]))
+        at = edges + delay_s
+        known = (at[:-1] >= edges[0]) & (at[1:] <= edges[-1])
+        return np.where(known, np.diff(total(np.clip(at, edges[0], edges[-1]))), increments)
+
+
+def sheet_of(nominal: Nominal, has_wheels: bool = True) -> Noise:
+    """What robot.yaml says of the noise, or what is usual. Without wheels no position is compared."""
+    fog, reference, encoders = data_sheet(nominal.fog), nominal.reference, nominal.encoders
+    per_revolution = nominal.wheel.counts_per_revolution
+
+    def given(value: float | None, otherwise: float) -> float:
+        return otherwise if value is None else max(value, LEAST * otherwise)
+
+    slip = given(encoders.slip_noise_m_per_sqrt_m, SLIP_M_PER_SQRT_M)
+    return Noise(
+        given(fog.angle_random_walk_deg_per_sqrt_h, WALK_DEG_PER_SQRT_H) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+        given(fog.bias_repeatability_deg_s, BIAS_DEG_S) * RAD_PER_DEG,
+        given(fog.bias_random_walk_deg_per_h_per_sqrt_h, BIAS_WALK_DEG_H_PER_SQRT_H)
+        * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
+        given(fog.resolution_deg_s, 0.0) * RAD_PER_DEG,
+        slip,
+        0.0,
+        LATERAL_SHARE * slip,
+        2.0 * np.pi * nominal.wheel.radius_m / per_revolution if per_revolution and has_wheels else 0.0,
+        given(reference.position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,
+        given(reference.heading_sigma_deg, HEADING_SIGMA_DEG) * RAD_PER_DEG,
+    )
+
+
+def gather(recording: Recording) -> Evidence:
+    """Bring a recording to steps. The gyro's own samples are the steps where there is a gyro.
+
+    Raises ConfigError where there is nothing to compare, or nothing of the same time.
+    """
+    fog, log, reference = recording.fog, recording.wheels, recording.reference
+    check_comparable(recording)
+    if fog is not None:
+        grid = grids.gyro_grid(recording, fog)
+    else:
+        assert log is not None
+        grid = grids.even_grid(log, reference)
+    if len(grid.time_s) < FEWEST_STEPS:
+        what = "of all sensors together" if fog is not None and log is not None else "of the recording"
+        got = f"{len(grid.time_s)}"
+        raise ConfigError(str(recording.folder), "", f"at least {FEWEST_STEPS} steps {what}", got)
+    time_s, step_s, gyro, temperature_c, _ = grid
+    edges = np.concatenate([[time_s[0] - step_s[0]], time_s])
+    nominal, fix = recording.nominal, grids.fixes(recording, edges, step_s)
+    if log is None:
+        assert gyro is not None
+        left_m = right_m = grids.travel(reference, edges)
+        travel_m, lost_m2 = 2.0 * np.abs(left_m), np.zeros(len(time_s))
+        still = grids.still_by_gyro(grid, gyro, nominal.standstill_at_start_s)
+        tread_m, radius_m = 1.0, 1.0  # they stand for nothing
+    else:
+        tread_m, radius_m = nominal.tread_m, nominal.wheel.radius_m
+        left_m, right_m = (
+            np.diff(np.interp(edges, log.time_s, radius_m * angle)) for angle in recording.wheel_angles_rad()
+        )
+        travel_m = np.abs(left_m) + np.abs(right_m)
+        lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
+        still_steps = max(1, round(grids.STILL_S / float(np.median(step_s))))
+        still = (maximum_filter1d(travel_m, 2 * still_steps + 1) == 0.0) & (lost_m2 == 0.0)
+    wheels_rad = (right_m - left_m) / tread_m if log is not None else None
+    gyro, doubt_rad2 = grids.without_holes(grid, wheels_rad, (lost_m2 > 0.0) | (log is None))
+    return Evidence(
+        recording.name, time_s, step_s, gyro, left_m, right_m, temperature_c, *fix,
+        tread_m, radius_m, nominal.standstill_at_start_s, sheet_of(nominal, log is not None),
+        travel_m, maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), still,
+        doubt_rad2, lost_m2, lost_m2.copy(), log is not None,
+    )  # fmt: skip
+
+
+def check_comparable(recording: Recording) -> None:
+    """Two sensors at least, whose times overlap. Raises ConfigError."""
+    times = {
+        "encoders.csv": recording.wheels,
+        "fog.csv": recording.fog,
+        "reference.csv": recording.reference,
+    }
+    known = {name: log.time_s for name, log in times.items() if log is not None and len(log.time_s)}
+    if len(known) < 2:
+        alone = "wheels alone" if recording.wheels is not None else "a gyro alone"
+        others = " or ".join(name for name in times if name not in known)
+        expected = f"{others}: {alone} would have nothing to be compared with"
+        raise ConfigError(str(recording.folder), "", expected, f"{next(iter(known), 'none of them')} only")
+    (first, first_s), *others_s = known.items()
+    for name, time_s in others_s:
+        if time_s[0] > first_s[-1] or time_s[-1] < first_s[0]:
+            expected = f"times that overlap {first}'s, {first_s[0]:.12g} to {first_s[-1]:.12g} s"
+            got = f"{time_s[0]:.12g} to {time_s[-1]:.12g} s"
+            raise ConfigError(str(recording.folder / name), "time_s", expected, got)
+    _check_plausible(recording)
+
+
+def _check_plausible(recording: Recording) -> None:
+    """Rates and speeds of a wheeled robot: what is a thousand times as fast has the wrong unit. Raises ConfigError."""
+    fog, wheels, reference = recording.fog, recording.wheels, recording.reference
+    fastest: list[tuple[str, str, Array, float]] = []
+    if fog is not None:
+        fastest.append(("fog.csv", "rate_deg_s", np.degrees(fog.rate_rad_s), MOST_DEG_S))
+    if wheels is not None:
+        for side, angle in zip(("left", "right"), recording.wheel_angles_rad(), strict=True):
+            speed = recording.nominal.wheel.radius_m * np.diff(angle) / np.diff(wheels.time_s)
+            fastest.append(("encoders.csv", f"speed of the {side} wheel in m/s", speed, MOST_M_S))
+    if reference is not None and len(reference.time_s) > 1:
+        speed = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m)) / np.diff(reference.time_s)
+        fastest.append(("reference.csv", "speed in m/s", speed, MOST_M_S))
+    for name, what, values, most in fastest:
+        usual = float(np.percentile(np.abs(values), USUAL_PERCENT))
+        if not usual <= most:
+            expected = f"at most {most:g} in {USUAL_PERCENT:g} % of the rows"
+            raise ConfigError(str(recording.folder / name), what, expected, f"{usual:.4g}")

@@ -1,0 +1,72 @@
+"""A long recording as several of about an hour, so that time and memory stay bounded."""
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
+from drd_tools.recordings.folder import Recording
+
+FULL: Final = 0.99  # of the most steps: rows are not quite even
+FEWEST_ROWS: Final = 20
+CUT_S: Final = 60.0
+
+
+def parts(recording: Recording) -> list[Recording]:
+    """The recording itself, or its parts of equal length, in order; those of hardly any rows are left out.
+
+    Times stay those of the whole. Only the first part has the standstill at the start.
+    """
+    logs = [log for log in (recording.fog, recording.wheels) if log is not None and len(log.time_s)]
+    if not logs:
+        return [recording]
+    begin_s, end_s = max(float(log.time_s[0]) for log in logs), min(float(log.time_s[-1]) for log in logs)
+    count = math.ceil((end_s - begin_s) / _longest_s(recording))
+    if count < 2:
+        return [recording]
+    edges = np.linspace(begin_s, end_s, count + 1)
+    edges[0], edges[-1] = -np.inf, np.inf
+    digits = len(str(count))
+    made = []
+    for k in range(count):
+        nominal = recording.nominal if k == 0 else replace(recording.nominal, standstill_at_start_s=0.0)
+        logs_of_part = {
+            name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in ("fog", "wheels", "reference")
+        }
+        folder = recording.folder / f"{recording.name}-part-{k + 1:0{digits}}-of-{count}"
+        part = replace(recording, folder=folder, nominal=nominal, **logs_of_part)
+        sensors = [(recording.fog, part.fog), (recording.wheels, part.wheels)]
+        if all(log is not None and len(log.time_s) >= FEWEST_ROWS for whole, log in sensors if whole is not None):
+            made.append(part)
+    return made
+
+
+def cut_off(recording: Recording, e: Evidence) -> str | None:
+    """What is said where a recording is longer than what can be looked at."""
+    ends_s = [float(log.time_s[-1]) for log in (recording.fog, recording.wheels) if log is not None]
+    end_s, begin_s = min(ends_s), float(e.edges_s[0])
+    if end_s - e.time_s[-1] < CUT_S:
+        return None
+    seen_min, whole_min = (e.time_s[-1] - begin_s) / 60.0, (end_s - begin_s) / 60.0
+    return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were looked at"
+
+
+def _longest_s(recording: Recording) -> float:
+    """What the most steps last, as `grids` makes them."""
+    if recording.fog is None or len(recording.fog.time_s) < 2:
+        return FULL * MOST_STEPS * STEP_S
+    typical_s = float(np.median(np.diff(recording.fog.time_s)))
+    return FULL * MOST_STEPS * typical_s * max(1, math.floor(STEP_S / typical_s + 1e-9))
+
+
+def _between(log: Any, begin_s: float, end_s: float) -> Any:
+    """The rows of a log in that time; None where there are none."""
+    if log is None:
+        return None
+    inside = (log.time_s >= begin_s) & (log.time_s < end_s)
+    if not inside.any():
+        return None
+    return replace(log, **{n: v[inside] for n, v in vars(log).items() if isinstance(v, np.ndarray)})

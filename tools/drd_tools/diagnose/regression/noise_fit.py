@@ -1,0 +1,136 @@
+"""Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd_tools.diagnose.error_model.linear import Linear
+from drd_tools.diagnose.observe.evidence import Noise
+from drd_tools.diagnose.regression.problem import Inflation, Problem
+from drd_tools.diagnose.regression.refine import Fit
+from drd_tools.diagnose.selected import Selected
+
+Array = npt.NDArray[np.float64]
+
+DEVIATION_PER_MAD: Final = 1.4826
+FEWEST_ROWS: Final = 50
+# A sheet is believed to within a factor of about 1.5; so many rows weigh as much as the sheet.
+ROWS_PER_PRIOR: Final = 30
+SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)
+FEWEST_BLOCKS: Final = 20
+LEAST_COLOUR: Final = 1.15
+DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
+SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
+SLIP_DOUBT: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
+# A reference that repeats itself has no noise at all; a filter has to divide by it.
+LEAST_M, LEAST_RAD = 1e-5, 1e-5
+FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
+
+
+def inflated(problem: Problem, left: Array) -> Inflation:
+    """How far from white what selected effects leave (r,) of the whitened data is, at the scale where it is worst."""
+    e = problem.evidence
+    step_s = float(np.median(e.step_s))
+    wheels, fixes = _not_inflated(problem, left)
+    fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
+    sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
+    both = max(sizes[:2])
+    return Inflation(_slow(wheels, step_s), (both, both, sizes[2]))
+
+
+def _not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
+    """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them.
+
+    Without wheels only the fixes' headings are there.
+    """
+    if not problem.evidence.has_wheels:
+        headings = left[len(left) - len(problem.evidence.fix) :]
+        return left[:0], np.outer(headings, (0.0, 0.0, problem.inflation.fixes[2]))
+    n = len(left) - 3 * len(problem.evidence.fix)
+    return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * np.array(problem.inflation.fixes)
+
+
+def _slow(rows: Array, every_s: float) -> float:
+    """Deviation of means over some seconds, times the root of their rows: 1 where the rows are white."""
+    worst = 1.0
+    for span_s in SPANS_S:
+        m = max(1, round(span_s / every_s))
+        count = len(rows) // m
+        if m < 2 or count < FEWEST_BLOCKS:
+            continue
+        means = rows[: count * m].reshape(count, m).sum(axis=1) / m**0.5
+        found = DEVIATION_PER_MAD * float(np.median(np.abs(means - np.median(means))))
+        # The scatter of such an estimate must not pass for colour.
+        worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
+    return worst if worst > LEAST_COLOUR else 1.0
+
+
+def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
+    """Noise, and doubt (m,) of each fix, from what a fit leaves of the whitened data.
+
+    Of few fixes none is doubted before the effects have been searched for: one by itself may be all that tells of them.
+    """
+    e, noise = problem.evidence, problem.noise
+    wheels, fixes = _not_inflated(problem, fit.left)
+    moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
+    if len(wheels):
+        slip = _scale(wheels[moving])
+    else:
+        slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
+    position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
+    scaled = fixes / np.array([position, position, heading])
+    doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
+    if not searched and len(fixes) < FEWEST_ROWS:
+        doubt = np.ones(len(doubt))
+    before = problem.doubt if problem.doubt is not None else np.ones(len(doubt))
+    return (
+        replace(
+            slipping(noise, slip),
+            position_m=max(noise.position_m * position, LEAST_M),
+            heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
+        ),
+        np.maximum(doubt * before, 1.0),
+    )
+
+
+def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Array) -> tuple[float, Array]:
+    """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
+
+    Without a gyro nothing else tells how much the wheels slip; with few fixes, or without wheels, it stays.
+    """
+    if not problem.evidence.has_wheels or len(fixes) < FEWEST_ROWS:
+        return 1.0, fixes
+    sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
+    best, most = (1.0, fixes), -math.inf
+    for factor in SLIPS:
+        linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.doubt)
+        rows = linear.whiten(sensitivities)[1]
+        left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
+        nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
+        ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.sheet.slip_m_per_sqrt_m
+        nats -= 0.5 * (math.log(ratio) / SLIP_DOUBT) ** 2
+        if nats > most:
+            best, most = (factor, left), nats
+    return best
+
+
+def slipping(noise: Noise, factor: float) -> Noise:
+    """The noise with so many times the slip."""
+    return replace(
+        noise,
+        slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor,
+        lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * factor,
+    )
+
+
+def _scale(rows: Array) -> float:
+    """Deviation of rows that should have 1, drawn towards 1 where they are few."""
+    if len(rows) < FEWEST_ROWS:
+        return 1.0
+    found = DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))
+    weight = len(rows) / (len(rows) + ROWS_PER_PRIOR)
+    return float(np.exp(weight * np.log(max(found, 0.05))))

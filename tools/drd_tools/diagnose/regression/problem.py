@@ -1,0 +1,273 @@
+"""One recording as a regression: whitened data, nuisances, and sensitivities of effects at any parameters."""
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import ActsOn, Effect, Errors
+from drd.effects.motion import Motion
+from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
+from drd_tools.diagnose.error_model.nominal_path import follow, loosened
+from drd_tools.diagnose.error_model.path import Path
+from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
+from drd_tools.diagnose.observe.evidence import Evidence, Noise
+from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names, parameter, shape_of
+
+Array = npt.NDArray[np.float64]
+Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
+# An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form. Or an effect,
+# all its values, and a slope.
+Wanted = tuple[Effect, Values, str]
+
+CACHED_BYTES: Final = 150e6
+CLEARINGS: Final = 2
+FORM: Final = "form "
+SLOPE: Final = "slope "
+
+
+class Inflation(NamedTuple):
+    """How much larger than white the innovations' slow part is, in sigmas: of the wheels, and of x, y, heading.
+
+    Real slip and real references hang together over seconds. What is whitened as if they did not would find something
+    everywhere; divided by this, a slow sensitivity has the weight that it deserves.
+    """
+
+    wheels: float = 1.0
+    fixes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+NOT_INFLATED: Final = Inflation()
+
+
+class Problem:
+    """What a recording says, around the best path, with noise of given sizes."""
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        path: Path | None = None,
+        noise: Noise | None = None,
+        doubt: Array | None = None,
+        cleared: Evidence | None = None,
+        inflation: Inflation = NOT_INFLATED,
+        near: "Problem | None" = None,
+    ):
+        self.evidence = evidence
+        self.path = follow(evidence) if path is None else path
+        self.noise = evidence.sheet if noise is None else noise
+        self.doubt, self.inflation = doubt, inflation
+        self.linear: Linear = Linear(evidence, self.path, self.noise, doubt, None if near is None else near.linear)
+        self._loose: Linear | None = None if near is None else near._loose
+        self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
+        self.nuisances = nuisances(evidence, self.path)
+        whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
+        # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
+        self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
+        self._cache: dict[Key, Array] = {}
+        self._form_counts: dict[str, int] = {}
+        self._rows: npt.NDArray[np.bool_] | None = None
+
+    def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
+        """The same with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
+        made = copy(self)
+        made._rows, made.data = rows, data[rows]
+        made.nuisance = (self.nuisance if held is None else held)[rows]
+        return made
+
+    def along(self, motion: Motion) -> "Problem":
+        """The same with the effects' sensitivities along another motion."""
+        made = copy(self)
+        made.sensitivities, made._cache = copy(self.sensitivities), {}
+        made.sensitivities.motion = motion
+        return made
+
+    @property
+    def per_parameter(self) -> float:
+        """What a parameter costs, nats (Schwarz 1978)."""
+        return 0.5 * math.log(max(len(self.data), 2))
+
+    @property
+    def per_effect(self) -> float:
+        """What the choice of an effect from the catalogue costs, nats."""
+        return math.log(len(catalogue()))
+
+    def penalty(self, selection: Sequence[Selected]) -> float:
+        """What so many effects and parameters cost, nats."""
+        return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection)
+
+    def around(self, selection: Sequence[Selected]) -> "Problem":
+        """The same around the path, and along the motion, that the sensors tell once the effects are taken off."""
+        cleared = self._cleared(selection)
+        if len(cleared.fix):
+            self._loose = loosened(cleared, self.path, self._loose)
+            path = self._loose.smoothed()
+        else:
+            path = follow(cleared)
+        return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.inflation, near=self)
+
+    def _cleared(self, selection: Sequence[Selected]) -> Evidence:
+        """The evidence without the selected effects: what, with them added, gives the readings."""
+        raw = self.evidence
+        delays = [c.effect.delays(0.0, c.values) for c in selection]
+        gyro_s, wheels_s = sum(d.gyro_s for d in delays), sum(d.wheels_s for d in delays)
+        clear = replace(
+            raw,
+            gyro_rad=None if raw.gyro_rad is None else np.zeros_like(raw.gyro_rad),
+            left_m=np.zeros_like(raw.left_m),
+            right_m=np.zeros_like(raw.right_m),
+        )
+        added = Sensitivity()
+        for _ in range(CLEARINGS):
+            gyro = clear.gyro_rad
+            if raw.gyro_rad is not None and gyro is not None:
+                # A delay is undone by a shift; subtracting it would amplify what is fast.
+                gyro = gyro + raw.earlier(raw.gyro_rad - gyro - added.gyro_rad, gyro_s)
+            left = clear.left_m + raw.earlier(raw.left_m - clear.left_m - added.left_m, wheels_s)
+            right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
+            clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
+            # Where no fix holds the path, the old one would drag shifted turns back into their old place.
+            sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
+            added = Sensitivity()
+            for selected in selection:
+                added = added + sensitivities.of(self._errors(sensitivities, selected.effect, selected.values))
+        return clear
+
+    @staticmethod
+    def _errors(sensitivities: Sensitivities, effect: Effect, values: Values) -> Errors:
+        motion = sensitivities.motion
+        if effect.acts_on is ActsOn.READOUT:
+            motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
+        errors = effect.error(motion, values)
+        if SCALE.name in values:
+            beside = _beside(effect, motion, float(values[SCALE.name]))
+            errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
+        return errors
+
+    def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
+        """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes.
+
+        Those of absent sensors are left out: without a gyro the first, without wheels the fixes' positions, and of the
+        first all but those at standstill.
+        """
+        rows, n = self.linear.rows(sensitivities, dtype), len(self.evidence.step_s)
+        rows[:n] /= self.inflation.wheels
+        rows[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))[:, None]
+        return rows[self.evidence.observed]
+
+    @property
+    def row_time_s(self) -> Array:
+        """When each row is, (r,)."""
+        e = self.evidence
+        fixes = np.repeat(e.time_s[e.fix_step], 3)
+        return np.concatenate([e.time_s, fixes])[e.observed]
+
+    # ---- sensitivities of effects, whitened ------------------------------------------------------------------------
+
+    def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
+        """What an effect with these parameters adds."""
+        return self.sensitivities.of(self._errors(self.sensitivities, effect, values))
+
+    def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
+        """Of a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
+        if name == SCALE.name:
+            return self.sensitivities.of(_beside(effect, self.sensitivities.motion, 1.0))
+        if name.startswith(FORM):
+            ones = dict.fromkeys(effect.linear(), 1.0)
+            shapes = effect.other_shapes(self.sensitivities.motion, {**ones, **shape})
+            return self.sensitivities.of(shapes[int(name.removeprefix(FORM))])
+        if name.startswith(SLOPE):
+            of = name.removeprefix(SLOPE)
+            at = float(shape[of])
+            h = parameter(effect, of).step(at)
+            ahead, back = (self.sensitivity(effect, {**shape, of: value}) for value in (at + h, at - h))
+            return (ahead + back * -1.0) * (0.5 / h)
+        none = dict.fromkeys(effect.linear(), 0.0)
+        return self.sensitivity(effect, {**shape, **none, name: 1.0} if name else shape)
+
+    def units(self, wanted: Sequence[Wanted]) -> list[Array]:
+        """Whitened sensitivities (r,) of units; each is made once."""
+        keys: list[Key] = [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
+        missing = {key: i for i, key in enumerate(keys) if key not in self._cache}
+        if missing:
+            if len(self._cache) * 8 * len(self.data) > CACHED_BYTES:
+                self._cache = {key: self._cache[key] for key in keys if key in self._cache}
+            rows = self.whiten([self.unit(*wanted[i]) for i in missing.values()])
+            self._cache.update({key: np.ascontiguousarray(rows[:, j]) for j, key in enumerate(missing)})
+        made = [self._cache[key] for key in keys]
+        return made if self._rows is None else [row[self._rows] for row in made]
+
+    def discrepancy_shapes(self, selected: Selected) -> Array:
+        """Other shapes of a selected effect's cause, (r, s), each as large as the selected effect itself."""
+        rows = self.units(self.wanted_shapes(selected))
+        explained = self.effect_rows([selected])
+        size = math.sqrt(float(explained @ explained))
+        sized = [r * (size / norm) for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
+        return _columns(sized, len(self.data))
+
+    def wanted_shapes(self, selected: Selected) -> list[Wanted]:
+        """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""
+        rough = {
+            name: float(f"{value:.2g}") if isinstance(value, float) else value
+            for name, value in shape_of(selected.effect, selected.values).items()
+        }
+        values = {**rough, **{n: selected.values[n] for n in linear_names(selected.effect, selected.values)}}
+        count = self._form_counts.get(selected.id)
+        if count is None:
+            count = len(selected.effect.other_shapes(self.sensitivities.motion, values))
+            self._form_counts[selected.id] = count
+        return [(selected.effect, rough, f"{FORM}{i}") for i in range(count)]
+
+    def wanted_rows(self, selection: Sequence[Selected]) -> list[Wanted]:
+        """The units that selects are made of."""
+        return [
+            (c.effect, shape_of(c.effect, c.values), name)
+            for c in selection
+            for name in linear_names(c.effect, c.values) or ("",)
+        ]
+
+    def effect_rows(self, selection: Sequence[Selected]) -> Array:
+        """What the selected effects explain of the data, (r,)."""
+        factors = [f for c in selection for f in _factors(c)]
+        total = np.zeros(len(self.data))
+        for factor, rows in zip(factors, self.units(self.wanted_rows(selection)), strict=True):
+            total += factor * rows
+        return total
+
+    def wanted_tangents(self, selection: Sequence[Selected]) -> list[Wanted]:
+        """The units that are derivatives, one for each free parameter."""
+        wanted: list[Wanted] = []
+        for selected in selection:
+            shape, names = shape_of(selected.effect, selected.values), linear_names(selected.effect, selected.values)
+            for name in selected.free:
+                # Differences are taken before they are whitened: so it is one column, whatever moves it.
+                wanted.append(
+                    (selected.effect, shape, name)
+                    if name in names
+                    else (selected.effect, selected.values, SLOPE + name)
+                )
+        return wanted
+
+    def tangents(self, selection: Sequence[Selected]) -> Array:
+        """Derivatives of the explained with respect to all free parameters, (r, k)."""
+        return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
+
+
+def _beside(effect: Effect, motion: Motion, size: float) -> Errors:
+    """What the effect, beside which alone another's form is known, adds at a size."""
+    assert effect.beside is not None
+    return effect.beside.error(motion, {effect.beside.parameters[0].name: size})
+
+
+def _columns(rows: Sequence[Array], length: int) -> Array:
+    """Columns (r, k), each in one piece: to spread them over rows takes longer than what is computed with them."""
+    return np.array(rows).reshape(len(rows), length).T
+
+
+def _factors(selected: Selected) -> list[float]:
+    return [selected.number(name) for name in linear_names(selected.effect, selected.values)] or [1.0]

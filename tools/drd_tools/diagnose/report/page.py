@@ -1,0 +1,152 @@
+"""From the files of a diagnosis to the pictures and the HTML page."""
+
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drd_tools.diagnose import files
+from drd_tools.diagnose.report import pictures
+from drd_tools.diagnose.report import text as report_text
+from drd_tools.diagnose.report.verdict import lead, title
+from drd_tools.diagnose.results import Result, Series
+from drd_tools.report.page import Page
+
+
+def write_report(folder: Path) -> list[Path]:
+    """Draw `report.html` and its pictures into `folder`, from its diagnosis.json and series.json; return the files.
+
+    Raises ConfigError where one of the two is missing or not of its form, OSError where the folder cannot be written.
+    """
+    d, s = files.load(folder)
+    for old in (*folder.glob("finding_*.png"), folder / "residual.png", folder / "held_out.png"):
+        old.unlink(missing_ok=True)  # of an earlier diagnosis
+    page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
+    if d.cut:
+        page.text(f"Of this recording, {d.cut}.")
+    drawn: list[Path] = []
+    _findings_table(page, d, s)
+    _paths(page, d, s, folder, drawn)
+    _findings(page, d, s, folder, drawn)
+    _residual(page, d, s, folder, drawn)
+    _held_out(page, d, s, folder, drawn)
+    _classes(page, d)
+    _ruled_out(page, d)
+    _detectable(page, d)
+    _not_observable(page, d)
+    page.heading("What to drive next")
+    for sentence in report_text.next_drive_sentences(d):
+        page.text(sentence)
+    page.save(folder / "report.html")
+    return [folder / "report.html", *drawn]
+
+
+def _findings_table(page: Page, d: Result, s: Series) -> None:
+    if not d.findings:
+        return
+    page.table(report_text.WHAT_HEADER, report_text.what_rows(d.findings), text_columns=(1, 2))
+    rows = report_text.evidence_rows(d.findings, _duration_s(s))
+    page.table(report_text.EVIDENCE_HEADER, rows, text_columns=report_text.EVIDENCE_TEXT)
+    page.text(report_text.LEGEND)
+
+
+def _paths(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
+    page.heading("Path")
+    recordings = s.recordings
+    windows = [w for f in d.findings for w in report_text.windows(f, _duration_s(s))] if len(recordings) == 1 else []
+    drawn.append(folder / "path.png")
+    pictures.paths_picture(drawn[-1], recordings, windows)
+    hidden = len(recordings) - pictures.MOST_PATHS
+    corrected = any(r.path.corrected is not None for r in recordings)
+    page.picture(
+        drawn[-1],
+        "Dead reckoning with the nominal model"
+        + (", and with the findings taken off." if corrected else ".")
+        + (" The ring is the start, dots are the ends.")
+        + (f" The first {pictures.MOST_PATHS} recordings; {hidden} more are in series.json." if hidden > 0 else ""),
+    )
+
+
+def _findings(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
+    pairs = list(zip(d.findings, s.findings, strict=True))
+    for k, (finding, series) in enumerate(tqdm(pairs, desc="drawing", leave=False, disable=None), 1):
+        page.heading(f"{k}. {finding.effect}" if len(pairs) > 1 else finding.effect)
+        page.text(report_text.in_words(finding).replace("+-", "±"))
+        curve, evidence = series.curve, series.evidence
+        if curve is None and not evidence.time_s.size:
+            continue
+        drawn.append(folder / f"finding_{k}.png")
+        windows = report_text.windows(finding, _duration_s(s)) if len(s.recordings) == 1 else []
+        pictures.finding_picture(drawn[-1], curve, evidence, windows)
+        page.picture(drawn[-1], report_text.picture_caption(curve, evidence, bool(windows)))
+
+
+def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
+    page.heading("What is left")
+    has_findings = bool(d.findings)
+    residual = s.residual
+    if residual.time_s.size:
+        drawn.append(folder / "residual.png")
+        pictures.residual_picture(drawn[-1], residual, has_findings)
+        before, after = map(report_text.rms, (residual.before, residual.after))
+        figures = "" if before is None or after is None else f" All blocks together: {before:.2f}." if not has_findings else f" All blocks together: {before:.2f} before, {after:.2f} after."  # fmt: skip  # noqa: E501
+        page.picture(drawn[-1], f"Rms of the whitened data in blocks; noise alone gives 1.{figures}")
+    else:
+        page.text("The recording is too short for blocks.")
+    if rows := report_text.fit_rows(d):
+        page.table(report_text.FIT_HEADER, rows, "The data that were fitted, by drd's own estimate", text_columns=(1,))
+    if sentence := report_text.noise_sentence(s):
+        page.text(sentence)
+
+
+def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
+    page.heading("On unseen data")
+    if not s.held_out:
+        page.text(
+            "There is no model to prove: nothing was found."
+            if not d.findings
+            else "No other recording was given to prove it on (--held-out). What blocks of this one say that had no "
+            "part in the fit is in the e-value above."
+        )
+        return
+    drawn.append(folder / "held_out.png")
+    pictures.held_out_picture(drawn[-1], s.held_out)
+    names = list(dict.fromkeys(row.name for row in s.held_out))
+    source = "blocks of the recording, with gaps around them" if names == ["blocks"] else report_text.listed(names)
+    page.picture(drawn[-1], f"Before and after, on {source}: data that had no part in the fit.")
+
+
+def _classes(page: Page, d: Result) -> None:
+    page.heading("What this recording cannot tell apart")
+    if not d.classes:
+        page.text("Every effect that would show in it looks different from every other.")
+        return
+    page.text("Within each line, the recording looks the same whichever of them is there:")
+    page.table(("class", "effects"), [(str(k), ", ".join(names)) for k, names in enumerate(d.classes, 1)], text_columns=(1,))  # fmt: skip  # noqa: E501
+
+
+def _ruled_out(page: Page, d: Result) -> None:
+    page.heading("What was ruled out, and why")
+    if d.ruled_out:
+        page.table(report_text.RULED_OUT_HEADER, report_text.ruled_out_rows(d), text_columns=(1, 2))
+    else:
+        page.text("Nothing could be ruled out.")
+
+
+def _detectable(page: Page, d: Result) -> None:
+    page.heading("Smallest sizes that would have been seen")
+    if not d.detectable:
+        page.text("They were not computed.")
+        return
+    page.text("An effect smaller than this may be there all the same. Beside it, the sizes that occur in practice.")
+    page.table(report_text.DETECTABLE_HEADER, report_text.detectable_rows(d), text_columns=(1, 3, 5))
+
+
+def _not_observable(page: Page, d: Result) -> None:
+    rows = [(r.effect, r.because) for r in d.unobservable]
+    if rows:
+        page.heading("What this recording says nothing of")
+        page.table(("effect", "because"), rows, text_columns=(1,))
+
+
+def _duration_s(s: Series) -> float:
+    return float(max(r.duration_s for r in s.recordings))

@@ -1,0 +1,121 @@
+"""The verdict of a diagnosis, in three sentences."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from drd_tools.diagnose.report.text import FIXED, channel, length, listed, named_quantity, parameters, percent, rms
+from drd_tools.diagnose.results import Finding, Result, Series, Verdict
+
+ALL: Final = 0.005  # less than this share is left
+
+TITLES: Final = {
+    Verdict.NOTHING: "nothing is missing",
+    Verdict.EXPLAINED: "explained",
+    Verdict.PARTLY: "partly explained",
+    Verdict.UNKNOWN: "a cause that is in no catalogue",
+}
+
+
+def title(d: Result, names: Sequence[str]) -> str:
+    """Of the page."""
+    shown = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+    return f"Diagnosis of {shown}: {TITLES[d.verdict]}"
+
+
+def lead(d: Result, s: Series) -> list[str]:
+    """At most three sentences: what was found, how sure that is, what it explains and what is left."""
+    if not d.findings:
+        return _nothing(d, s)
+    return [_what(d.findings), _how_sure(d.findings), _what_is_left(d, s)]
+
+
+def _nothing(d: Result, s: Series) -> list[str]:
+    length_s = sum(r.duration_s for r in s.recordings)
+    metres = sum(r.path_m for r in s.recordings)
+    drive = f"{length_s / 60.0:.3g} minutes and {metres:.4g} m"
+    if d.verdict is Verdict.NOTHING:
+        first = f"Over {drive} the recording agrees with the nominal model: no effect beyond what noise alone brings."
+    else:
+        first = f"Over {drive} something is left that the noise does not bring, but nothing could be named."
+    size = rms(s.residual.before)
+    second = "" if size is None else f"Its residual is {size:.3g} times what the noise alone gives."
+    if all(r.path.reference is None for r in s.recordings):
+        third = (
+            "Without a reference the sensors could only be judged against each other: an error of the path that both "
+            "gyro and wheels share is not excluded."
+        )
+    else:
+        third = "How small an error may be and still have been seen is listed below, effect by effect."
+    return [sentence for sentence in (first, second, third) if sentence]
+
+
+def _what(findings: Sequence[Finding]) -> str:
+    named, unknown = [f for f in findings if f.is_named], [f for f in findings if not f.is_named]
+    parts = []
+    if named:
+        count = "one effect" if len(named) == 1 else f"{len(named)} effects"
+        parts.append(f"the nominal model leaves out {count}: {listed(_named(f, len(findings) == 1) for f in named)}")
+    if unknown:
+        channels = listed(dict.fromkeys(channel(f) for f in unknown))
+        drivers = listed(dict.fromkeys(f.covariate.replace("_", " ") for f in unknown if f.covariate))
+        goes_with = f"goes with {drivers}" if drivers else "goes with no variable that was tried"
+        parts.append(f"something that is in no catalogue acts on the {channels} and {goes_with}")
+    text = "; besides, ".join(parts)
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _named(f: Finding, with_values: bool) -> str:
+    values = [value for value in parameters(f) if FIXED not in value] if with_values else []
+    shown = f" ({', '.join(values)})" if values else ""
+    rivals = f" (or {listed(f.also_fits, 'or')}, which fits as well)" if f.also_fits else ""
+    return f"{f.effect}{shown}{rivals}"
+
+
+def _how_sure(findings: Sequence[Finding]) -> str:
+    worst = max((f.evidence.family_wise_p for f in findings if f.evidence.family_wise_p is not None), default=None)  # fmt: skip  # noqa: E501
+    chance = "" if worst is None else (
+        f"; a recording in which nothing is missing would bring such a claim in {percent(worst)} of cases"
+        + (" at most" if len(findings) > 1 else "")
+    )  # fmt: skip
+    if len({f.status for f in findings}) == 1:
+        who = "This is" if len(findings) == 1 else "Both are" if len(findings) == 2 else "All of them are"
+        return f"{who} {findings[0].status}{chance}."
+    shown = listed(f"{_name(f)} is {f.status}" for f in findings)
+    return f"Of these, {shown}{chance}."
+
+
+def _what_is_left(d: Result, s: Series) -> str:
+    parts = [_share(d)] if _share(d) else []
+    end_m = d.unexplained.end_error_m
+    if end_m is not None:
+        parts.append(
+            f"the end of the path is {'still ' if any(f.is_named for f in d.findings) else ''}{length(end_m)} off"
+        )
+    for row in s.held_out:
+        if row.before is None or row.after is None:
+            continue
+        name, unit = named_quantity(row.quantity, row.unit)
+        goes = "goes" if row.after < row.before else "does not fall: it goes"
+        parts.append(f"on unseen data the {name} {goes} from {row.before:.3g} to {row.after:.3g} {unit}".rstrip())
+        break
+    text = "; ".join(parts) or "how much of the mismatch that explains is not known"
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _share(d: Result) -> str:
+    """How much is explained; where something has no name, the shares one by one."""
+    findings, left = d.findings, d.unexplained.share_of_residual
+    if all(f.is_named for f in findings) and left is not None:
+        who, ending = ("It explains", "s") if len(findings) == 1 else ("Together they explain", "")
+        if left < ALL:
+            return f"{who} all of the mismatch that the noise does not"
+        return f"{who} {percent(1.0 - left)} of the mismatch and leave{ending} {percent(left)}"
+    known = [(f, percent(f.explains)) for f in findings if f.explains is not None]
+    if len(findings) == 1:
+        return f"it makes up {known[0][1]} of the mismatch" if known else ""
+    shares = [f"{_name(f)} {share}" for f, share in known]
+    return f"shares of the mismatch: {listed(shares)}" if shares else ""
+
+
+def _name(f: Finding) -> str:
+    return f.effect if f.is_named else "the unknown one"

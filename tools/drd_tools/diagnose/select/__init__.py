@@ -1,0 +1,1 @@
+"""Which effects of the catalogue are there, and which smooth curves without a name compete with them."""

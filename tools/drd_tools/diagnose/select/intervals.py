@@ -1,0 +1,117 @@
+"""Effects of one interval of time: every interval of a fine grid is looked at, from the sensitivities of its pieces."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import END, START, Effect
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.selected import Selected, Values
+
+Array = npt.NDArray[np.float64]
+Columns = npt.NDArray[np.float32]
+
+PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
+LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no interval
+MEET_S: Final = 5.0
+LEFT_SHARE: Final = 1e-2  # of an interval's square that what is held beside it must leave
+
+
+def is_of_interval(effect: Effect) -> bool:
+    """Whether an effect acts from `t0` until `t1`, and has sizes besides."""
+    linear = effect.linear()
+    return bool(linear) and {q.name for q in effect.parameters} == {START.name, END.name, *linear}
+
+
+class Best(NamedTuple):
+    """A interval: what it explains, nats; its times; and the sizes."""
+
+    nats: float
+    shape: dict[str, float | str]
+    sizes: Array
+
+
+class Intervals:
+    """One effect in all intervals. `columns` (r, k PIECES): whitened sensitivities of each size in each piece."""
+
+    def __init__(self, problem: Problem, effect: Effect):
+        m = problem.sensitivities.motion
+        self.effect, self.names = effect, effect.linear()
+        self._edges_s = np.linspace(float(m.time_s[0]), m.end_s, PIECES + 1)
+        shapes = [{START.name: float(a), END.name: float(b)} for a, b in itertools.pairwise(self._edges_s)]
+        sensitivities = [problem.unit(effect, shape, name) for name in self.names for shape in shapes]
+        self.columns: Columns = problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False)
+        self.products: Columns = self.columns.T @ self.columns
+
+    def column(self, shape: Values, name: str) -> Columns:
+        """A size's whitened sensitivity (r,) in an interval of the grid."""
+        k = self.names.index(name) * PIECES
+        first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in (START.name, END.name))
+        total: Columns = self.columns[:, first:last].sum(axis=1)
+        return total
+
+    def best(self, names: tuple[str, ...], G: Array, b: Array) -> Best | None:
+        """The interval in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
+        the data, beside what is held. Sizes have the signs that the effect asks for.
+        """
+        index = np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
+        k, (i, j) = len(names), np.triu_indices(PIECES + 1, 1)
+        sums = np.pad(np.cumsum(b[index].reshape(k, PIECES), axis=1), ((0, 0), (1, 0)))
+        b_of = (sums[:, j] - sums[:, i]).T
+        G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
+        diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
+        told = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1) & (j - i <= LONGEST)
+        told &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
+        x = np.zeros_like(b_of)
+        x[told] = np.linalg.solve(G_of[told], b_of[told][:, :, None])[:, :, 0]
+        unsigned = [i for i, name in enumerate(names) if not self._is_signed(name)]
+        told &= (x[:, unsigned] > 0.0).all(axis=1)
+        nats = np.where(told, 0.5 * (b_of * x).sum(axis=1), 0.0)
+        w = int(nats.argmax())
+        edges_s = self._edges_s
+        shape: dict[str, float | str] = {START.name: float(edges_s[i[w]]), END.name: float(edges_s[j[w]])}
+        return Best(float(nats[w]), shape, x[w]) if nats[w] > 0.0 else None
+
+    def _is_signed(self, name: str) -> bool:
+        return next(q.signed for q in self.effect.parameters if q.name == name)
+
+
+def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]) -> Array:
+    """Sums of products (k p, k p) over the pieces i to j, both ways: (w, k, k)."""
+    pieces = G.reshape(k, PIECES, k, PIECES).transpose(0, 2, 1, 3)
+    total = np.pad(pieces.cumsum(axis=2).cumsum(axis=3), ((0, 0), (0, 0), (1, 0), (1, 0)))
+    result: Array = total[..., j, j] - total[..., i, j] - total[..., j, i] + total[..., i, i]
+    return result.transpose(2, 0, 1)
+
+
+def same_window(selected: Selected) -> list[Selected]:
+    """Other effects of an interval of time, in the interval of a selected effect."""
+    if selected.interval_s is None:
+        return []
+    return [c for c in _in_window(*selected.interval_s) if c.id != selected.id]
+
+
+def joined(selection: Sequence[Selected]) -> list[tuple[tuple[Selected, Selected], Selected]]:
+    """Pairs of effects whose intervals of time meet, each with one effect of both: one by one, a long interval is found
+    in pieces.
+    """
+    found = []
+    placed = [(c, c.interval_s) for c in selection if c.interval_s is not None]
+    for (a, (a0, a1)), (b, (b0, b1)) in itertools.combinations(placed, 2):
+        if max(a0, b0) - min(a1, b1) < MEET_S:
+            found += [((a, b), one) for one in _in_window(min(a0, b0), max(a1, b1))]
+    return found
+
+
+def _in_window(t0_s: float, t1_s: float) -> list[Selected]:
+    """Each effect of an interval of time, with sizes yet to be found."""
+    times = {START.name: t0_s, END.name: t1_s}
+    return [
+        Selected(effect, {**times, **dict.fromkeys(effect.linear(), 0.0)}, (*effect.linear(), *times))
+        for effect in catalogue().values()
+        if is_of_interval(effect)
+    ]

@@ -1,0 +1,209 @@
+"""All that may be missing, in a few variants each, as columns of one regression."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import ActsOn, Effect
+from drd_tools.diagnose.error_model.linear import COLUMNS, Sensitivity
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interval
+from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names
+
+Array = npt.NDArray[np.float64]
+Parameters = dict[str, float | str]
+
+ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
+MOST_OF_THE_WAY: Final = 0.8
+BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A variant of an effect: `names` of the linear parameters that are free, and the library's `columns` of them."""
+
+    effect: Effect
+    shape: Parameters
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    angle: str
+    penalty: float
+
+    def fitted(self, G: Array, b: Array) -> tuple[float, Selected | None]:
+        """What it gains, nats, and its parameters, of its columns' products G (k, k) and those with the data b (k,)."""
+        x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
+        return 0.5 * float(b @ x), self.selected(x)
+
+    def as_it_is(self, G: Array, b: Array) -> tuple[float, Selected | None]:
+        """As `fitted`, but not scaled: thresholds cannot be, and a longer delay has another shape. Of others -inf."""
+        if self.effect.acts_on not in (ActsOn.READOUT, ActsOn.TIMING) or self.names != ("",):
+            return -math.inf, None
+        return float(b[0] - 0.5 * G[0, 0]), self.selected(np.ones(1))
+
+    def selected(self, coefficients: Array) -> Selected | None:
+        """With parameters from the regression's coefficients; None where they make no sense."""
+        values = dict(self.shape)
+        linear = self.effect.linear()
+        if self.effect.acts_on is ActsOn.READOUT and not 0.4 < coefficients[0] < 2.5:
+            return None
+        if self.angle:  # a cos(t - p) = a cos p cos t + a sin p sin t
+            values[linear[0]] = math.hypot(*coefficients)
+            values[self.angle] = math.atan2(coefficients[1], coefficients[0]) % (2.0 * math.pi)
+        elif self.names != ("",):
+            values.update(dict.fromkeys(linear, 0.0))
+            values.update(zip(self.names, map(float, coefficients), strict=True))
+        elif self.effect.acts_on is not ActsOn.READOUT:
+            for q in self.effect.parameters:
+                if not q.choices and not q.fixed:
+                    at = q.neutral * q.si
+                    values[q.name] = at + (float(values[q.name]) - at) * float(coefficients[0])
+        chosen = linear if self.angle or self.names == ("",) else self.names
+        selected = Selected(self.effect, values, chosen + _free_shape(self.effect, values))
+        return selected if is_plausible(selected) else None
+
+
+def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
+    own = tuple(q.name for q in effect.parameters if not q.linear and not q.choices and not q.fixed)
+    return own + ((BIAS.name,) if BIAS.name in values else ())
+
+
+def is_plausible(selected: Selected) -> bool:
+    """Of the right sign, and not beyond all sizes."""
+    for q in selected.effect.parameters:
+        if q.choices or q.moment or q.is_angle:
+            continue
+        value = selected.number(q.name)
+        if q.neutral and abs(value / q.si - q.neutral) > 3.0 * abs(q.high - q.neutral):
+            return False
+        if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
+            return False
+    return selected.interval_s is None or selected.interval_s[1] > selected.interval_s[0]
+
+
+def is_hidden(problem: Problem, selected: Selected) -> bool:
+    """A threshold that hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
+    e = problem.evidence
+    if selected.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
+        return False
+    rate_rad_s = problem.sensitivities.calm_rate_rad_s + float(selected.values.get(BIAS.name, 0.0))
+    hidden = selected.effect.hidden(rate_rad_s, selected.values)
+    if hidden is None:
+        return False
+    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
+
+
+def is_everywhere(problem: Problem, selected: Selected) -> bool:
+    """A interval with next to all of the way: what is as good as always there needs no interval."""
+    e = problem.evidence
+    if not is_of_interval(selected.effect) or selected.interval_s is None:
+        return False
+    begin_s, end_s = selected.interval_s
+    inside = (e.time_s > begin_s) & (e.time_s <= end_s)
+    return float(e.travel_m[inside].sum()) > MOST_OF_THE_WAY * float(e.travel_m.sum())
+
+
+def is_possible(problem: Problem, selected: Selected) -> bool:
+    """Plausible, and of a kind that this recording can show."""
+    return is_plausible(selected) and not is_hidden(problem, selected) and not is_everywhere(problem, selected)
+
+
+class Library:
+    """The candidates of a problem, and their whitened columns (r, p); of effects of an interval, all intervals."""
+
+    def __init__(self, problem: Problem):
+        e = problem.evidence
+        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels]
+        self.candidates: list[Candidate] = []
+        self.intervals = [Intervals(problem, effect) for effect in effects if is_of_interval(effect)]
+        whitened: list[Columns] = []
+        sensitivities: list[Sensitivity] = []
+        first = 0
+        plain = [effect for effect in effects if not is_of_interval(effect)]
+        for effect in plain:
+            for shape in self._shapes(problem, effect):
+                sensitivities += self._add(problem, effect, shape, first + len(sensitivities))
+            # Those of an hour's drive, all at once, would be 400 MB.
+            if len(sensitivities) >= COLUMNS or effect is plain[-1]:
+                whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
+                first += len(sensitivities)
+                sensitivities = []
+        for intervals in self.intervals:
+            for shape in self._shapes(problem, intervals.effect):
+                columns = [intervals.column(shape, name) for name in intervals.names]
+                if all(c.any() for c in columns):
+                    self._offer(problem, intervals.effect, shape, intervals.names, first)
+                    whitened.append(np.column_stack(columns))
+                    first += len(columns)
+        self.columns = np.concatenate(whitened, axis=1)
+        self.products: Columns = self.columns.T @ self.columns
+
+    @staticmethod
+    def _shapes(problem: Problem, effect: Effect) -> list[Parameters]:
+        shapes = effect.variants(problem.sensitivities.motion)
+        if effect.acts_on is ActsOn.READOUT:
+            sigma = problem.evidence.sheet.bias_rad_s
+            shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
+        return shapes
+
+    def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Sensitivity]:
+        angle = next((q.name for q in effect.parameters if q.is_angle), "")
+        names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
+        if angle:
+            shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
+        else:
+            shapes = [(shape, name) for name in names]
+        sensitivities = [problem.unit(effect, s, name) for s, name in shapes]
+        if not all(_is_seen(s) for s in sensitivities):
+            return []
+        self._offer(problem, effect, shape, names, first, angle)
+        return sensitivities
+
+    def _offer(
+        self, problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
+    ) -> None:
+        """The candidates of a variant whose columns begin with `first`: of each choice of its parameters."""
+        for which in [(0, 1)] if angle else choices(effect, names):
+            chosen = names if angle else tuple(names[i] for i in which)
+            values = {**shape, SCALE.name: 0.0} if SCALE.name in chosen else shape
+            count = len(which) + len(_free_shape(effect, values)) - bool(angle)
+            penalty = count * problem.per_parameter + problem.per_effect
+            columns = tuple(first + i for i in which)
+            self.candidates.append(Candidate(effect, values, chosen, columns, angle, penalty))
+
+
+def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:
+    """Which of an effect's linear parameters may be there without the others."""
+    own = {i for i, name in enumerate(names) if name != SCALE.name}
+    return [
+        which
+        for size in range(1, len(names) + 1)
+        for which in itertools.combinations(range(len(names)), size)
+        if set(which) & own and (not effect.essential or names.index(effect.essential) in which)
+    ]
+
+
+# A library takes as long as a search among it, and the verdict asks the same problem again. It holds no problem.
+_MADE: Final[WeakKeyDictionary[Problem, Library]] = WeakKeyDictionary()
+
+
+def library_of(problem: Problem) -> Library:
+    """The problem's library, made once."""
+    if problem not in _MADE:
+        _MADE[problem] = Library(problem)
+    return _MADE[problem]
+
+
+def release(problem: Problem) -> None:
+    """Forget the problem's library: of a long recording it is large."""
+    _MADE.pop(problem, None)
+
+
+def _is_seen(sensitivity: Sensitivity) -> bool:
+    return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in sensitivity.channels)

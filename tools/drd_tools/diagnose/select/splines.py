@@ -1,0 +1,260 @@
+"""Smooth curves without a name, of every driver and channel: they compete with the catalogue's names."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import Errors, apart, both
+from drd.effects.motion import Motion
+from drd.units import DEG_PER_RAD
+from drd_tools.diagnose.error_model.sensitivities import SUB
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import nuisance_design
+from drd_tools.diagnose.selected import Selected
+
+Array = npt.NDArray[np.float64]
+
+KNOTS: Final = 8
+TIME_KNOTS: Final = 16  # what swings several times in a drive
+CELLS: Final = 5  # along and across
+PLACE: Final = "place"
+AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
+
+
+class Channel(NamedTuple):
+    """Where a curve acts. `hat`: size of one hat, SI, so that amplitudes compare; `public`: units per SI unit."""
+
+    acts_on: str
+    unit: str
+    hat: float
+    public: float
+
+    @property
+    def hat_in_public(self) -> float:
+        """Size of one hat in the public unit."""
+        return self.hat * self.public
+
+
+CHANNELS: Final = {
+    "gyro": Channel("gyro", "deg/s", 1.745e-4, DEG_PER_RAD),
+    "gyro's scale": Channel("gyro", "%", 1e-3, 100.0),
+    "wheels' mean": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' difference": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' turn": Channel("wheels", "%", 1e-3, 100.0),
+    "wheels' delay": Channel("wheels", "ms", 1e-3, 1000.0),
+    "body": Channel("body", "m/s", 1e-3, 1.0),
+}
+
+
+def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
+    """For each channel what a curve's values along a motion, (n,), SI, add to the sensors."""
+    slope_l, slope_r = (np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
+    moving = np.abs(m.speed_m_s) > 0.02
+    return {
+        "gyro": lambda x: Errors(gyro_rad_s=x),
+        "gyro's scale": lambda x: Errors(gyro_rad_s=x * m.rate_rad_s),
+        "wheels' mean": lambda x: both(m, x),
+        "wheels' difference": lambda x: Errors(left_m_s=-0.5 * x * m.left_m_s, right_m_s=0.5 * x * m.right_m_s),
+        "wheels' turn": lambda x: apart(m, x),
+        "wheels' delay": lambda x: Errors(left_m_s=-x * slope_l, right_m_s=-x * slope_r),
+        "body": lambda x: Errors(lateral_m_s=x * moving),
+    }
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A smooth error of one channel against one driver: at `knots` (k,), `value` and `sigma` (k,) in public units."""
+
+    channel: str
+    driver: str
+    unit: str
+    driver_unit: str
+    knots: Array
+    value: Array
+    sigma: Array
+    gain: float  # nats above the selected effects, its freedom paid
+
+
+@dataclass(frozen=True)
+class _SplineTerm:
+    channel: str
+    driver: str
+    knots: Array
+    rows: npt.NDArray[np.float32]
+    rough: Array  # (k, k): what a curve that is not smooth costs
+
+
+class SplineTerms:
+    """All smooth curves of a problem, whitened."""
+
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        self._splines: list[_SplineTerm] = []
+        errors, of = errors_along(problem.sensitivities.motion), problem.sensitivities.of
+        seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
+        for driver, hats, knots in self._hats():
+            for name in seen:
+                if driver not in DRIVERS_OF.get(name, (driver,)):
+                    continue
+                made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
+                rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
+                self._splines.append(_SplineTerm(name, driver, knots, rows, _roughness(driver, len(made))))
+        self.cost = math.log(max(len(self._splines), 1)) + problem.per_parameter
+
+    def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
+        """Each driver, its hats on the fine grid, and the knots on which they stand."""
+        for name, (x, knots) in drivers(self._problem).items():
+            yield name, [_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots
+        e = self._problem.evidence
+        if e.has_wheels and len(e.fix):
+            fine = np.linspace(0.0, len(e.time_s), SUB * len(e.time_s), endpoint=False)
+            x, y = (np.interp(fine, np.arange(len(e.time_s) + 1), self._problem.path.pose[:, i]) for i in (0, 1))
+            yield PLACE, _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
+
+    def best(
+        self, selection: Sequence[Selected], beside: Selected | None = None, wanted: tuple[str, str] | None = None
+    ) -> Curve | None:
+        """The curve that explains most beside the selected effects; `beside`: instead of this one of them.
+
+        `wanted`: channel and driver, if only one curve is asked for.
+        """
+        problem = self._problem
+        kept = [c for c in selection if c is not beside]
+        held = nuisance_design(problem, kept)
+        residual = problem.data - problem.effect_rows(kept)
+        A = held.T @ held + np.eye(held.shape[1])
+        cleared = residual - held @ np.linalg.solve(A, held.T @ residual)
+        best: Curve | None = None
+        for smooth in self._splines:
+            if wanted is not None and (smooth.channel, smooth.driver) != wanted:
+                continue
+            S = smooth.rows.astype(float)
+            C = S.T @ held
+            G = S.T @ S - C @ np.linalg.solve(A, C.T)
+            gain, value, sigma = _marginal(G, S.T @ cleared, smooth.rough)
+            gain -= self.cost
+            if best is None or gain > best.gain:
+                channel = CHANNELS[smooth.channel]
+                driver_unit, si = DRIVER_UNITS[smooth.driver]
+                value, sigma = value * channel.hat_in_public, sigma * channel.hat_in_public
+                knots = smooth.knots * si
+                best = Curve(smooth.channel, smooth.driver, channel.unit, driver_unit, knots, value, sigma, gain)
+        return best
+
+    def told(self, selected: Selected, curve: Curve) -> Array:
+        """What an effect says at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
+        S = self._of(curve).rows.astype(float)
+        G = S.T @ S
+        rows = self._problem.effect_rows([selected])
+        values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
+        result: Array = values * CHANNELS[curve.channel].hat_in_public
+        return result
+
+    def rows(self, curve: Curve) -> Array:
+        """What a curve explains of the data, (r,)."""
+        result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
+        return result
+
+    def _of(self, curve: Curve) -> _SplineTerm:
+        return next(s for s in self._splines if (s.channel, s.driver) == (curve.channel, curve.driver))
+
+
+def _roughness(driver: str, k: int) -> Array:
+    """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (60)"""
+    if driver == PLACE:
+        D, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
+        return np.kron(D.T @ D, one) + np.kron(one, D.T @ D) + 0.05 * np.eye(k)
+    D = np.diff(np.eye(k), 2, axis=0)
+    if driver in PERIODIC:
+        D = np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
+    rough: Array = D.T @ D + 0.05 * np.eye(k)
+    return rough
+
+
+def _marginal(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
+    """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation."""
+    k = len(b)
+    best = (-math.inf, np.zeros(k), np.zeros(k))
+    _, logdet_R = np.linalg.slogdet(R)
+    for t in AMPLITUDES:
+        M = G + R / t
+        sign, logdet = np.linalg.slogdet(M)
+        if sign <= 0:
+            continue
+        x = np.linalg.solve(M, b)
+        gain = 0.5 * float(b @ x) - 0.5 * (logdet - logdet_R + k * math.log(t))
+        if gain > best[0]:
+            best = (gain, x, np.sqrt(np.maximum(np.diag(np.linalg.inv(M)), 0.0)))
+    return best
+
+
+def _cells(x: Array, y: Array) -> list[Array]:
+    """Bilinear hats of a grid of CELLS by CELLS knots over the places."""
+    along = [_hat(x, np.linspace(x.min(), x.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
+    across = [_hat(y, np.linspace(y.min(), y.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
+    return [a * b for a in along for b in across]
+
+
+def _hat(x: Array, knots: Array, i: int, periodic: bool) -> Array:
+    values = np.zeros(len(knots))
+    values[i] = 1.0
+    if periodic:
+        knots, values = np.append(knots, knots[0] + 2 * np.pi), np.append(values, values[0])
+    return np.asarray(np.interp(x, knots, values), float)
+
+
+PERIODIC: Final = ("heading", "left_wheel_phase", "right_wheel_phase")
+DRIVER_UNITS: Final = {
+    "yaw_rate": ("deg/s", 180.0 / np.pi),
+    "speed": ("m/s", 1.0),
+    "acceleration": ("m/s^2", 1.0),
+    "temperature": ("degC", 1.0),
+    "temperature_rate": ("degC/min", 60.0),
+    "time": ("s", 1.0),
+    "heading": ("deg", 180.0 / np.pi),
+    "left_wheel_phase": ("deg", 180.0 / np.pi),
+    "right_wheel_phase": ("deg", 180.0 / np.pi),
+    "lateral_acceleration": ("m/s^2", 1.0),
+    PLACE: (f"number of the cell of {CELLS} x {CELLS}", 1.0),
+}
+
+
+# A delay is electronics': what comes with the motion's changes and depends on the motion besides is slip.
+# The gyro's scale against the rate is the gyro's error against the rate.
+DRIVERS_OF: Final = {
+    "wheels' delay": ("time", "temperature", "temperature_rate"),
+    "gyro's scale": tuple(d for d in DRIVER_UNITS if d != "yaw_rate"),
+}
+
+
+def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
+    """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
+    m = problem.sensitivities.motion
+    found: dict[str, tuple[Array, Array]] = {}
+    moving = np.abs(m.speed_m_s) > 0.02
+    plain = {
+        "yaw_rate": m.rate_rad_s,
+        "speed": m.speed_m_s,
+        "acceleration": m.acceleration_m_s2,
+        "lateral_acceleration": m.speed_m_s * m.rate_rad_s,
+        "time": m.time_s,
+    }
+    if np.isfinite(m.temperature_c).all():
+        plain["temperature"] = m.temperature_c
+        plain["temperature_rate"] = m.temperature_rate_c_s(30.0)
+    for name, x in plain.items():
+        low, high = np.quantile(x[moving] if name != "time" and moving.any() else x, (0.005, 0.995))
+        if high - low > 1e-6 * max(abs(high), abs(low), 1e-9):
+            found[name] = (x, np.linspace(low, high, TIME_KNOTS if name == "time" else KNOTS))
+    for name, x in (
+        ("heading", m.heading_rad),
+        ("left_wheel_phase", m.left_wheel_rad),
+        ("right_wheel_phase", m.right_wheel_rad),
+    ):
+        if np.ptp(x) > 2 * np.pi and (name == "heading" or problem.evidence.has_wheels):
+            found[name] = (np.mod(x, 2 * np.pi), np.linspace(0.0, 2 * np.pi, KNOTS, endpoint=False))
+    return found

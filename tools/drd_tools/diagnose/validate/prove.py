@@ -1,0 +1,96 @@
+"""The model, and what it is worth in recordings that it was not fitted to.
+
+There a term must hold: the data must not speak against it. What is only a surrogate must bring the poses nearer.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+
+from drd.effects.model import Model, save_model
+from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E
+from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
+from drd_tools.diagnose.validate.trajectory import judged
+from drd_tools.recordings.folder import Recording
+
+NEARER: Final = ("position_rms_m", "heading_rms_deg")
+SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
+
+
+class Proof(NamedTuple):
+    """The model, the findings with what held-out recordings say of them, and the figures of these."""
+
+    model: Model
+    findings: list[Finding]
+    figures: Validation
+    bars: list[Bar]
+
+
+def validated(
+    file: Path,
+    build: Callable[[Sequence[Term]], Model],
+    terms: Sequence[Term],
+    findings: Sequence[Finding],
+    held_out: Sequence[Recording],
+) -> Proof:
+    """Save the model of the terms and of surrogates, less what does not hold in `held_out`.
+
+    The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
+    """
+    nats = held_out_nats(build(terms).terms, held_out)
+    refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
+    findings = [_told(f, nats.get(f.effect)) for f in findings]
+
+    def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
+        model = build([t for t in (*terms, *more) if t.effect not in refused])
+        save_model(file, model)
+        return model, [judged(other, file)[0] for other in held_out]
+
+    before = [judged(other, None)[0] for other in held_out]
+    model, after = saved(())
+    near = [msgspec.structs.replace(f.surrogate, why=SURROGATE) for f in findings if f.surrogate]
+    if near and held_out:
+        better, figures = saved(near)
+        if _all_gain(after, figures):
+            return _proof(better, findings, held_out, before, figures)
+        save_model(file, model)
+    findings = [msgspec.structs.replace(f, surrogate=None) for f in findings]
+    return _proof(model, findings, held_out, before, after)
+
+
+def _told(finding: Finding, worth: float | None) -> Finding:
+    """The finding with what held-out recordings say of it."""
+    if worth is None:
+        return finding
+    if worth < CONTRADICTED_NATS:
+        return msgspec.structs.replace(finding, held_out=HeldOut(worth, "against"), status=Status.SUSPECTED)
+    is_sure = worth >= math.log(CONFIRMING_E) and finding.status is Status.SUPPORTED
+    status = Status.CONFIRMED if is_sure else finding.status
+    said = HeldOut(worth, "for" if worth > -CONTRADICTED_NATS else "neither")
+    return msgspec.structs.replace(finding, held_out=said, status=status)
+
+
+def _all_gain(without: Sequence[Figures], with_them: Sequence[Figures]) -> bool:
+    pairs = zip(without, with_them, strict=True)
+    return all(a and all((b[q] or 0.0) <= (a[q] or 0.0) for q in NEARER if q in a) for a, b in pairs)
+
+
+def _proof(
+    model: Model,
+    findings: list[Finding],
+    held_out: Sequence[Recording],
+    before: Sequence[Figures],
+    after: Sequence[Figures],
+) -> Proof:
+    names, bars = [other.name for other in held_out], []
+    for name, first, second in zip(names, before, after, strict=True):
+        for q in first:
+            quantity, unit = q.rsplit("_", 1)
+            unit = "%" if unit == "percent" else unit
+            bars.append(Bar(name, quantity.replace("_", " "), unit, first[q], second[q]))
+    figures = Validation(dict(zip(names, before, strict=True)), dict(zip(names, after, strict=True)))
+    return Proof(model, findings, figures, bars)

@@ -1,0 +1,70 @@
+"""How far the estimator's poses are from the reference, without a model and with it."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from drd.config.schema import ConfigError
+from drd_tools.diagnose.regression.problem import Array
+from drd_tools.diagnose.results import Figures, Line, Paths
+from drd_tools.diagnose.validate.heading_only import heading_figures
+from drd_tools.evaluate.judge import judge
+from drd_tools.evaluate.results import Run
+from drd_tools.evaluate.trajectory import Poses, reference_of
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.nominal import with_model
+from drd_tools.replay.result import table
+
+DRAWN_ROWS: Final = 2000
+NO_POSES: Final = np.zeros((0, 10))
+
+
+def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
+    """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
+    if recording.wheels is None:
+        return heading_figures(recording, model), NO_POSES
+    run, rows = evaluated(recording, model)
+    return _figures(run), rows
+
+
+def evaluated(recording: Recording, model: Path | None) -> tuple[Run | None, Array]:
+    """The estimator's poses (n, columns) with a model or without, and how far they are from the reference."""
+    rows = table(replay_folder(recording if model is None else with_model(recording, model)))
+    if recording.reference is None or len(recording.reference.time_s) < 2 or len(rows) < 2:
+        return None, rows
+    covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
+    poses = Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance)
+    try:
+        return judge(poses, reference_of(recording)), rows
+    except ConfigError:
+        return None, rows  # start and end only, the start before the first pose
+
+
+def _figures(run: Run | None) -> Figures:
+    if run is None:
+        return {}
+    found: Figures = {
+        "end_error_m": run.end.position_m,
+        "position_rms_m": run.absolute.position_rmse_m,
+        "heading_rms_deg": run.absolute.heading_rmse_deg,
+    }
+    if run.drift is not None:
+        found["drift_percent"] = run.drift.percent
+    return found
+
+
+def paths(recording: Recording, nominal: Array, corrected: Array | None) -> Paths:
+    """The paths that are drawn."""
+    r = recording.reference
+    return Paths(
+        None if r is None else _line(np.column_stack([r.time_s, r.x_m, r.y_m])),
+        _line(nominal),
+        None if corrected is None else _line(corrected),
+    )
+
+
+def _line(rows: Array) -> Line:
+    index = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), DRAWN_ROWS)).round().astype(int))
+    return Line(*(rows[index, i] for i in range(3)))
