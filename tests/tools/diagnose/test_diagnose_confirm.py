@@ -79,7 +79,7 @@ def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
     row, rng = p.effect_rows([TREAD]), np.random.default_rng(6)
     found = []
     for _ in range(100):
-        p.data = rng.standard_normal(len(row))
+        p = p.with_data(rng.standard_normal(len(row)))
         share = float(row @ p.data) / float(row @ row)
         fitted = replace(TREAD, values={"k": TREAD.number("k") * share})
         fit = Fit((fitted,), 0.0, np.zeros(0), p.data - share * row)
@@ -107,7 +107,7 @@ def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
     p, library = null()
     rng, found = np.random.default_rng(7), []
     for _ in range(12):
-        p.data = rng.standard_normal(len(p.data))
+        p = p.with_data(rng.standard_normal(len(p.data)))
         slip = replace(
             selected("surface_slip", t0=40.0, t1=60.0, left=1e-3, right=-1e-3), free=("t0", "t1", "left", "right")
         )

@@ -24,7 +24,7 @@ def part(size: float, seed: int) -> Share:
     """A recording of white noise, and the effect so visible."""
     p = drive()
     row = p.effect_rows([TREAD])
-    p.data = np.random.default_rng(seed).standard_normal(len(row)) + size * row / np.linalg.norm(row)
+    p = p.with_data(np.random.default_rng(seed).standard_normal(len(row)) + size * row / np.linalg.norm(row))
     return share_of(p, refine(p, ()))
 
 

@@ -23,7 +23,7 @@ from drd_tools.diagnose.select.search import (
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
     p = problem(WAREHOUSE, 3)
     whole = selected("surface_slip", t0=40.0, t1=90.0, left=0.01, right=0.008)
-    p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([whole])
+    p = p.with_data(np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([whole]))
     free = ("t0", "t1", "left", "right")
     pieces = [
         replace(selected("surface_slip", t0=t0, t1=t1, left=0.01, right=0.008), free=free)
@@ -38,7 +38,7 @@ def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
 def test_every_stretch_of_the_grid_is_weighed_as_if_it_had_been_whitened_itself() -> None:
     p = problem(WAREHOUSE, 3)
     slip = selected("surface_slip", t0=30.0, t1=71.0, left=0.01, right=0.004)
-    p.data = np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([slip])
+    p = p.with_data(np.random.default_rng(4).standard_normal(len(p.data)) + p.effect_rows([slip]))
     fit = refine(p, [selected("tread_error", k=0.001)])
     gain, best = next((g, c) for g, c in Search(p).ranked(fit) if c.id == "surface_slip")
     free = ("left", "right")
@@ -82,7 +82,7 @@ def test_events_are_never_joined() -> None:
     slip = replace(
         selected("surface_slip", t0=44.0, t1=90.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right")
     )
-    p.data = np.random.default_rng(5).standard_normal(len(p.data)) + p.effect_rows([dropout, slip])
+    p = p.with_data(np.random.default_rng(5).standard_normal(len(p.data)) + p.effect_rows([dropout, slip]))
     found = Search(p, [dropout]).backward_swapped(refine(p, [dropout, slip])).selection
     assert {c.id for c in found} >= {"encoder_dropout"}
     assert found[0].number("t1") == 44.0
@@ -93,7 +93,7 @@ def test_two_that_hide_each_other_are_found_together() -> None:
     p = problem(WAREHOUSE, 3)
     bumps, growth = selected("bump_counts", travel_per_m=1.0), selected("wheel_radius_speed", k=1.0)
     a, b = (row / np.linalg.norm(row) for row in (p.effect_rows([bumps]), p.effect_rows([growth])))
-    p.data = 30.0 * (a + b) + np.random.default_rng(4).standard_normal(len(a))
+    p = p.with_data(30.0 * (a + b) + np.random.default_rng(4).standard_normal(len(a)))
     search, empty = Search(p), refine(p, ())
     assert not {"bump_counts", "wheel_radius_speed"} & {c.id for _, c in search.ranked(empty)}
     assert {c.id for c in search.grown(empty)[0].selection} == {"bump_counts", "wheel_radius_speed"}
@@ -103,7 +103,7 @@ def test_pairs_are_rarely_found_in_noise() -> None:
     p = problem(WAREHOUSE, 3)
     found = []
     for seed in range(20):
-        p.data = np.random.default_rng(seed).standard_normal(len(p.data))
+        p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)))
         found.append(bool(Search(p).grown(refine(p, ()))))
     assert sum(found) <= 2
 
@@ -122,7 +122,7 @@ def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:
     p = problem(WAREHOUSE, 3)
     scrub = replace(selected("turn_scrub", k=0.02), free=("k",))
     row = p.effect_rows([scrub])
-    p.data = 12.0 * row / np.linalg.norm(row)
+    p = p.with_data(12.0 * row / np.linalg.norm(row))
     found = full_search(coarse_search(p))
     assert [c.id for c in found.fit.selection] == ["turn_scrub"]
     exact = Search(p).exact_score(refine(p, [selected("tread_error", k=0.0)]))
@@ -136,10 +136,10 @@ def test_a_rough_search_ends_where_little_changes_and_can_be_gone_on_with() -> N
         (selected("gyro_vibration_bias", k=1e-4), 24.0),
         (selected("rotation_centre_offset", a=0.01), 20.0),
     )
-    p.data = 2.0 * np.random.default_rng(4).standard_normal(len(p.data))
+    p = p.with_data(2.0 * np.random.default_rng(4).standard_normal(len(p.data)))
     for one, size in true:
         row = p.effect_rows([one])
-        p.data = p.data + size * row / np.linalg.norm(row)
+        p = p.with_data(p.data + size * row / np.linalg.norm(row))
     rough = coarse_search(p)
     assert is_rough(rough.fit)
     assert 0 < len(rough.fit.selection) < 3

@@ -24,7 +24,7 @@ def null() -> Problem:
 def fitted(truth: Selected, seed: int) -> tuple[Problem, Fit]:
     """White noise and an effect, fitted from the truth on."""
     p = null()
-    p.data = np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth])
+    p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth]))
     return p, refine(p, [truth])
 
 

@@ -15,8 +15,8 @@ from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.cause import named
 from drd_tools.diagnose.error_model.ranges import seen, within
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import projected
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
@@ -64,7 +64,7 @@ def _corrected(problem: Problem, selection: Sequence[_Ranged]) -> float:
 
 def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
     residual = problem.data - sum((_rows(problem, *ranged) for ranged in selection), np.zeros(len(problem.data)))
-    return float(residual @ projected(problem.nuisance, residual))
+    return float(residual @ Marginal(problem.nuisance).projected(residual))
 
 
 def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:

@@ -8,8 +8,9 @@ import numpy as np
 
 from drd.effects.effect import SIDES, ActsOn, Chance, Effect
 from drd.effects.motion import Motion
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import projected, refine, refine_all
+from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.select.search import CLASS_NATS, Search
 from drd_tools.diagnose.selected import BIAS, Selected
 from drd_tools.trial.overlay import Effects
@@ -26,7 +27,7 @@ SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
 def visibility(problem: Problem, effect: Effect, values: Values) -> float:
     """Norm of an effect's whitened sensitivity, the reference's nuisances (with their priors) projected out."""
     rows = problem.effect_rows([Selected(effect, values, ())])
-    return math.sqrt(max(float(rows @ projected(problem.nuisance, rows)), 0.0))
+    return math.sqrt(max(float(rows @ Marginal(problem.nuisance).projected(rows)), 0.0))
 
 
 def selected_of(effects: Effects) -> list[Selected]:
@@ -47,20 +48,17 @@ def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
     how many nats that is worse.
     """
     truth = selected_of(effects)
-    search, data, names = Search(problem), problem.data, {c.id for c in truth}
-    problem.data = problem.effect_rows(truth)
-    try:
-        right, made = search.score(refine(problem, truth)), []
-        for one in truth:
-            rest = refine(problem, [c for c in truth if c is not one])
-            rivals = [selected for _, selected in search.ranked(rest) if selected.id not in names][:RIVALS]
-            fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
-            scores = [(search.score(f), f.selection[-1].id) for f in fits]
-            best, rival = max(scores, default=(search.score(rest), ""))
-            margin = right - max(best, search.score(rest))
-            made.append({"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS})
-    finally:
-        problem.data = data
+    problem = problem.with_data(problem.effect_rows(truth))
+    search, names = Search(problem), {c.id for c in truth}
+    right, made = search.score(refine(problem, truth)), []
+    for one in truth:
+        rest = refine(problem, [c for c in truth if c is not one])
+        rivals = [selected for _, selected in search.ranked(rest) if selected.id not in names][:RIVALS]
+        fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
+        scores = [(search.score(f), f.selection[-1].id) for f in fits]
+        best, rival = max(scores, default=(search.score(rest), ""))
+        margin = right - max(best, search.score(rest))
+        made.append({"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS})
     return made
 
 

@@ -22,10 +22,11 @@ from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence, Noise, gather
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.results import Alternative, NextDrive, Status
-from drd_tools.diagnose.select.library import Library
+from drd_tools.diagnose.select.library import Candidate, columns_of, variants
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
 from drd_tools.diagnose.selected import Selected
@@ -167,29 +168,28 @@ def _kind(e: Evidence) -> Reference:
 # ---- nats ----------------------------------------------------------------------------------------------------------
 
 
-class _Rivals(Library):
+class _Rivals:
     """The candidates of a few effects, and what the questions' findings would do."""
 
     def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Cause]):
-        self.candidates = []
+        self._candidates: list[Candidate] = []
         sensitivities: list[Sensitivity] = []
-        for name in names:
-            effect = catalogue()[name]
-            for shape in self._shapes(problem, effect):
-                sensitivities += self._add(problem, effect, shape, len(sensitivities))
+        for effect in (catalogue()[name] for name in names):
+            for shape in variants(problem, effect):
+                made, own = columns_of(problem, effect, shape, len(sensitivities))
+                self._candidates += made
+                sensitivities += own
         rows = problem.whiten([*sensitivities, *(_sensitivity(problem, f) for f in findings)])
         self.rows, self.found = rows[:, : len(sensitivities)], rows[:, len(sensitivities) :]
 
     def best(self, problem: Problem, name: str, data: Array) -> Selected | None:
         """The variant of an effect, with parameters, that explains most of the data beside the nuisances."""
-        own = [c for c in self.candidates if c.effect.id == name]
+        own = [c for c in self._candidates if c.effect.id == name]
         columns = sorted({i for c in own for i in c.columns})
         at = {column: k for k, column in enumerate(columns)}
         S, N = self.rows[:, columns], problem.nuisance
-        A = N.T @ N + np.eye(N.shape[1])
-        C = N.T @ S
-        G = S.T @ S - C.T @ np.linalg.solve(A, C)
-        b = S.T @ data - C.T @ np.linalg.solve(A, N.T @ data)
+        marginal, C = Marginal(N), N.T @ S
+        G, b = marginal.beside(S.T @ S, C), marginal.beside(S.T @ data, C, N.T @ data)
         best: tuple[float, Selected] | None = None
         for candidate in own:
             index = [at[i] for i in candidate.columns]
@@ -281,7 +281,7 @@ def _fitted_to(
 
 
 def _half_square(residual: Array, held: Array) -> float:
-    A = held.T @ held + np.eye(held.shape[1])
+    A = Marginal(held).A
     scale = 1.0 / np.sqrt(np.diag(A))
     b = scale * (held.T @ residual)
     x = np.linalg.lstsq(A * scale[:, None] * scale, b, rcond=1e-10)[0]

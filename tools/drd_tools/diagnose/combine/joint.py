@@ -19,8 +19,9 @@ from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E, FAMILY_WISE, LE
 from drd_tools.diagnose.conclude.confirm import e_value
 from drd_tools.diagnose.conclude.outcome import parameters_of
 from drd_tools.diagnose.error_model.ranges import seen
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, nuisance_design, projected
+from drd_tools.diagnose.regression.refine import Fit, nuisance_design
 from drd_tools.diagnose.results import Finding, Ranges, Status, Support, Window
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
@@ -69,7 +70,7 @@ def share_of(problem: Problem, fit: Fit) -> Share:
         [np.zeros((len(problem.data), 0)), *problem.units([(catalogue()[e], {}, name) for e, name in names])]
     )
     data = problem.data - problem.effect_rows(fit.selection)
-    left = projected(nuisance_design(problem, fit.selection), np.column_stack([X, data]))
+    left = Marginal(nuisance_design(problem, fit.selection)).projected(np.column_stack([X, data]))
     motion = problem.sensitivities.motion
     ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
     span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])

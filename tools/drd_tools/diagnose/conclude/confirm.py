@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, nuisance_design, projected, refine
+from drd_tools.diagnose.regression.refine import Fit, nuisance_design, refine
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
 
@@ -87,7 +88,7 @@ def _nats(library: Library, selected: Selected, train: npt.NDArray[np.bool_], pa
     # A selected effect that was not refined has no covariance; it is taken as it is.
     T = test.tangents([found]) @ _root(found.covariance) if found.covariance.size else np.zeros((len(test.data), 0))
     effect = test.effect_rows([found])
-    M = projected(test.nuisance, np.column_stack([effect, test.data, T]))
+    M = Marginal(test.nuisance).projected(np.column_stack([effect, test.data, T]))
     nats = float(effect @ M[:, 1]) - 0.5 * float(effect @ M[:, 0])
     A, b = np.eye(T.shape[1]) + T.T @ M[:, 2:], T.T @ (M[:, 1] - M[:, 0])
     nats += 0.5 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1])  # (61)
@@ -113,7 +114,7 @@ def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], se
     variants = [c for c in library.candidates if c.effect.id == selected.id]
     index = sorted({i for c in variants for i in c.columns})
     columns = library.columns[:, index][train].astype(float)
-    left = projected(part.nuisance, np.column_stack([columns, part.data]))
+    left = Marginal(part.nuisance).projected(np.column_stack([columns, part.data]))
     G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Because, Smallest
 from drd_tools.diagnose.select.library import Library
@@ -22,10 +23,9 @@ class Identifiability:
     """Products of the library's columns, beside the nuisances."""
 
     def __init__(self, problem: Problem, library: Library):
-        self._problem, self._library = problem, library
-        A = problem.nuisance.T @ problem.nuisance + np.eye(problem.nuisance.shape[1])
+        self._library = library
         C = np.asarray(library.columns.T @ problem.nuisance.astype(np.float32), float)
-        self.products = np.asarray(library.products, float) - C @ np.linalg.solve(A, C.T)
+        self.products = Marginal(problem.nuisance).beside(np.asarray(library.products, float), C.T)
         self.norm = np.sqrt(np.maximum(np.diag(self.products), 0.0))
 
     def detectable(self) -> dict[str, Smallest]:

@@ -73,10 +73,16 @@ class Problem:
         self._form_counts: dict[str, int] = {}
         self._rows: npt.NDArray[np.bool_] | None = None
 
+    def with_data(self, data: Array) -> "Problem":
+        """The same with other data (r,)."""
+        made = copy(self)
+        made.data = data
+        return made
+
     def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
         """The same with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
-        made = copy(self)
-        made._rows, made.data = rows, data[rows]
+        made = self.with_data(data[rows])
+        made._rows = rows
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 

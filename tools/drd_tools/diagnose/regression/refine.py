@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted
 from drd_tools.diagnose.selected import Selected
 
@@ -108,8 +109,8 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, A
     """Cost of effects as they are; the moves that a linear model proposes; and the cost that it expects then."""
     residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
     soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected).T for selected in selection)])
-    A, b = soft @ soft.T + np.eye(len(soft)), soft @ residual
-    L = np.linalg.cholesky(A)
+    marginal, b = Marginal(soft.T), soft @ residual
+    L = np.linalg.cholesky(marginal.A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     # Of the nuisances' determinant a constant part is the same for all selected effects.
     cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
@@ -118,8 +119,7 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, A
         return fit, np.zeros(0), cost
     priors = np.concatenate([_priors(c) for c in selection])
     # In the directions that nuisances and shapes leave.
-    C = soft @ T.T
-    S = T @ T.T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
+    S = marginal.beside(T @ T.T, soft @ T.T) + np.diag(priors)
     g = T @ fit.left
     inverse = _inverse(S)
     moves = inverse @ g
@@ -143,13 +143,10 @@ def response(problem: Problem, fit: Fit) -> Response:
     T = problem.tangents(selection)
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])
     F = np.column_stack([np.zeros((len(T), 0)), *(problem.discrepancy_shapes(selected) for selected in selection)])
-    A = soft.T @ soft + np.eye(soft.shape[1])
-    C = soft.T @ T
+    marginal, C = Marginal(soft), soft.T @ T
     priors = np.concatenate([np.zeros(0), *(_priors(c) for c in selection)])
-    S = T.T @ T - C.T @ np.linalg.solve(A, C) + np.diag(priors)
-    b = T.T @ F - C.T @ np.linalg.solve(A, soft.T @ F)
-    covariance = _inverse(S)
-    return Response(covariance, covariance @ b)
+    covariance = _inverse(marginal.beside(T.T @ T, C) + np.diag(priors))
+    return Response(covariance, covariance @ marginal.beside(T.T @ F, C, soft.T @ F))
 
 
 def _inverse(S: Array) -> Array:
@@ -176,12 +173,6 @@ def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
     seen = norms > 0.0
     freed = T[:, seen] / norms[seen] * FREE
     return np.column_stack([problem.nuisance, freed, *(discrepancies(problem, c) for c in selection)])
-
-
-def projected(held: Array, rows: Array) -> Array:
-    """Rows (r, p) times the inverse covariance of data in which the columns `held` (r, s) vary with prior 1."""
-    result: Array = rows - held @ np.linalg.solve(held.T @ held + np.eye(held.shape[1]), held.T @ rows)
-    return result
 
 
 def _priors(selected: Selected) -> Array:

@@ -127,55 +127,63 @@ class Library:
         first = 0
         plain = [effect for effect in effects if not is_of_interval(effect)]
         for effect in plain:
-            for shape in self._shapes(problem, effect):
-                sensitivities += self._add(problem, effect, shape, first + len(sensitivities))
+            for shape in variants(problem, effect):
+                made, own = columns_of(problem, effect, shape, first + len(sensitivities))
+                self.candidates += made
+                sensitivities += own
             # Those of an hour's drive, all at once, would be 400 MB.
             if len(sensitivities) >= COLUMNS or effect is plain[-1]:
                 whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
                 first += len(sensitivities)
                 sensitivities = []
         for intervals in self.intervals:
-            for shape in self._shapes(problem, intervals.effect):
+            for shape in variants(problem, intervals.effect):
                 columns = [intervals.column(shape, name) for name in intervals.names]
                 if all(c.any() for c in columns):
-                    self._offer(problem, intervals.effect, shape, intervals.names, first)
+                    self.candidates += _candidates(problem, intervals.effect, shape, intervals.names, first)
                     whitened.append(np.column_stack(columns))
                     first += len(columns)
         self.columns = np.concatenate(whitened, axis=1)
         self.products: Columns = self.columns.T @ self.columns
 
-    @staticmethod
-    def _shapes(problem: Problem, effect: Effect) -> list[Parameters]:
-        shapes = effect.variants(problem.sensitivities.motion)
-        if effect.acts_on is ActsOn.READOUT:
-            sigma = problem.evidence.sheet.bias_rad_s
-            shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
-        return shapes
 
-    def _add(self, problem: Problem, effect: Effect, shape: Parameters, first: int) -> list[Sensitivity]:
-        angle = next((q.name for q in effect.parameters if q.is_angle), "")
-        names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
-        if angle:
-            shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
-        else:
-            shapes = [(shape, name) for name in names]
-        sensitivities = [problem.unit(effect, s, name) for s, name in shapes]
-        if not all(_is_seen(s) for s in sensitivities):
-            return []
-        self._offer(problem, effect, shape, names, first, angle)
-        return sensitivities
+def variants(problem: Problem, effect: Effect) -> list[Parameters]:
+    """Shapes of an effect with which a search begins."""
+    shapes = effect.variants(problem.sensitivities.motion)
+    if effect.acts_on is ActsOn.READOUT:
+        sigma = problem.evidence.sheet.bias_rad_s
+        shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
+    return shapes
 
-    def _offer(
-        self, problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
-    ) -> None:
-        """The candidates of a variant whose columns begin with `first`: of each choice of its parameters."""
-        for which in [(0, 1)] if angle else choices(effect, names):
-            chosen = names if angle else tuple(names[i] for i in which)
-            values = {**shape, SCALE.name: 0.0} if SCALE.name in chosen else shape
-            count = len(which) + len(_free_shape(effect, values)) - bool(angle)
-            penalty = count * problem.per_parameter + problem.per_effect
-            columns = tuple(first + i for i in which)
-            self.candidates.append(Candidate(effect, values, chosen, columns, angle, penalty))
+
+def columns_of(
+    problem: Problem, effect: Effect, shape: Parameters, first: int
+) -> tuple[list[Candidate], list[Sensitivity]]:
+    """Candidates of a variant, and their sensitivities, the columns from `first` on; none where it is not seen."""
+    angle = next((q.name for q in effect.parameters if q.is_angle), "")
+    names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
+    if angle:
+        shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
+    else:
+        shapes = [(shape, name) for name in names]
+    sensitivities = [problem.unit(effect, s, name) for s, name in shapes]
+    if not all(_is_seen(s) for s in sensitivities):
+        return [], []
+    return _candidates(problem, effect, shape, names, first, angle), sensitivities
+
+
+def _candidates(
+    problem: Problem, effect: Effect, shape: Parameters, names: tuple[str, ...], first: int, angle: str = ""
+) -> list[Candidate]:
+    """Candidates of a variant whose columns begin with `first`: one for each choice of its parameters."""
+    made = []
+    for which in [(0, 1)] if angle else choices(effect, names):
+        chosen = names if angle else tuple(names[i] for i in which)
+        values = {**shape, SCALE.name: 0.0} if SCALE.name in chosen else shape
+        count = len(which) + len(_free_shape(effect, values)) - bool(angle)
+        penalty = count * problem.per_parameter + problem.per_effect
+        made.append(Candidate(effect, values, chosen, tuple(first + i for i in which), angle, penalty))
+    return made
 
 
 def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:

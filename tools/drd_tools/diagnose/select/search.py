@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.effect import END, START, ActsOn
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, nuisance_design, projected, refine, refine_all
+from drd_tools.diagnose.regression.refine import Fit, nuisance_design, refine, refine_all
 from drd_tools.diagnose.select.intervals import Intervals, joined, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.selected import Selected
@@ -188,7 +189,7 @@ class Search:
     def exact_score(self, fit: Fit) -> float:
         """As `score`, if no cause had another shape than the catalogue's."""
         residual = self.problem.data - self.problem.effect_rows(fit.selection)
-        nats = -0.5 * float(residual @ projected(self.problem.nuisance, residual))
+        nats = -0.5 * float(residual @ Marginal(self.problem.nuisance).projected(residual))
         return nats - self.problem.penalty(fit.selection)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Selected]]:
@@ -260,14 +261,14 @@ class Search:
         problem = self.problem
         held = nuisance_design(problem, fit.selection)
         residual = problem.data - problem.effect_rows(fit.selection)
-        A = held.T @ held + np.eye(held.shape[1])
-        left = (residual - held @ np.linalg.solve(A, held.T @ residual)).astype(np.float32)
+        marginal = Marginal(held)
+        left = marginal.projected(residual).astype(np.float32)
         own = self.library.columns, self.library.products
         made: list[_Products] = []
         for columns, products in (own, *((s.columns, s.products) for s in self.library.intervals)):
             cross = np.asarray(columns.T @ held.astype(np.float32), float)
             b = np.asarray(columns.T @ left, float)
-            made.append((products - cross @ np.linalg.solve(A, cross.T), b))
+            made.append((marginal.beside(products, cross.T), b))
         return made
 
     def _free(self, fit: Fit, G: Array) -> list[Candidate]:

@@ -12,6 +12,7 @@ from drd.effects.effect import Errors, apart, both
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.error_model.sensitivities import SUB
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.selected import Selected
@@ -126,16 +127,15 @@ class SplineTerms:
         kept = [c for c in selection if c is not beside]
         held = nuisance_design(problem, kept)
         residual = problem.data - problem.effect_rows(kept)
-        A = held.T @ held + np.eye(held.shape[1])
-        cleared = residual - held @ np.linalg.solve(A, held.T @ residual)
+        marginal = Marginal(held)
+        cleared = marginal.projected(residual)
         best: Curve | None = None
         for smooth in self._splines:
             if wanted is not None and (smooth.channel, smooth.driver) != wanted:
                 continue
             S = smooth.rows.astype(float)
-            C = S.T @ held
-            G = S.T @ S - C @ np.linalg.solve(A, C.T)
-            gain, value, sigma = _marginal(G, S.T @ cleared, smooth.rough)
+            G = marginal.beside(S.T @ S, (S.T @ held).T)
+            gain, value, sigma = _evidence(G, S.T @ cleared, smooth.rough)
             gain -= self.cost
             if best is None or gain > best.gain:
                 channel = CHANNELS[smooth.channel]
@@ -175,7 +175,7 @@ def _roughness(driver: str, k: int) -> Array:
     return rough
 
 
-def _marginal(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
+def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
     """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation."""
     k = len(b)
     best = (-math.inf, np.zeros(k), np.zeros(k))

@@ -11,9 +11,10 @@ from drd.effects.model import Term
 from drd_tools.diagnose.error_model.ranges import within
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import discrepancies, projected, refine
+from drd_tools.diagnose.regression.refine import discrepancies, refine
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
@@ -91,6 +92,4 @@ class _HeldOut:
                     held.tangents([selected]) * np.sqrt(np.diag(selected.covariance)),
                     discrepancies(held, selected),
                 ]
-        soft = np.column_stack([problem.nuisance, *columns])
-        A = soft.T @ soft + np.eye(soft.shape[1])
-        return -0.5 * float(residual @ projected(soft, residual)) - 0.5 * float(np.linalg.slogdet(A)[1])
+        return Marginal(np.column_stack([problem.nuisance, *columns])).nats(residual)

@@ -1,0 +1,31 @@
+"""White noise and columns of unknown size, integrated over."""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Marginal:
+    """Data of covariance `I + N N'`: noise, and columns N (r, s) whose coefficients have the prior 1.
+
+    Its inverse is taken by `A = N'N + I`, (s, s), as Woodbury has it: s columns are few, r rows many.
+    """
+
+    def __init__(self, columns: Array):
+        self.columns = columns
+        self.A: Array = columns.T @ columns + np.eye(columns.shape[1])
+
+    def projected(self, rows: Array) -> Array:
+        """The inverse covariance times rows (r, p)."""
+        result: Array = rows - self.columns @ np.linalg.solve(self.A, self.columns.T @ rows)
+        return result
+
+    def beside(self, products: npt.NDArray[np.floating], own: Array, other: Array | None = None) -> Array:
+        """Products `X'Y` (p, q) less what N takes of them; `own`: `N'X` (s, p), `other`: `N'Y`, where it is another."""
+        return np.asarray(products - own.T @ np.linalg.solve(self.A, own if other is None else other), float)
+
+    def nats(self, residual: Array) -> float:
+        """Log likelihood of a residual (r,), but for a constant."""
+        square = float(residual @ self.projected(residual))
+        return -0.5 * square - 0.5 * float(np.linalg.slogdet(self.A)[1])
