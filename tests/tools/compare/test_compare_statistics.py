@@ -26,8 +26,8 @@ SEEDS = st.integers(0, 2**32 - 1)
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Poses]:
     e = gather(long_drive(tmp_path_factory.mktemp("compare")))
-    sheet = replace(e.sheet, position_m=0.01, heading_rad=0.003)
-    e = replace(e, sheet=sheet)
+    sheet = replace(e.datasheet, position_m=0.01, heading_rad=0.003)
+    e = replace(e, datasheet=sheet)
     return e, follow(e)
 
 

@@ -82,9 +82,9 @@ def test_steps_at_a_dropout_are_doubted_and_others_are_not() -> None:
     e = audit(recording, gather(recording)).evidence
     assert e is not None
     inside = (e.time_s > 41.0 + 0.05) & (e.time_s < 42.0 + 0.05)
-    assert (e.left_doubt_m2[inside] > 0.1**2).all()
-    assert (e.left_doubt_m2[~inside] > 0.0).mean() < 0.01
-    assert (e.right_doubt_m2 > 0.0).mean() < 0.01
+    assert (e.left_inflation_m2[inside] > 0.1**2).all()
+    assert (e.left_inflation_m2[~inside] > 0.0).mean() < 0.01
+    assert (e.right_inflation_m2 > 0.0).mean() < 0.01
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, problem, selected
 
-from drd_tools.diagnose.combine.joint import Share, share_of, shared, together
+from drd_tools.diagnose.combine.joint import SufficientStatistics, shared, sufficient_statistics, together
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 
@@ -20,12 +20,12 @@ def drive() -> Problem:
     return problem(SLALOM, 0)
 
 
-def part(size: float, seed: int) -> Share:
+def part(size: float, seed: int) -> SufficientStatistics:
     """A recording of white noise, and the effect so visible."""
     p = drive()
     row = p.effect_rows([TREAD])
     p = p.with_data(np.random.default_rng(seed).standard_normal(len(row)) + size * row / np.linalg.norm(row))
-    return share_of(p, refine(p, ()))
+    return sufficient_statistics(p, refine(p, ()))
 
 
 def test_effects_with_a_shape_or_an_origin_of_their_own_are_not_shared() -> None:

@@ -7,12 +7,12 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from drd_tools.diagnose.combine.joint import Share, united
+from drd_tools.diagnose.combine.joint import SufficientStatistics, united
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.results import Because, Result, Smallest, Unexplained
 
-EMPTY = Share((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
+EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
 
 
 def said(folder: Path, name: str, end_error_m: float | None = None) -> Result:

@@ -20,8 +20,7 @@ SCALE_AND_BIAS = selected("gyro_scale_nonlinearity", a2=1e-4, a3=-2e-4, largest_
 
 def with_noise(drive: tuple[str, float], truth: Selected, seed: int = 4) -> Problem:
     p = problem(drive, 3)
-    p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth]))
-    return p
+    return p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([truth]))
 
 
 @pytest.mark.parametrize(

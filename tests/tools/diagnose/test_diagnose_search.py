@@ -149,7 +149,7 @@ def test_a_rough_search_ends_where_little_changes_and_can_be_gone_on_with() -> N
 def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> None:
     p = problem(("square-ccw", 200.0), 3)
     e, m, calm = p.evidence, p.sensitivities.motion, p.sensitivities.calm_rate_rad_s
-    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    sigma_rad_s = float(np.median(np.sqrt(e.datasheet.gyro(e)) / e.step_s))
     straight = np.abs(m.rate_rad_s) < 5.0 * sigma_rad_s
     assert straight.mean() > 0.2
     assert np.abs(calm[straight]).max() < 8.0 * sigma_rad_s

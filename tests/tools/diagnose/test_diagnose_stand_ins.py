@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from drd.effects.model import Model, load_model
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.combine.joint import Share
+from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
 from drd_tools.diagnose.files import load
@@ -21,7 +21,7 @@ from drd_tools.diagnose.validate.prove import validated
 from drd_tools.trial.draw import make
 from drd_tools.trial.plan import Plan, drawings
 
-EMPTY = Share((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
+EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
 
 
 def term(k: float, std: float, rates: tuple[float, float]) -> Term:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import WAREHOUSE, problem, selected
 
-from drd_tools.diagnose.conclude.uncertainty import shrunk, told
+from drd_tools.diagnose.conclude.uncertainty import reported_estimates, shrunk
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.selected import Selected
@@ -37,7 +37,7 @@ def test_a_windows_edges_and_sizes_are_covered() -> None:
     inside, curved = [], []
     for seed in range(16):
         p, fit = fitted(slip, seed)
-        (found,) = told(p, fit)
+        (found,) = reported_estimates(p, fit)
         for name in slip.free:
             error = abs(found.number(name) - slip.number(name))
             inside.append(error < Z_90 * found.sigma(name))
@@ -50,7 +50,7 @@ def test_a_windows_edges_and_sizes_are_covered() -> None:
 def test_a_parameter_that_was_left_out_is_told_with_its_deviation() -> None:
     bias = selected("gyro_bias_temperature", b1=2e-5, b2=0.0)
     p, fit = fitted(replace(bias, free=("b1",)), 1)
-    (found,) = told(p, fit)
+    (found,) = reported_estimates(p, fit)
     assert set(found.free) == {"b1", "b2"}
     assert found.sigma("b2") > 0.0
     assert found.sigma("b1") > 1.5 * fit.selection[0].sigma("b1")
@@ -63,7 +63,7 @@ def test_what_a_drive_says_nothing_of_is_told_as_nothing(seed: int) -> None:
     ground = selected("terrain_tread", t0=60.0, t1=140.0, tread=0.01, gain=0.0)
     p = problem(("spins", 200.0), seed, ground)
     fit = refine(p, [replace(ground, free=("tread", "gain"))])
-    (found,) = told(p, fit)
+    (found,) = reported_estimates(p, fit)
     assert abs(found.number("gain")) < 0.1 * abs(fit.selection[0].number("gain"))
     assert found.sigma("gain") > 10.0 * abs(found.number("gain"))
     assert found.number("tread") == pytest.approx(fit.selection[0].number("tread"), abs=0.5 * found.sigma("tread"))
@@ -88,9 +88,9 @@ def test_where_a_drive_tells_a_sum_only_its_parts_are_small_and_add_up() -> None
 
 def test_what_is_known_by_logic_stays_as_it_is() -> None:
     p, fit = fitted(selected("tread_error", k=0.02), 2)
-    assert told(p, fit, {"tread_error"}) == fit.selection
+    assert reported_estimates(p, fit, {"tread_error"}) == fit.selection
 
 
 def test_nothing_found_is_nothing_told() -> None:
     p = null()
-    assert told(p, refine(p, [])) == ()
+    assert reported_estimates(p, refine(p, [])) == ()

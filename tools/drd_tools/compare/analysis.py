@@ -113,7 +113,7 @@ def _bias(e: Evidence, still: Standstill) -> str:
 
 def _noise_table(e: Evidence, nominal: Nominal) -> list[list[str]]:
     """Name, value with unit, and whether robot.yaml states it."""
-    sheet, fog, ref = e.sheet, nominal.fog, nominal.reference
+    sheet, fog, ref = e.datasheet, nominal.fog, nominal.reference
     walk = sheet.walk_rad_per_sqrt_s / RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     bias_walk = sheet.bias_walk_rad_s_per_sqrt_s / RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     rows: list[tuple[str, float, str, float | None]] = []

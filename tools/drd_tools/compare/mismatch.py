@@ -114,7 +114,7 @@ def mismatches(e: Evidence, path: Path, model: Sensitivity, bias_rad_s: float) -
 
 def white(e: Evidence) -> dict[str, Array]:
     """Variance that the data sheets give each channel's increments, (n,) each; the reference's is not in it."""
-    sheet, D = e.sheet, e.tread_m
+    sheet, D = e.datasheet, e.tread_m
     slip2 = sheet.slip_m_per_sqrt_m**2
     found = {
         "left": slip2 * np.abs(e.left_m),

@@ -79,7 +79,7 @@ def _simulated(e: Evidence, path: Path, rng: np.random.Generator, count: int) ->
 
 def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
     """A recording of the nominal robot on this path, with the noise that its data sheets state and no gyro bias."""
-    sheet, n = e.sheet, len(e.time_s)
+    sheet, n = e.datasheet, len(e.time_s)
     moves = e.travel_m > 0.0
     forward, _, turn = path.steps()
     forward, turn = forward * moves, turn * moves
@@ -132,7 +132,7 @@ def _fast(draws: Array, q: Array) -> Array:
 
 def _slow(e: Evidence, blocks: Blocks, still: Standstill) -> Array:
     """The gyro's bias: how badly the standstill told it, and its random walk from there on."""
-    sheet = e.sheet
+    sheet = e.datasheet
     variance = sheet.walk_rad_per_sqrt_s**2 / still.seen_s if still.seen_s > 0.0 else sheet.bias_rad_s**2
     since = np.maximum(blocks.time_s - float(e.time_s[0]) - 0.5 * still.seen_s, 0.0)
     walk = sheet.bias_walk_rad_s_per_sqrt_s**2 * np.minimum.outer(since, since)

@@ -36,13 +36,13 @@ class Analysis:
 
     def noise_ratios(self) -> Figures:
         """Fitted noise over its data sheet's."""
-        noise, sheet = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.sheet
-        heading: Figures = {"heading": noise.heading_rad / sheet.heading_rad}
+        noise, stated = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.datasheet
+        heading: Figures = {"heading": noise.heading_rad / stated.heading_rad}
         if not self.conclusion.found.problem.evidence.has_wheels:
             return heading
         return {
-            "slip": noise.slip_m_per_sqrt_m / sheet.slip_m_per_sqrt_m,
-            "position": noise.position_m / sheet.position_m,
+            "slip": noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m,
+            "position": noise.position_m / stated.position_m,
             **heading,
         }
 
@@ -56,18 +56,18 @@ def analyse(recording: Recording) -> Analysis:
     # What was seen as an event must also be of the right sign and size.
     known = [c for c in refine(problem, known).selection if is_plausible(c)]
     for _ in range(NOISE_ROUNDS):
-        noise, doubt = fitted(problem, refine(problem, known), searched=False)
-        problem = Problem(problem.evidence, problem.path, noise, doubt)
+        noise, fix_inflation = fitted(problem, refine(problem, known), searched=False)
+        problem = Problem(problem.evidence, problem.path, noise, fix_inflation)
     found = coarse_search(problem, known)
     for i in range(ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
             break
-        noise, doubt = fitted(found.problem, found.fit, searched=True)
+        noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
         inflation = inflated(found.problem, found.fit.left)
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
-        problem = Problem(problem.evidence, problem.path, noise, doubt, inflation=inflation)
+        problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
         found = coarse_search(problem, known)
     found = full_search(found, known)
     null = refine(problem, known)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
-from drd_tools.diagnose.combine.joint import Share
+from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 
 
@@ -14,14 +14,14 @@ from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 class Diagnosis:
     """The result, what is drawn of it, and the nominal robot with what was found.
 
-    `notes`: sentences about the recording. `share`: its part in what several say together.
+    `notes`: sentences about the recording. `statistics`: its part in what several say together.
     """
 
     result: Result
     series: Series
     model: Model
     notes: Sequence[str] = ()
-    share: Share | None = None
+    statistics: SufficientStatistics | None = None
 
     @property
     def verdict(self) -> Verdict:

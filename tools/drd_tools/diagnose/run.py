@@ -18,7 +18,7 @@ import drd
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
-from drd_tools.diagnose.combine.joint import share_of
+from drd_tools.diagnose.combine.joint import sufficient_statistics
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
@@ -96,15 +96,15 @@ def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
         train, drive = _trained(analysis, model_file if proof.model.terms else None)
         unseen = _unseen(analysis)
         result, series = _result(analysis, proof, train, unseen), _series(analysis, proof, drive, unseen)
-        share = share_of(conclusion.found.problem, conclusion.found.fit)
-    return Diagnosis(result, series, proof.model, recording.notes, share)
+        statistics = sufficient_statistics(conclusion.found.problem, conclusion.found.fit)
+    return Diagnosis(result, series, proof.model, recording.notes, statistics)
 
 
 def together(
     recordings: Sequence[Recording], held_out: Sequence[Recording], made: Sequence[Diagnosis], names: str
 ) -> Diagnosis:
     """What several recordings, or parts of one, say together. `names`: of all of them."""
-    result = combined([d.result for d in made], [d.share for d in made if d.share is not None])
+    result = combined([d.result for d in made], [d.statistics for d in made if d.statistics is not None])
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:
         terms = outcome.terms_found(result.findings)

@@ -28,7 +28,7 @@ from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.results import Alternative, NextDrive, Status
 from drd_tools.diagnose.select.library import Candidate, columns_of, variants
 from drd_tools.diagnose.select.search import Found
-from drd_tools.diagnose.select.splines import CHANNELS, DRIVER_UNITS, PERIODIC, Curve, drivers, errors_along
+from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
@@ -45,7 +45,7 @@ LONGEST_STAND_S: Final = 30.0
 FIX_S: Final = 0.5
 GYRO_HZ: Final = 10.0
 SLOW_GYRO_HZ: Final = 2.0  # where all that is asked for is slow
-SLOW: Final = ("temperature", "temperature_rate", "time")  # drivers that no manoeuvre changes
+SLOW: Final = ("temperature", "temperature_rate", "time")  # covariates that no manoeuvre changes
 # A stretch of ground is driven over again.
 STRETCH_FROM_S, STRETCH_S = 45.0, 60.0
 
@@ -138,7 +138,7 @@ def _is_slow(of: Cause | str) -> bool:
     """An error of the gyro that no manoeuvre changes."""
     if isinstance(of, str):
         return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].driver in SLOW
-    return of.acts_on == "gyro" and of.driver in SLOW
+    return of.acts_on == "gyro" and of.covariate in SLOW
 
 
 @lru_cache(maxsize=64)
@@ -222,11 +222,11 @@ def _again(selected: Selected) -> Selected:
 
 def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
     """What a curve without a name adds; beyond its ends it stays as it is there."""
-    m, known = problem.sensitivities.motion, drivers(problem)
-    if curve.driver not in known:
+    m, known = problem.sensitivities.motion, covariates(problem)
+    if curve.covariate not in known:
         return Sensitivity()
-    period = 360.0 if curve.driver in PERIODIC else None
-    x = known[curve.driver][0] * DRIVER_UNITS[curve.driver][1]
+    period = 360.0 if curve.covariate in PERIODIC else None
+    x = known[curve.covariate][0] * COVARIATE_UNITS[curve.covariate][1]
     value = np.interp(x, curve.knots, curve.value, period=period)
     errors = errors_along(m)[curve.channel](value / CHANNELS[curve.channel].public)
     return problem.sensitivities.of(errors)
@@ -297,17 +297,17 @@ def _least(option: _Option) -> float:
 
 
 def _sentence(best: _Option, separates: list[list[str]], unsettled: list[list[str]], nats: float) -> str:
-    def told(pairs: list[list[str]]) -> str:
+    def paired(pairs: list[list[str]]) -> str:
         return "; ".join(f"{a} from {b}" for a, b in pairs)
 
     if not separates:
         return (
-            f"None of the drives that were simulated, up to {MINUTES[-1]} minutes long, tells {told(unsettled)}; "
+            f"None of the drives that were simulated, up to {MINUTES[-1]} minutes long, tells {paired(unsettled)}; "
             f"most, {nats:.2g} nats, come from {best.manoeuvre}."
         )
     minutes = "1 minute" if best.minutes == 1 else f"{best.minutes} minutes"
-    text = f"{minutes} of {best.manoeuvre} would tell {told(separates)}, by at least {nats:.3g} nats."
+    text = f"{minutes} of {best.manoeuvre} would tell {paired(separates)}, by at least {nats:.3g} nats."
     names = {name for pair in separates for name in pair}
     advice = (effect.advice for effect in catalogue().values() if effect.id in names and effect.advice)
     text += "".join(f" {a.format(from_s=STRETCH_FROM_S)}" for a in dict.fromkeys(advice))
-    return text + (f" It does not tell {told(unsettled)}." if unsettled else "")
+    return text + (f" It does not tell {paired(unsettled)}." if unsettled else "")

@@ -1,7 +1,7 @@
 """Effects that several recordings of one robot show together, though none shows them alone.
 
-Each recording sends normal equations of its lasting, linear effects; nuisances and its own effects are projected out.
-Their sums are those of one regression over all recordings, with the parameters in common.
+Each recording gives the sufficient statistics of the lasting, linear effects, its nuisances and its own effects
+projected out. Their sums are those of one regression over all recordings, with the parameters in common.
 """
 
 import math
@@ -34,11 +34,11 @@ MOST: Final = 4
 
 
 @dataclass(frozen=True)
-class Share:
-    """One recording's part: products `G` (p, p) and `b` (p,) of the columns `names`, of `rows` rows of data.
+class SufficientStatistics:
+    """One recording's information `G` (p, p) and score `b` (p,) of the columns `names`, from `rows` rows of data.
 
-    `ranges`: where each effect's driver was, by the effect's name; `span_s`: from when to when. An effect that it
-    selected effects itself has no column.
+    `ranges`: where each effect's covariate was, by the effect's name; `span_s`: from when to when. An effect that it
+    selected itself has no column.
     """
 
     names: tuple[tuple[str, str], ...]
@@ -61,8 +61,8 @@ def shared() -> list[Effect]:
     ]
 
 
-def share_of(problem: Problem, fit: Fit) -> Share:
-    """What a recording sends."""
+def sufficient_statistics(problem: Problem, fit: Fit) -> SufficientStatistics:
+    """Score and information of the shared effects in a recording, beside its own."""
     selected = {c.id for c in fit.selection}
     effects = [e for e in shared() if e.id not in selected and e.channel in problem.evidence.channels]
     names = tuple((e.id, name) for e in effects for name in e.linear())
@@ -74,21 +74,21 @@ def share_of(problem: Problem, fit: Fit) -> Share:
     motion = problem.sensitivities.motion
     ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
     span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
-    return Share(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
+    return SufficientStatistics(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
 
 
-def together(shares: Sequence[Share], selected: set[str]) -> list[Finding]:
-    """Findings of effects that no recording selected effects by itself."""
-    names = [n for n in shares[0].names if n[0] not in selected and all(n in s.names for s in shares)]
-    parts = [_chosen(s, names) for s in shares]
-    rows, chosen, refused, findings = sum(s.rows for s in shares), list[str](), set[str](), list[Finding]()
+def together(statistics: Sequence[SufficientStatistics], selected: set[str]) -> list[Finding]:
+    """Findings of effects that no recording shows by itself."""
+    names = [n for n in statistics[0].names if n[0] not in selected and all(n in s.names for s in statistics)]
+    parts = [_chosen(s, names) for s in statistics]
+    rows, chosen, refused, findings = sum(s.rows for s in statistics), list[str](), set[str](), list[Finding]()
     while len(findings) < MOST:
         ranked = [r for r in _ranked(parts, names, chosen, rows) if r[1] not in refused]
         if not ranked or ranked[0][0] <= 0.0:
             break
         best = ranked[0][1]
         also = [name for score, name in ranked[1:] if score > ranked[0][0] - CLASS_NATS]
-        finding = _finding(shares, parts, names, chosen, best, also)
+        finding = _finding(statistics, parts, names, chosen, best, also)
         if finding is None:
             refused.add(best)
         else:
@@ -104,9 +104,9 @@ def united(seen: Sequence[Ranges]) -> Ranges:
     return {name: (min(low for low, _ in found), max(high for _, high in found)) for name, found in ends.items()}
 
 
-def _chosen(share: Share, names: Sequence[tuple[str, str]]) -> Part:
-    index = [share.names.index(n) for n in names]
-    return share.G[np.ix_(index, index)], share.b[index]
+def _chosen(one: SufficientStatistics, names: Sequence[tuple[str, str]]) -> Part:
+    index = [one.names.index(n) for n in names]
+    return one.G[np.ix_(index, index)], one.b[index]
 
 
 def _index(names: Sequence[tuple[str, str]], effects: Sequence[str]) -> list[int]:
@@ -146,7 +146,7 @@ def _ranked(
 
 
 def _finding(
-    shares: Sequence[Share],
+    statistics: Sequence[SufficientStatistics],
     parts: Sequence[Part],
     names: Sequence[tuple[str, str]],
     chosen: Sequence[str],
@@ -171,12 +171,12 @@ def _finding(
         also_fits=tuple(also),
         acts_on=effect.channel,
         parameters=parameters_of(selected)[0],
-        windows=((min(s.span_s[0] for s in shares), max(s.span_s[1] for s in shares)),),
-        seen=united([s.ranges[best] for s in shares]),
+        windows=((min(s.span_s[0] for s in statistics), max(s.span_s[1] for s in statistics)),),
+        seen=united([s.ranges[best] for s in statistics]),
         covariate=effect.driver,
         evidence=Support(gain, p, e),
         explains=1.0,
-        sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(shares)} together do.",
+        sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(statistics)} together do.",
         probability=e / (1.0 + e) / (1 + len(also)),
     )
 

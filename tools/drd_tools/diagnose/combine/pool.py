@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.combine.joint import Share, together, united
+from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import (
     Amount,
@@ -39,7 +39,7 @@ class _Said(NamedTuple):
     finding: Finding
 
 
-def combined(results: Sequence[Result], shares: Sequence[Share]) -> Result:
+def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> Result:
     """One result of several. A lasting effect's parameters are combined with the inverse of their variances.
 
     Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
@@ -52,7 +52,7 @@ def combined(results: Sequence[Result], shares: Sequence[Share]) -> Result:
         else:
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
-    common = together(shares, names_of(findings))
+    common = together(statistics, names_of(findings))
     findings = sorted([*findings, *common], key=lambda f: -f.gain_nats)
     found, detectable = names_of(findings), _most_sensitive(results)
     return Result(

@@ -48,12 +48,12 @@ class Cause:
         return acts_on if acts_on != "readout" else self.selected.effect.channel
 
     @property
-    def driver(self) -> str:
+    def covariate(self) -> str:
         """What it depends on."""
         if self.selected is not None:
             return self.selected.effect.driver
         assert self.curve is not None
-        return self.curve.driver
+        return self.curve.covariate
 
 
 def named(causes: Sequence[Cause]) -> list[Selected]:

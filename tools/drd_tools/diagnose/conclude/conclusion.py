@@ -19,7 +19,7 @@ from drd_tools.diagnose.conclude.confirm import (
     predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
-from drd_tools.diagnose.conclude.uncertainty import told
+from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
@@ -68,7 +68,9 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
     found, findings = _in_place_of_several(found, search, splines, chance)
-    for selected, reported in zip(found.fit.selection, told(found.problem, found.fit, search.known), strict=True):
+    for selected, reported in zip(
+        found.fit.selection, reported_estimates(found.problem, found.fit, search.known), strict=True
+    ):
         event = by_logic.get(selected.id)
         if event is not None:
             findings.append(_event_finding(selected, event))
@@ -82,7 +84,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
         rest = found.fit.left - splines.rows(left)
         p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
         unexplained = left.gain / (left.gain + total)
-        same = any(f.selected is None and f.curve is not None and f.curve.driver == left.driver for f in findings)
+        same = any(f.selected is None and f.curve is not None and f.curve.covariate == left.covariate for f in findings)
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
     findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
@@ -99,7 +101,7 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
         key = (
             i
             if finding.selected is not None or finding.curve is None
-            else (finding.curve.channel, finding.curve.driver)
+            else (finding.curve.channel, finding.curve.covariate)
         )
         first = found.setdefault(key, finding)
         if first is not finding:
@@ -197,7 +199,7 @@ def _finding(
         probability=_probability(found.score, [*scores, search.score(rest)]),
         curve=curve,
         gain=Gain(*gain_over_time(problem, fit, selected)),
-        fitted=None if curve is None else _told(splines, selected, curve),
+        fitted=None if curve is None else _at_knots(splines, selected, curve),
     )
 
 
@@ -224,16 +226,16 @@ def unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _told(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
+def _at_knots(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
     """The selected effect at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
-    told = splines.told(selected, curve)
+    values = splines.reported(selected, curve)
     if curve.channel == "gyro":
-        told = told + float(np.average(curve.value - told, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
-    return told
+        values = values + float(np.average(curve.value - values, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
+    return values
 
 
 def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
-    """The mismatch that an effect explains, against the effect's own driver where that is one of the smooths'."""
+    """The mismatch that an effect explains, against the effect's own covariate where that is one of the smooths'."""
     options = [
         splines.best(found.fit.selection, selected, (channel, selected.effect.driver))
         for channel, where in CHANNELS.items()
@@ -263,12 +265,13 @@ def _unknown(
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
         f"in one of {len(curve.knots)} places"
-        if curve.driver == PLACE
-        else f"at {curve.knots[peak]:.3g} {curve.driver_unit}"
+        if curve.covariate == PLACE
+        else f"at {curve.knots[peak]:.3g} {curve.covariate_unit}"
     )
     text = (
         f"Something that is in no catalogue acts on the {curve.channel} and depends on "
-        f"{curve.driver.replace('_', ' ')}: {curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
+        f"{curve.covariate.replace('_', ' ')}: "
+        f"{curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
     support, odds = Support(curve.gain, p, e), math.exp(min(max(curve.gain, -LARGEST_NATS), LARGEST_NATS))
     return Cause(None, status, also_fits, (), support, explains, text, odds / (1.0 + odds), curve, surrogate)

@@ -98,7 +98,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
         choices=choices,
         windows=cause.windows or ((float(time_s[0]), float(time_s[-1])),),
         seen={} if cause.selected is None else seen(motion, cause.selected),
-        covariate=cause.driver,
+        covariate=cause.covariate,
         evidence=cause.support,
         explains=cause.explains,
         surrogate=None if cause.surrogate is None else term_of(motion, cause.surrogate),
@@ -121,7 +121,7 @@ def course_of(cause: Cause) -> Course:
     if fitted is not None and cause.selected is not None:
         x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
     mismatch = Mismatch(
-        curve.driver, curve.driver_unit, curve.unit, curve.channel, curve.knots, curve.value, curve.sigma,
+        curve.covariate, curve.covariate_unit, curve.unit, curve.channel, curve.knots, curve.value, curve.sigma,
         x, fit, fit - band, fit + band,
     )  # fmt: skip
     return Course(cause.effect, mismatch, cause.gain)

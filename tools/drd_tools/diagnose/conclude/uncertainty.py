@@ -1,4 +1,4 @@
-"""What is told of the selected effects' parameters in the end: all of them, with deviations that cover.
+"""Reported estimates of the selected effects' parameters: all of them, with deviations that cover.
 
 A curvature at the best fit is too sure of three things: a parameter that was left out, since it was worth less than
 its cost, is not zero; an edge of a window may lie anywhere in a time that tells nothing of it; and no form is exact.
@@ -27,14 +27,14 @@ USUAL: Final = 3.0
 FEWEST_PLACES: Final = 3
 
 
-def told(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
+def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
     """The effects of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
     fit = _widened(problem, fit, known)
     uncertain = response(problem, fit)
     covariance = (
         uncertain.covariance + DISCREPANCY_SHARE**2 * uncertain.discrepancy_shapes @ uncertain.discrepancy_shapes.T
     )
-    drawn = shrunk(fit.selection, covariance, problem.per_parameter, known)
+    shrunken = shrunk(fit.selection, covariance, problem.per_parameter, known)
     selection, first = [], 0
     for i, selected in enumerate(fit.selection):
         k = len(selected.free)
@@ -47,14 +47,14 @@ def told(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selec
         profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
-        selection.append(replace(drawn[i], covariance=own * scale[:, None] * scale))
+        selection.append(replace(shrunken[i], covariance=own * scale[:, None] * scale))
     return tuple(selection)
 
 
 def shrunk(
     selection: Sequence[Selected], covariance: Array, cost_nats: float, known: Collection[str] = ()
 ) -> tuple[Selected, ...]:
-    """Linear parameters drawn towards 0 where the data do not object: of what they tell nothing, nothing is told.
+    """Shrink linear parameters towards 0 where the data do not object (empirical Bayes).
 
     Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
     would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
@@ -76,8 +76,8 @@ def shrunk(
     for j, at in zip(index, usual * (V @ (y * sizes / (sizes + variance))), strict=True):
         i, name = named[j]
         values[i][name] = float(at)
-    drawn = [replace(selected, values=own) for selected, own in zip(selection, values, strict=True)]
-    return tuple(d if is_plausible(d) else selected for d, selected in zip(drawn, selection, strict=True))
+    shrunken = [replace(selected, values=own) for selected, own in zip(selection, values, strict=True)]
+    return tuple(d if is_plausible(d) else selected for d, selected in zip(shrunken, selection, strict=True))
 
 
 def _usual(q: Parameter) -> float:

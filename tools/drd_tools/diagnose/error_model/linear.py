@@ -55,18 +55,18 @@ class Sensitivity:
 
 
 class Linear:
-    """The model around `path`, with noise of given sizes. `doubt` (m,) multiplies the variance of each fix."""
+    """The model around `path`, with noise of given sizes. `fix_inflation` (m,) multiplies the variance of each fix."""
 
     def __init__(
         self,
         evidence: Evidence,
         path: Path,
         noise: Noise,
-        doubt: Array | None = None,
+        fix_inflation: Array | None = None,
         like: "Linear | None" = None,
     ):
         self.evidence, self.path, self.noise = evidence, path, noise
-        self.doubt = np.ones(len(evidence.fix)) if doubt is None else doubt
+        self.fix_inflation = np.ones(len(evidence.fix)) if fix_inflation is None else fix_inflation
         self._forward, self._left, self._turn = path.steps()
         self._c, self._s = np.cos(path.middle_rad), np.sin(path.middle_rad)
         # What a heading error does to x and y in a step.
@@ -115,7 +115,7 @@ class Linear:
 
     def _is_near(self, like: "Linear") -> bool:
         """Whether gains of the same noise on a path that is nearly the same whiten as well."""
-        if like.noise != self.noise or not np.array_equal(like.doubt, self.doubt):
+        if like.noise != self.noise or not np.array_equal(like.fix_inflation, self.fix_inflation):
             return False
         largest = max(float(np.abs(h).max()) for h in (self._hx, self._hy))
         return all(
@@ -150,12 +150,12 @@ class Linear:
             for j in range(bounds[i], bounds[i + 1]):
                 H = self._H[j]
                 PH = P @ H.T
-                gains.L[j] = L = _inverse_root(H @ PH + R * self.doubt[j])
+                gains.L[j] = L = _inverse_root(H @ PH + R * self.fix_inflation[j])
                 gains.K[j] = K = PH @ L.T
                 # Joseph's form: of a P that was huge before the first fix, a difference would be chance.
                 KL = K @ L
                 kept = identity - KL @ H
-                P = kept @ P @ kept.T + KL @ (R * self.doubt[j]) @ KL.T
+                P = kept @ P @ kept.T + KL @ (R * self.fix_inflation[j]) @ KL.T
         return gains
 
     @cached_property

@@ -10,12 +10,12 @@ from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
 
 # What is missing from the model is no noise, but it must not keep the path from following the fixes.
-LOOSER: Final = 10.0
+INFLATION: Final = 10.0
 ROUNDS: Final = 2
 
 
 def follow(e: Evidence) -> Path:
-    """Dead-reckon, then bend the path to the fixes, with sensors that are trusted less than their sheets say."""
+    """Dead-reckon, then bend the path to the fixes, with sensors that are trusted less than their data sheets say."""
     turn = (e.right_m - e.left_m) / e.tread_m
     if e.gyro_rad is not None:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
@@ -23,21 +23,21 @@ def follow(e: Evidence) -> Path:
         turn = np.where(e.gyroless, turn, e.gyro_rad - bias * e.step_s)
     path = dead_reckon(turn, 0.5 * (e.left_m + e.right_m), e.fix[0] if len(e.fix) else np.zeros(3))
     for _ in range(ROUNDS if len(e.fix) else 0):
-        path = loosened(e, path).smoothed()
+        path = inflated_model(e, path).smoothed()
     return path
 
 
-def loosened(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
+def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
     """The model around a path by which it is bent to the fixes; `like`: one whose gains serve where it is near.
 
     With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
     """
-    sheet = e.sheet
-    loose = replace(
-        sheet,
-        walk_rad_per_sqrt_s=LOOSER * sheet.walk_rad_per_sqrt_s,
-        bias_rad_s=LOOSER * sheet.bias_rad_s,
-        slip_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
-        lateral_m_per_sqrt_m=LOOSER * sheet.slip_m_per_sqrt_m,
+    datasheet = e.datasheet
+    noise = replace(
+        datasheet,
+        walk_rad_per_sqrt_s=INFLATION * datasheet.walk_rad_per_sqrt_s,
+        bias_rad_s=INFLATION * datasheet.bias_rad_s,
+        slip_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
+        lateral_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
     )
-    return Linear(e, path, loose, like=like)
+    return Linear(e, path, noise, like=like)

@@ -1,4 +1,4 @@
-"""Where in its driver an effect was seen; of what lies beyond, a model says no more than at the end of that range."""
+"""Where along its covariate an effect was seen; of what lies beyond, a model says no more than at its ends."""
 
 from dataclasses import replace
 from typing import Final
@@ -15,7 +15,7 @@ SLOWEST_M_S: Final = 1e-3
 
 
 def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
-    """The range of a lasting effect's driver in a recording, in its file's unit; empty where it has none."""
+    """The range of a lasting effect's covariate in a recording, in its file's unit; empty where it has none."""
     turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
     lag_s = selected.effect.lag_s(selected.values)
     values = {
@@ -35,21 +35,21 @@ def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
 
 
 def within(m: Motion, ranges: Ranges) -> Motion:
-    """The motion with drivers held to their ranges; the wheels' speeds follow."""
-    for driver, ends in ranges.items():
-        low, high = (end * DRIVERS[driver].si for end in ends)
-        if driver in ("time", "acceleration", "temperature"):
-            name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[driver]
+    """The motion with covariates held to their ranges; the wheels' speeds follow."""
+    for covariate, ends in ranges.items():
+        low, high = (end * DRIVERS[covariate].si for end in ends)
+        if covariate in ("time", "acceleration", "temperature"):
+            name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[covariate]
             m = replace(m, **{name: np.clip(getattr(m, name), low, high)})
             continue
         v, w = m.speed_m_s, m.rate_rad_s
-        if driver == "speed":
+        if covariate == "speed":
             v = np.clip(v, low, high)
-        elif driver == "yaw_rate":
+        elif covariate == "yaw_rate":
             w = np.clip(w, low, high)
-        elif driver == "lateral_acceleration":
+        elif covariate == "lateral_acceleration":
             w = np.divide(np.clip(v * w, low, high), v, out=w.copy(), where=np.abs(v) > SLOWEST_M_S)
-        elif driver == "curvature":
+        elif covariate == "curvature":
             bend = np.abs(w) / np.maximum(np.abs(v), SLOWEST_M_S)
             v = np.copysign(np.abs(w) / np.clip(bend, max(low, SLOWEST_M_S), high), v)
         ahead, half_turn = v - m.speed_m_s, 0.5 * m.tread_m * (w - m.rate_rad_s)

@@ -60,7 +60,19 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     else:
         T, still_c = np.full(len(middle), np.nan), np.nan
     return Motion(
-        middle, w, v, a, heading(middle), v - 0.5 * w * B, v + 0.5 * w * B, wl, wr, T, still_c, B, float(edges[-1])
+        time_s=middle,
+        rate_rad_s=w,
+        speed_m_s=v,
+        acceleration_m_s2=a,
+        heading_rad=heading(middle),
+        left_m_s=v - 0.5 * w * B,
+        right_m_s=v + 0.5 * w * B,
+        left_wheel_rad=wl,
+        right_wheel_rad=wr,
+        temperature_c=T,
+        still_c=still_c,
+        tread_m=B,
+        end_s=float(edges[-1]),
     )
 
 
@@ -77,7 +89,7 @@ def _smoothed(values: Array, sigma: float) -> Array:
 
 def _speed_sigma_m_s(e: Evidence) -> Array:
     """Deviation of each step's speed, (n,), m/s."""
-    way = e.sheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.sheet.count_m**2 / 12.0
+    way = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.datasheet.count_m**2 / 12.0
     return np.asarray(np.sqrt(way) / e.step_s, float)
 
 
@@ -93,12 +105,12 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     """
     turn = path.steps()[2]
     # The wheels' turn is mostly noise on a straight line, and would explain itself there.
-    told = gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)
+    seen = gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)
     if e.gyro_rad is not None:
-        doubted = e.gyro_doubt_rad2 > 0.0
-        slow = gaussian_filter1d(np.where(doubted, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
-        told = np.where(doubted, told, e.gyro_rad + slow)
-    return np.asarray(np.where(e.still, 0.0, told), float)
+        inflated = e.gyro_inflation_rad2 > 0.0
+        slow = gaussian_filter1d(np.where(inflated, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
+        seen = np.where(inflated, seen, e.gyro_rad + slow)
+    return np.asarray(np.where(e.still, 0.0, seen), float)
 
 
 class Sensitivities:
@@ -118,7 +130,7 @@ class Sensitivities:
         e, rate = self.e, self.motion.rate_rad_s
         step_s = float(self.motion.time_s[1] - self.motion.time_s[0])
         calm = gaussian_filter1d(rate, CALM_SMOOTHING_S / step_s)
-        sigma_rad_s = np.repeat(np.sqrt(e.sheet.gyro(e)) / e.step_s, SUB)
+        sigma_rad_s = np.repeat(np.sqrt(e.datasheet.gyro(e)) / e.step_s, SUB)
         return np.where(np.abs(rate - calm) > CALM_SIGMAS * sigma_rad_s, rate, calm)
 
     def of(self, errors: Errors) -> Sensitivity:

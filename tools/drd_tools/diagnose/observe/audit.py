@@ -45,7 +45,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Audit:
-    """What was found, and the evidence with doubt where sensors said nothing of use."""
+    """What was found, and the evidence with its covariance inflated where sensors said nothing of use."""
 
     events: list[Event] = field(default_factory=list)
     evidence: Evidence | None = None
@@ -53,15 +53,17 @@ class Audit:
 
 def audit(recording: Recording, e: Evidence) -> Audit:
     """Look for events."""
-    gyro, left, right = (doubt.copy() for doubt in (e.gyro_doubt_rad2, e.left_doubt_m2, e.right_doubt_m2))
+    gyro, left, right = (
+        inflation.copy() for inflation in (e.gyro_inflation_rad2, e.left_inflation_m2, e.right_inflation_m2)
+    )
     events = clipped(e, gyro) if e.has_wheels else []
     if recording.wheels is not None:
         events += stopped(recording.wheels, e, left, right)
         events += bumps(recording.wheels, e, left, right)
-    return Audit(events, replace(e, gyro_doubt_rad2=gyro, left_doubt_m2=left, right_doubt_m2=right))
+    return Audit(events, replace(e, gyro_inflation_rad2=gyro, left_inflation_m2=left, right_inflation_m2=right))
 
 
-def clipped(e: Evidence, doubt: Array) -> list[Event]:
+def clipped(e: Evidence, inflation: Array) -> list[Event]:
     """Readings that pile up at the largest rate, with the wheels turning faster."""
     if e.gyro_rad is None:
         return []
@@ -69,7 +71,7 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
     limit = float(np.abs(rate).max())
     # Noise and resolution spread what is clipped before them.
     step_s = float(np.median(e.step_s))
-    width = 6.0 * e.sheet.walk_rad_per_sqrt_s / step_s**0.5 + 2.0 * e.sheet.resolution_rad_s + 1e-6 * limit
+    width = 6.0 * e.datasheet.walk_rad_per_sqrt_s / step_s**0.5 + 2.0 * e.datasheet.resolution_rad_s + 1e-6 * limit
     at = np.abs(rate) >= limit - width
     below = (np.abs(rate) < limit - width) & (np.abs(rate) >= limit - 10.0 * width)
     if at.sum() < FEWEST_CLIPPED or at.sum() < PILED_UP * below.sum():
@@ -86,7 +88,7 @@ def clipped(e: Evidence, doubt: Array) -> list[Event]:
     if float(faster.mean()) < max(5.0 * sure, FASTER_SHARE * limit):
         return []
     # A reading at the edge is clipped for a part of its time.
-    doubt[binary_dilation(at)] = np.inf
+    inflation[binary_dilation(at)] = np.inf
     effect = showing(Symptom.CLIPPED)
     nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
     seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
@@ -98,8 +100,8 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
     if log.left_counts is None or log.right_counts is None:
         return []
     events = []
-    per_count = e.sheet.count_m
-    for side, own, other, doubt, sign in (
+    per_count = e.datasheet.count_m
+    for side, own, other, inflation, sign in (
         (SIDES[0], log.left_counts, log.right_counts, left, -1.0),
         (SIDES[1], log.right_counts, log.left_counts, right, 1.0),
     ):
@@ -111,7 +113,7 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
             # It stopped and went on within a row: what it lost there is not known.
             row_s = float(np.diff(log.time_s[first : last + 1]).max())
             inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
-            doubt[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
+            inflation[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
             effect = showing(Symptom.STOPPED)
             selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
             rest_s = stop.t1 - stop.t0
@@ -144,7 +146,11 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
         travel = float(its[begin:end].sum())
         missed = travel + sign * e.tread_m * turn
         # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
-        sigma = e.sheet.slip_m_per_sqrt_m * np.sqrt(abs(travel)) + 0.3 * e.tread_m * abs(turn) + 4.0 * e.sheet.count_m
+        sigma = (
+            e.datasheet.slip_m_per_sqrt_m * np.sqrt(abs(travel))
+            + 0.3 * e.tread_m * abs(turn)
+            + 4.0 * e.datasheet.count_m
+        )
         if abs(missed) >= LIKELY_SHARE * abs(travel):
             likely.append((t0, t1))
         if end - begin >= SHORTEST_STOP_ROWS and abs(missed) >= max(STOP_SIGMAS * sigma, 0.5 * abs(travel)):
@@ -176,10 +182,10 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     if log.left_counts is None or log.right_counts is None:
         return []
     more, less, added, way = 0, 0, 0.0, 0.0
-    for counts, doubt in ((log.left_counts, left), (log.right_counts, right)):
-        travel = np.diff(counts) * e.sheet.count_m
+    for counts, inflation in ((log.left_counts, left), (log.right_counts, right)):
+        travel = np.diff(counts) * e.datasheet.count_m
         usual = _neighbours(travel)
-        moving = np.abs(usual) > np.maximum(0.2 * np.percentile(np.abs(travel), 90), 20.0 * e.sheet.count_m)
+        moving = np.abs(usual) > np.maximum(0.2 * np.percentile(np.abs(travel), 90), 20.0 * e.datasheet.count_m)
         if moving.sum() < 200:
             continue
         # Slip grows with the root of the way.
@@ -199,8 +205,8 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
         at = log.time_s[1:][spike]
         size = (travel - usual)[spike]
         index = np.searchsorted(e.time_s, at - 1e-9)
-        good = index < len(doubt)
-        np.add.at(doubt, index[good], size[good] ** 2)
+        good = index < len(inflation)
+        np.add.at(inflation, index[good], size[good] ** 2)
     total = more + less
     if total == 0 or stats.binomtest(more, total, 0.5, "greater").pvalue > ONE_SIDED_P:
         return []

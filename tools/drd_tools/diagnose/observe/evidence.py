@@ -30,15 +30,15 @@ WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
 BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
-LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a sheet may say so
-LATERAL_SHARE: Final = 0.25  # of the slip: no sheet gives it
+LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data sheet may say so
+LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
 POSITION_SIGMA_M: Final = 0.02
 HEADING_SIGMA_DEG: Final = 0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Sizes of the noise, SI. As data sheets give it, they are the priors of what is fitted."""
+    """Sizes of the noise, SI. Those of the data sheets are the priors of what is fitted."""
 
     walk_rad_per_sqrt_s: float
     bias_rad_s: float
@@ -57,19 +57,21 @@ class Noise:
             return np.where(e.still, self.gyro(e), UNSEEN**2)
         D2 = e.tread_m**2
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
-        wheels = wheels + (e.left_doubt_m2 + e.right_doubt_m2) / D2
+        wheels = wheels + (e.left_inflation_m2 + e.right_inflation_m2) / D2
         wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
         return wheels + np.where(e.gyroless, 1e-12, self.gyro(e))
 
     def gyro(self, e: "Evidence") -> Array:
         """Variance of the gyro's turn in a step, (n,)."""
         return (
-            self.walk_rad_per_sqrt_s**2 * e.step_s + self.resolution_rad_s**2 / 12.0 * e.step_s**2 + e.gyro_doubt_rad2
+            self.walk_rad_per_sqrt_s**2 * e.step_s
+            + self.resolution_rad_s**2 / 12.0 * e.step_s**2
+            + e.gyro_inflation_rad2
         )
 
     def steps(self, e: "Evidence", turn_rad: Array, c: Array, s: Array, hx: Array, hy: Array) -> Array:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
-        forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_doubt_m2 + e.right_doubt_m2) / 4.0
+        forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
         turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e))
         Q = np.zeros((len(c), 4, 4))
@@ -84,15 +86,15 @@ class Noise:
         return Q
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Steps k = 0..n-1 end at `time_s` (n,), each `step_s` (n,) long.
+    """A recording in steps k = 0..n-1, which end at `time_s` (n,), each `step_s` (n,) long.
 
-    `gyro_rad` (n,): angle that the gyro turned, or None. `left_m`, `right_m` (n,): travel that the counters told.
+    `gyro_rad` (n,): angle that the gyro turned, or None. `left_m`, `right_m` (n,): travel by the counters.
     `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
     decide what a step has. `still` (n,): no wheel has counted for a second before and after.
-    `..._doubt_...` (n,): variance of a step beyond the noise, where a sensor said nothing of use; a gyro's of inf: the
-    wheels tell the turn.
+    `..._inflation_...` (n,): variance added to a step's, where a sensor said nothing of use; a gyro's of inf: the turn
+    is the wheels'. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
     `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
@@ -111,19 +113,19 @@ class Evidence:
     tread_m: float
     radius_m: float
     standstill_s: float
-    sheet: Noise
+    datasheet: Noise
     travel_m: Array
     near_travel_m: Array
     still: npt.NDArray[np.bool_]
-    gyro_doubt_rad2: Array
-    left_doubt_m2: Array
-    right_doubt_m2: Array
+    gyro_inflation_rad2: Array
+    left_inflation_m2: Array
+    right_inflation_m2: Array
     has_wheels: bool = True
 
     @property
     def gyroless(self) -> npt.NDArray[np.bool_]:
         """Steps whose turn the wheels alone tell, (n,)."""
-        return np.isinf(self.gyro_doubt_rad2) | (self.gyro_rad is None)
+        return np.isinf(self.gyro_inflation_rad2) | (self.gyro_rad is None)
 
     @property
     def observed(self) -> slice | npt.NDArray[np.intp]:
@@ -160,8 +162,8 @@ class Evidence:
         return np.where(known, np.diff(total(np.clip(at, edges[0], edges[-1]))), increments)
 
 
-def sheet_of(nominal: Nominal, has_wheels: bool = True) -> Noise:
-    """What robot.yaml says of the noise, or what is usual. Without wheels no position is compared."""
+def datasheet_noise(nominal: Nominal, has_wheels: bool = True) -> Noise:
+    """The noise as robot.yaml states it, or as is usual. Without wheels no position is compared."""
     fog, reference, encoders = data_sheet(nominal.fog), nominal.reference, nominal.encoders
     per_revolution = nominal.wheel.counts_per_revolution
 
@@ -170,17 +172,18 @@ def sheet_of(nominal: Nominal, has_wheels: bool = True) -> Noise:
 
     slip = given(encoders.slip_noise_m_per_sqrt_m, SLIP_M_PER_SQRT_M)
     return Noise(
-        given(fog.angle_random_walk_deg_per_sqrt_h, WALK_DEG_PER_SQRT_H) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
-        given(fog.bias_repeatability_deg_s, BIAS_DEG_S) * RAD_PER_DEG,
-        given(fog.bias_random_walk_deg_per_h_per_sqrt_h, BIAS_WALK_DEG_H_PER_SQRT_H)
+        walk_rad_per_sqrt_s=given(fog.angle_random_walk_deg_per_sqrt_h, WALK_DEG_PER_SQRT_H)
+        * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+        bias_rad_s=given(fog.bias_repeatability_deg_s, BIAS_DEG_S) * RAD_PER_DEG,
+        bias_walk_rad_s_per_sqrt_s=given(fog.bias_random_walk_deg_per_h_per_sqrt_h, BIAS_WALK_DEG_H_PER_SQRT_H)
         * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
-        given(fog.resolution_deg_s, 0.0) * RAD_PER_DEG,
-        slip,
-        0.0,
-        LATERAL_SHARE * slip,
-        2.0 * np.pi * nominal.wheel.radius_m / per_revolution if per_revolution and has_wheels else 0.0,
-        given(reference.position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,
-        given(reference.heading_sigma_deg, HEADING_SIGMA_DEG) * RAD_PER_DEG,
+        resolution_rad_s=given(fog.resolution_deg_s, 0.0) * RAD_PER_DEG,
+        slip_m_per_sqrt_m=slip,
+        turn_slip_rad_per_sqrt_rad=0.0,
+        lateral_m_per_sqrt_m=LATERAL_SHARE * slip,
+        count_m=2.0 * np.pi * nominal.wheel.radius_m / per_revolution if per_revolution and has_wheels else 0.0,
+        position_m=given(reference.position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,
+        heading_rad=given(reference.heading_sigma_deg, HEADING_SIGMA_DEG) * RAD_PER_DEG,
     )
 
 
@@ -202,7 +205,8 @@ def gather(recording: Recording) -> Evidence:
         raise ConfigError(str(recording.folder), "", f"at least {FEWEST_STEPS} steps {what}", got)
     time_s, step_s, gyro, temperature_c, _ = grid
     edges = np.concatenate([[time_s[0] - step_s[0]], time_s])
-    nominal, fix = recording.nominal, grids.fixes(recording, edges, step_s)
+    nominal = recording.nominal
+    fix_step, fix_share, fix = grids.fixes(recording, edges, step_s)
     if log is None:
         assert gyro is not None
         left_m = right_m = grids.travel(reference, edges)
@@ -219,13 +223,30 @@ def gather(recording: Recording) -> Evidence:
         still_steps = max(1, round(grids.STILL_S / float(np.median(step_s))))
         still = (maximum_filter1d(travel_m, 2 * still_steps + 1) == 0.0) & (lost_m2 == 0.0)
     wheels_rad = (right_m - left_m) / tread_m if log is not None else None
-    gyro, doubt_rad2 = grids.without_holes(grid, wheels_rad, (lost_m2 > 0.0) | (log is None))
+    gyro, inflation_rad2 = grids.without_holes(grid, wheels_rad, (lost_m2 > 0.0) | (log is None))
     return Evidence(
-        recording.name, time_s, step_s, gyro, left_m, right_m, temperature_c, *fix,
-        tread_m, radius_m, nominal.standstill_at_start_s, sheet_of(nominal, log is not None),
-        travel_m, maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), still,
-        doubt_rad2, lost_m2, lost_m2.copy(), log is not None,
-    )  # fmt: skip
+        name=recording.name,
+        time_s=time_s,
+        step_s=step_s,
+        gyro_rad=gyro,
+        left_m=left_m,
+        right_m=right_m,
+        temperature_c=temperature_c,
+        fix_step=fix_step,
+        fix_share=fix_share,
+        fix=fix,
+        tread_m=tread_m,
+        radius_m=radius_m,
+        standstill_s=nominal.standstill_at_start_s,
+        datasheet=datasheet_noise(nominal, log is not None),
+        travel_m=travel_m,
+        near_travel_m=maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1),
+        still=still,
+        gyro_inflation_rad2=inflation_rad2,
+        left_inflation_m2=lost_m2,
+        right_inflation_m2=lost_m2.copy(),
+        has_wheels=log is not None,
+    )
 
 
 def check_comparable(recording: Recording) -> None:

@@ -131,13 +131,13 @@ def without_holes(grid: Grid, wheels_rad: Array | None, is_lost: npt.NDArray[np.
 
     `is_lost` (n,): the wheels do not tell either.
     """
-    doubt_rad2, hole = np.zeros(len(grid.time_s)), grid.missing_s > 0.0
+    inflation_rad2, hole = np.zeros(len(grid.time_s)), grid.missing_s > 0.0
     if grid.gyro_rad is None or not hole.any():
-        return grid.gyro_rad, doubt_rad2
+        return grid.gyro_rad, inflation_rad2
     rate = grid.gyro_rad / grid.step_s
     typical = float(np.sqrt(np.mean(rate[~hole] ** 2))) if (~hole).any() else 1.0
     between = np.interp(grid.time_s, grid.time_s[~hole], rate[~hole]) if (~hole).any() else rate
     other = between * grid.step_s if wheels_rad is None else wheels_rad
     unsure = np.where(is_lost, max(typical, WANDER_RAD_S), WANDER_RAD_S)
-    doubt_rad2[hole] = ((HOLE_SHARE * np.abs(other) + unsure * grid.missing_s)[hole]) ** 2
-    return np.where(hole, other, grid.gyro_rad), doubt_rad2
+    inflation_rad2[hole] = ((HOLE_SHARE * np.abs(other) + unsure * grid.missing_s)[hole]) ** 2
+    return np.where(hole, other, grid.gyro_rad), inflation_rad2

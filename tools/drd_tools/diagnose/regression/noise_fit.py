@@ -18,14 +18,14 @@ Array = npt.NDArray[np.float64]
 
 DEVIATION_PER_MAD: Final = 1.4826
 FEWEST_ROWS: Final = 50
-# A sheet is believed to within a factor of about 1.5; so many rows weigh as much as the sheet.
+# A data sheet is believed to within a factor of about 1.5; so many rows weigh as much.
 ROWS_PER_PRIOR: Final = 30
 SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)
 FEWEST_BLOCKS: Final = 20
 LEAST_COLOUR: Final = 1.15
-DOUBTED_BEYOND: Final = 2.5  # sigma, of a fix
+INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
 SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
-SLIP_DOUBT: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
+SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
 # A reference that repeats itself has no noise at all; a filter has to divide by it.
 LEAST_M, LEAST_RAD = 1e-5, 1e-5
 FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
@@ -70,30 +70,30 @@ def _slow(rows: Array, every_s: float) -> float:
 
 
 def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
-    """Noise, and doubt (m,) of each fix, from what a fit leaves of the whitened data.
+    """Noise, and variance inflation (m,) of each fix, from what a fit leaves of the whitened data.
 
-    Of few fixes none is doubted before the effects have been searched for: one by itself may be all that tells of them.
+    Of few fixes none is inflated before the search for effects: one by itself may be all that tells of them.
     """
     e, noise = problem.evidence, problem.noise
     wheels, fixes = _not_inflated(problem, fit.left)
-    moving = ~e.still & (e.left_doubt_m2 + e.right_doubt_m2 + e.gyro_doubt_rad2 == 0.0)
+    moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
     if len(wheels):
         slip = _scale(wheels[moving])
     else:
         slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
-    doubt = np.maximum(1.0, np.mean(scaled**2, axis=1) / DOUBTED_BEYOND**2 * 3.0)
+    inflation = np.maximum(1.0, np.mean(scaled**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
     if not searched and len(fixes) < FEWEST_ROWS:
-        doubt = np.ones(len(doubt))
-    before = problem.doubt if problem.doubt is not None else np.ones(len(doubt))
+        inflation = np.ones(len(inflation))
+    before = problem.fix_inflation if problem.fix_inflation is not None else np.ones(len(inflation))
     return (
         replace(
             slipping(noise, slip),
             position_m=max(noise.position_m * position, LEAST_M),
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
         ),
-        np.maximum(doubt * before, 1.0),
+        np.maximum(inflation * before, 1.0),
     )
 
 
@@ -107,12 +107,12 @@ def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Ar
     sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
     best, most = (1.0, fixes), -math.inf
     for factor in SLIPS:
-        linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.doubt)
+        linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.fix_inflation)
         rows = linear.whiten(sensitivities)[1]
         left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
         nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
-        ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.sheet.slip_m_per_sqrt_m
-        nats -= 0.5 * (math.log(ratio) / SLIP_DOUBT) ** 2
+        ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.datasheet.slip_m_per_sqrt_m
+        nats -= 0.5 * (math.log(ratio) / SLIP_SPREAD) ** 2
         if nats > most:
             best, most = (factor, left), nats
     return best

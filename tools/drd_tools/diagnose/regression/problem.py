@@ -13,7 +13,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
-from drd_tools.diagnose.error_model.nominal_path import follow, loosened
+from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
@@ -53,17 +53,19 @@ class Problem:
         evidence: Evidence,
         path: Path | None = None,
         noise: Noise | None = None,
-        doubt: Array | None = None,
+        fix_inflation: Array | None = None,
         cleared: Evidence | None = None,
         inflation: Inflation = NOT_INFLATED,
         near: "Problem | None" = None,
     ):
         self.evidence = evidence
         self.path = follow(evidence) if path is None else path
-        self.noise = evidence.sheet if noise is None else noise
-        self.doubt, self.inflation = doubt, inflation
-        self.linear: Linear = Linear(evidence, self.path, self.noise, doubt, None if near is None else near.linear)
-        self._loose: Linear | None = None if near is None else near._loose
+        self.noise = evidence.datasheet if noise is None else noise
+        self.fix_inflation, self.inflation = fix_inflation, inflation
+        self.linear: Linear = Linear(
+            evidence, self.path, self.noise, fix_inflation, None if near is None else near.linear
+        )
+        self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
         self.nuisances = nuisances(evidence, self.path)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
@@ -111,11 +113,11 @@ class Problem:
         """The same around the path, and along the motion, that the sensors tell once the effects are taken off."""
         cleared = self._cleared(selection)
         if len(cleared.fix):
-            self._loose = loosened(cleared, self.path, self._loose)
-            path = self._loose.smoothed()
+            self._inflated = inflated_model(cleared, self.path, self._inflated)
+            path = self._inflated.smoothed()
         else:
             path = follow(cleared)
-        return Problem(self.evidence, path, self.noise, self.doubt, cleared, self.inflation, near=self)
+        return Problem(self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, near=self)
 
     def _cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""

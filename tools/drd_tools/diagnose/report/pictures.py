@@ -112,7 +112,7 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
 
 
 def finding_picture(file: Path, curve: Mismatch | None, evidence: Gain, windows: Windows = ()) -> None:
-    """The mismatch against its driver with the fitted curve, and the gain over time, where known. Raises OSError."""
+    """The mismatch against its covariate with the fitted curve, and the gain over time, where known. Raises OSError."""
     has_evidence = bool(evidence.time_s.size)
     with styled():
         figure = make_figure(WIDTH_IN, 4.0 if curve else 3.0)

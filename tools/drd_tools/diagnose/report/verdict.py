@@ -57,8 +57,8 @@ def _what(findings: Sequence[Finding]) -> str:
         parts.append(f"the nominal model leaves out {count}: {listed(_named(f, len(findings) == 1) for f in named)}")
     if unknown:
         channels = listed(dict.fromkeys(channel(f) for f in unknown))
-        drivers = listed(dict.fromkeys(f.covariate.replace("_", " ") for f in unknown if f.covariate))
-        goes_with = f"goes with {drivers}" if drivers else "goes with no variable that was tried"
+        covariates = listed(dict.fromkeys(f.covariate.replace("_", " ") for f in unknown if f.covariate))
+        goes_with = f"goes with {covariates}" if covariates else "goes with no variable that was tried"
         parts.append(f"something that is in no catalogue acts on the {channels} and {goes_with}")
     text = "; besides, ".join(parts)
     return f"{text[0].upper()}{text[1:]}."

@@ -64,13 +64,13 @@ class Intervals:
         b_of = (sums[:, j] - sums[:, i]).T
         G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
         diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
-        told = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1) & (j - i <= LONGEST)
-        told &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
+        known = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1) & (j - i <= LONGEST)
+        known &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
         x = np.zeros_like(b_of)
-        x[told] = np.linalg.solve(G_of[told], b_of[told][:, :, None])[:, :, 0]
+        x[known] = np.linalg.solve(G_of[known], b_of[known][:, :, None])[:, :, 0]
         unsigned = [i for i, name in enumerate(names) if not self._is_signed(name)]
-        told &= (x[:, unsigned] > 0.0).all(axis=1)
-        nats = np.where(told, 0.5 * (b_of * x).sum(axis=1), 0.0)
+        known &= (x[:, unsigned] > 0.0).all(axis=1)
+        nats = np.where(known, 0.5 * (b_of * x).sum(axis=1), 0.0)
         w = int(nats.argmax())
         edges_s = self._edges_s
         shape: dict[str, float | str] = {START.name: float(edges_s[i[w]]), END.name: float(edges_s[j[w]])}

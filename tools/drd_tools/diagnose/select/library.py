@@ -95,7 +95,7 @@ def is_hidden(problem: Problem, selected: Selected) -> bool:
     hidden = selected.effect.hidden(rate_rad_s, selected.values)
     if hidden is None:
         return False
-    sigma_rad_s = float(np.median(np.sqrt(e.sheet.gyro(e)) / e.step_s))
+    sigma_rad_s = float(np.median(np.sqrt(e.datasheet.gyro(e)) / e.step_s))
     return not (len(hidden) and float(np.sqrt(np.mean(hidden**2))) > ABOVE_NOISE * sigma_rad_s)
 
 
@@ -151,7 +151,7 @@ def variants(problem: Problem, effect: Effect) -> list[Parameters]:
     """Shapes of an effect with which a search begins."""
     shapes = effect.variants(problem.sensitivities.motion)
     if effect.acts_on is ActsOn.READOUT:
-        sigma = problem.evidence.sheet.bias_rad_s
+        sigma = problem.evidence.datasheet.bias_rad_s
         shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]
     return shapes
 

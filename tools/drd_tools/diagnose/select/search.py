@@ -234,11 +234,11 @@ class Search:
         alone = np.maximum(0.5 * b**2 / own - penalty, 0.0)
         determinant = own[:, None] * own - G * G
         # Of two that are nearly the same only noise can tell.
-        told = determinant > APART_SHARE * own[:, None] * own
+        separable = determinant > APART_SHARE * own[:, None] * own
         names = np.array([c.effect.id for c in single])
-        told &= names[:, None] != names
+        separable &= names[:, None] != names
         both = 0.5 * (b[:, None] ** 2 * own + b**2 * own[:, None] - 2.0 * b[:, None] * b * G)
-        gain = np.divide(both, determinant, out=np.zeros_like(G), where=told) - penalty[:, None] - penalty
+        gain = np.divide(both, determinant, out=np.zeros_like(G), where=separable) - penalty[:, None] - penalty
         gain = np.triu(np.where(gain > alone[:, None] + alone, gain, 0.0))
         found: dict[tuple[str, str], tuple[Selected, Selected]] = {}
         for flat in np.argsort(gain, axis=None)[: -PAIRS - 1 : -1]:

@@ -1,4 +1,4 @@
-"""Smooth curves without a name, of every driver and channel: they compete with the catalogue's names."""
+"""Smooth curves without a name, of every covariate and channel: they compete with the catalogue's names."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -68,12 +68,12 @@ def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
 
 @dataclass(frozen=True)
 class Curve:
-    """A smooth error of one channel against one driver: at `knots` (k,), `value` and `sigma` (k,) in public units."""
+    """A smooth error of a channel against a covariate: at `knots` (k,), `value` and `sigma` (k,) in public units."""
 
     channel: str
-    driver: str
+    covariate: str
     unit: str
-    driver_unit: str
+    covariate_unit: str
     knots: Array
     value: Array
     sigma: Array
@@ -83,7 +83,7 @@ class Curve:
 @dataclass(frozen=True)
 class _SplineTerm:
     channel: str
-    driver: str
+    covariate: str
     knots: Array
     rows: npt.NDArray[np.float32]
     rough: Array  # (k, k): what a curve that is not smooth costs
@@ -97,18 +97,18 @@ class SplineTerms:
         self._splines: list[_SplineTerm] = []
         errors, of = errors_along(problem.sensitivities.motion), problem.sensitivities.of
         seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
-        for driver, hats, knots in self._hats():
+        for covariate, hats, knots in self._hats():
             for name in seen:
-                if driver not in DRIVERS_OF.get(name, (driver,)):
+                if covariate not in COVARIATES_OF.get(name, (covariate,)):
                     continue
                 made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
-                self._splines.append(_SplineTerm(name, driver, knots, rows, _roughness(driver, len(made))))
+                self._splines.append(_SplineTerm(name, covariate, knots, rows, _roughness(covariate, len(made))))
         self.cost = math.log(max(len(self._splines), 1)) + problem.per_parameter
 
     def _hats(self) -> Iterator[tuple[str, list[Array], Array]]:
-        """Each driver, its hats on the fine grid, and the knots on which they stand."""
-        for name, (x, knots) in drivers(self._problem).items():
+        """Each covariate, its hats on the fine grid, and the knots on which they stand."""
+        for name, (x, knots) in covariates(self._problem).items():
             yield name, [_hat(x, knots, i, name in PERIODIC) for i in range(len(knots))], knots
         e = self._problem.evidence
         if e.has_wheels and len(e.fix):
@@ -121,7 +121,7 @@ class SplineTerms:
     ) -> Curve | None:
         """The curve that explains most beside the selected effects; `beside`: instead of this one of them.
 
-        `wanted`: channel and driver, if only one curve is asked for.
+        `wanted`: channel and covariate, if only one curve is asked for.
         """
         problem = self._problem
         kept = [c for c in selection if c is not beside]
@@ -131,7 +131,7 @@ class SplineTerms:
         cleared = marginal.projected(residual)
         best: Curve | None = None
         for smooth in self._splines:
-            if wanted is not None and (smooth.channel, smooth.driver) != wanted:
+            if wanted is not None and (smooth.channel, smooth.covariate) != wanted:
                 continue
             S = smooth.rows.astype(float)
             G = marginal.beside(S.T @ S, (S.T @ held).T)
@@ -139,13 +139,13 @@ class SplineTerms:
             gain -= self.cost
             if best is None or gain > best.gain:
                 channel = CHANNELS[smooth.channel]
-                driver_unit, si = DRIVER_UNITS[smooth.driver]
+                covariate_unit, si = COVARIATE_UNITS[smooth.covariate]
                 value, sigma = value * channel.hat_in_public, sigma * channel.hat_in_public
                 knots = smooth.knots * si
-                best = Curve(smooth.channel, smooth.driver, channel.unit, driver_unit, knots, value, sigma, gain)
+                best = Curve(smooth.channel, smooth.covariate, channel.unit, covariate_unit, knots, value, sigma, gain)
         return best
 
-    def told(self, selected: Selected, curve: Curve) -> Array:
+    def reported(self, selected: Selected, curve: Curve) -> Array:
         """What an effect says at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
         S = self._of(curve).rows.astype(float)
         G = S.T @ S
@@ -160,16 +160,16 @@ class SplineTerms:
         return result
 
     def _of(self, curve: Curve) -> _SplineTerm:
-        return next(s for s in self._splines if (s.channel, s.driver) == (curve.channel, curve.driver))
+        return next(s for s in self._splines if (s.channel, s.covariate) == (curve.channel, curve.covariate))
 
 
-def _roughness(driver: str, k: int) -> Array:
+def _roughness(covariate: str, k: int) -> Array:
     """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (60)"""
-    if driver == PLACE:
+    if covariate == PLACE:
         D, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
         return np.kron(D.T @ D, one) + np.kron(one, D.T @ D) + 0.05 * np.eye(k)
     D = np.diff(np.eye(k), 2, axis=0)
-    if driver in PERIODIC:
+    if covariate in PERIODIC:
         D = np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
     rough: Array = D.T @ D + 0.05 * np.eye(k)
     return rough
@@ -208,7 +208,7 @@ def _hat(x: Array, knots: Array, i: int, periodic: bool) -> Array:
 
 
 PERIODIC: Final = ("heading", "left_wheel_phase", "right_wheel_phase")
-DRIVER_UNITS: Final = {
+COVARIATE_UNITS: Final = {
     "yaw_rate": ("deg/s", 180.0 / np.pi),
     "speed": ("m/s", 1.0),
     "acceleration": ("m/s^2", 1.0),
@@ -225,13 +225,13 @@ DRIVER_UNITS: Final = {
 
 # A delay is electronics': what comes with the motion's changes and depends on the motion besides is slip.
 # The gyro's scale against the rate is the gyro's error against the rate.
-DRIVERS_OF: Final = {
+COVARIATES_OF: Final = {
     "wheels' delay": ("time", "temperature", "temperature_rate"),
-    "gyro's scale": tuple(d for d in DRIVER_UNITS if d != "yaw_rate"),
+    "gyro's scale": tuple(d for d in COVARIATE_UNITS if d != "yaw_rate"),
 }
 
 
-def drivers(problem: Problem) -> dict[str, tuple[Array, Array]]:
+def covariates(problem: Problem) -> dict[str, tuple[Array, Array]]:
     """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
     m = problem.sensitivities.motion
     found: dict[str, tuple[Array, Array]] = {}

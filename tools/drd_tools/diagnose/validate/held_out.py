@@ -61,8 +61,8 @@ class _HeldOut:
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in looked.events)])
-            noise, doubt = fitted(near, fit, searched=True)
-            problem = Problem(problem.evidence, problem.path, noise, doubt, inflation=inflated(near, fit.left))
+            noise, inflation = fitted(near, fit, searched=True)
+            problem = Problem(problem.evidence, problem.path, noise, inflation, inflation=inflated(near, fit.left))
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in looked.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}

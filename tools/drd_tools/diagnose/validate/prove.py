@@ -43,7 +43,7 @@ def validated(
     """
     nats = held_out_nats(build(terms).terms, held_out)
     refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
-    findings = [_told(f, nats.get(f.effect)) for f in findings]
+    findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
 
     def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
         model = build([t for t in (*terms, *more) if t.effect not in refused])
@@ -62,7 +62,7 @@ def validated(
     return _proof(model, findings, held_out, before, after)
 
 
-def _told(finding: Finding, worth: float | None) -> Finding:
+def _with_verdict(finding: Finding, worth: float | None) -> Finding:
     """The finding with what held-out recordings say of it."""
     if worth is None:
         return finding
