@@ -1,10 +1,7 @@
-"""One recording from evidence to conclusion."""
+"""The way of one recording from evidence to conclusion."""
 
 from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
-import numpy.typing as npt
 
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.observe.audit import Event, audit
@@ -12,12 +9,10 @@ from drd_tools.diagnose.observe.evidence import Noise, gather
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Figures
+from drd_tools.diagnose.results import Array, Figures
 from drd_tools.diagnose.select.library import is_plausible, release
 from drd_tools.diagnose.select.search import coarse_search, full_search, is_rough
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 NOISE_ROUNDS: Final = 2
 ROUGH_ROUNDS: Final = 4  # where the data are far off
@@ -26,7 +21,7 @@ NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched f
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything that is known of one recording. `null` (r,): whitened data less the nuisances, before any effect."""
+    """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect."""
 
     recording: Recording
     events: list[Event]
@@ -35,7 +30,7 @@ class Analysis:
     conclusion: Conclusion
 
     def noise_ratios(self) -> Figures:
-        """Fitted noise over its data sheet's."""
+        """Ratios of the fitted noise to the data sheets'."""
         noise, stated = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.datasheet
         heading: Figures = {"heading": noise.heading_rad / stated.heading_rad}
         if not self.conclusion.found.problem.evidence.has_wheels:
@@ -50,7 +45,6 @@ class Analysis:
 def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
     looked = audit(recording, gather(recording))
-    assert looked.evidence is not None
     known = [event.selected for event in looked.events]
     problem = Problem(looked.evidence)
     # What was seen as an event must also be of the right sign and size.

@@ -1,4 +1,4 @@
-"""`drd diagnose`: what physics the nominal model leaves out."""
+"""The command `drd diagnose`: find the physics that the nominal model leaves out."""
 
 import argparse
 import os
@@ -81,7 +81,7 @@ def main(argv: list[str]) -> int:
 
 
 def _read(paths: Sequence[Path]) -> list[Recording]:
-    """All input, looked at before work begins that takes minutes."""
+    """Read all input, and check it before work begins that takes minutes."""
     recordings = [read(path) for path in paths]
     names = [r.name for r in recordings]
     if len(set(names)) < len(names):

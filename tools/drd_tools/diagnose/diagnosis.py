@@ -1,4 +1,4 @@
-"""What is said of a recording, or of several together, with the model, and the files that it becomes."""
+"""The diagnosis of a recording, or of several together, with the model, and the files that it becomes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ class Diagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """In one word."""
+        """The verdict, one word."""
         return self.result.verdict
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was found, the best first."""
+        """Findings, the best first."""
         return self.result.findings
 
     def report(self, folder: Path) -> list[Path]:

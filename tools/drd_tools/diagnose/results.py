@@ -1,4 +1,4 @@
-"""What a diagnosis says, as classes: the content of diagnosis.json and of series.json. `files` turns them into JSON."""
+"""Results of a diagnosis as classes: the content of diagnosis.json and of series.json. `files` turns them into JSON."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ UNNAMED: Final = "unknown"  # in place of an effect's name
 
 
 class Verdict(StrEnum):
-    """What is said of a recording in one word."""
+    """Verdict on a recording, one word."""
 
     NOTHING = "nothing_missing"
     EXPLAINED = "explained"
@@ -27,7 +27,7 @@ class Verdict(StrEnum):
 
 
 class Status(StrEnum):
-    """How sure a finding is, the surest last."""
+    """Certainty of a finding, the surest last."""
 
     SUSPECTED = "suspected"
     SUPPORTED = "supported"
@@ -53,7 +53,7 @@ class Term(Struct, frozen=True, kw_only=True):
 
 
 class Support(Struct, frozen=True):
-    """What speaks for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value."""
+    """Evidence for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value."""
 
     gain_nats: float | None
     family_wise_p: float | None
@@ -102,7 +102,7 @@ class Finding(Struct, frozen=True, kw_only=True):
 
 
 class Unexplained(Struct, frozen=True):
-    """What is left. `end_error_m`: None where no reference tells it."""
+    """Mismatch that is left. `end_error_m`: None where no reference gives it."""
 
     share_of_residual: float | None
     end_error_m: float | None
@@ -137,14 +137,14 @@ class Validation(Struct, frozen=True):
 
 
 class Fit(Struct, frozen=True):
-    """How well the model fits, on the data of the fit and on others."""
+    """Figures of the model's fit, on the data of the fit and on others."""
 
     train: Train
     held_out: Validation
 
 
 class Alternative(Struct, frozen=True):
-    """Another manoeuvre: how many questions it settles."""
+    """Another manoeuvre, and how many questions it settles."""
 
     manoeuvre: str
     minutes: float
@@ -153,7 +153,7 @@ class Alternative(Struct, frozen=True):
 
 
 class NextDrive(Struct, frozen=True):
-    """The drive that settles most open questions; `separates`: the pairs of names that it tells apart."""
+    """The drive that settles most open questions; `separates`: the pairs of names that it separates."""
 
     manoeuvre: str
     minutes: float
@@ -190,7 +190,7 @@ class Result(Struct, frozen=True, kw_only=True):
 
 
 def _alike(series: Struct, *names: str) -> None:
-    """Lists that are drawn against each other. Raises ValueError."""
+    """Check lists that are drawn against each other for one length. Raises ValueError."""
     sizes = [len(getattr(series, name)) for name in names]
     if len(set(sizes)) > 1:
         raise ValueError(f"{', '.join(names)} of one length; {', '.join(map(str, sizes))}")
@@ -216,7 +216,7 @@ class Paths(Struct, frozen=True):
 
 
 class Drive(Struct, frozen=True):
-    """One recording."""
+    """Path and length of one recording."""
 
     name: str
     duration_s: float
@@ -245,7 +245,7 @@ class Mismatch(Struct, frozen=True, eq=False):
 
 
 class Gain(Struct, frozen=True, eq=False):
-    """How the evidence for a finding adds up over time."""
+    """Cumulative evidence for a finding over time."""
 
     time_s: Array
     nats: Array
@@ -258,7 +258,7 @@ NO_GAIN: Final = Gain(np.zeros(0), np.zeros(0))
 
 
 class Course(Struct, frozen=True):
-    """What is drawn of a finding."""
+    """Series that are drawn of a finding."""
 
     effect: str
     curve: Mismatch | None = None

@@ -1,4 +1,4 @@
-"""Recordings diagnosed: one here, several in processes of their own; and what several say together."""
+"""Diagnose recordings: one here, several in processes of their own; and combine them."""
 
 import multiprocessing
 import tempfile
@@ -78,7 +78,7 @@ def _written(recording: Recording, held_out: Sequence[Recording], folder: Path) 
 
 
 def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written | tuple[str, str, str, str]:
-    """As `_written`; what a ConfigError says comes back as it is, since the error itself cannot be sent."""
+    """Diagnose in another process; of a ConfigError, which cannot be sent, its parts come back."""
     try:
         return _written(recording, held_out, folder)
     except ConfigError as error:
@@ -103,7 +103,7 @@ def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
 def together(
     recordings: Sequence[Recording], held_out: Sequence[Recording], made: Sequence[Diagnosis], names: str
 ) -> Diagnosis:
-    """What several recordings, or parts of one, say together. `names`: of all of them."""
+    """Combine the diagnoses of several recordings, or parts of one. `names`: of all of them."""
     result = combined([d.result for d in made], [d.statistics for d in made if d.statistics is not None])
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:

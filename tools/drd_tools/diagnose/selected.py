@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.effect import END, START, Effect, Parameter
+from drd_tools.diagnose.results import Array
 
-Array = npt.NDArray[np.float64]
 Values = Mapping[str, float | str]
 
 # Parameters beside an effect's own: the gyro's bias where an effect acts on the sum of rate and bias (rad/s), and a
@@ -34,7 +33,7 @@ class Selected:
         return self.effect.id
 
     def number(self, name: str) -> float:
-        """A parameter that is a number."""
+        """Value of a parameter that is a number."""
         return float(self.values[name])
 
     def sigma(self, name: str) -> float:
@@ -45,22 +44,22 @@ class Selected:
         return math.sqrt(max(float(self.covariance[i, i]), 0.0))
 
     def parameter(self, name: str) -> Parameter:
-        """Its description."""
+        """Description of one of its parameters."""
         return parameter(self.effect, name)
 
     @property
     def begin_s(self) -> float | None:
-        """From when it acts; None where it always does."""
+        """Time from which it acts; None where it always does."""
         return self.number(START.name) if START.name in self.values else None
 
     @property
     def end_s(self) -> float | None:
-        """Until when it acts; None where to the end."""
+        """Time until which it acts; None where to the end."""
         return self.number(END.name) if END.name in self.values else None
 
     @property
     def interval_s(self) -> tuple[float, float] | None:
-        """From when until when it acts; None where it has no such two times."""
+        """Times between which it acts; None where it has no such two times."""
         begin_s, end_s = self.begin_s, self.end_s
         return None if begin_s is None or end_s is None else (begin_s, end_s)
 

@@ -1,1 +1,1 @@
-"""What to drive next, so that the open questions are settled."""
+"""The next drive: which manoeuvre settles the open questions, by simulation."""

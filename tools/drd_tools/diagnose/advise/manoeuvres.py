@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.units import RAD_PER_DEG
+from drd_tools.diagnose.results import Array
 from drd_tools.simulate.missions import MISSIONS, Drive
 from drd_tools.simulate.route import RATE_HZ, Route, Steps
 from drd_tools.simulate.truth import Truth, make_truth
-
-Array = npt.NDArray[np.float64]
 
 # From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
 WARM_UP_C, WARM_UP_S = 10.0, 900.0

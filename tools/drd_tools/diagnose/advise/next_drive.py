@@ -1,4 +1,4 @@
-"""What to drive next: the manoeuvre that settles the open questions in the fewest minutes, by simulation.
+"""The next drive: the manoeuvre that settles the open questions in the fewest minutes, by simulation.
 
 For each open question, "is it A or B", A as found is put into drives without noise, and B is fitted to what A does
 there. Half the square of what B leaves, whitened, is by how much the next recording is expected to favour A, in nats.
@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.config.nominal import FogSheet, Nominal
 from drd.effects.catalogue import catalogue
@@ -25,7 +24,7 @@ from drd_tools.diagnose.observe.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
-from drd_tools.diagnose.results import Alternative, NextDrive, Status
+from drd_tools.diagnose.results import Alternative, Array, NextDrive, Status
 from drd_tools.diagnose.select.library import Candidate, columns_of, variants
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
@@ -33,8 +32,6 @@ from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
-
-Array = npt.NDArray[np.float64]
 
 NOTHING: Final = "nothing"
 SETTLED_NATS: Final = 5.0  # more than conclude.CLASS_NATS: the two are then no longer one class
@@ -54,7 +51,7 @@ Question = tuple[Cause, str]
 
 @dataclass(frozen=True)
 class _Option:
-    """A drive of so many minutes: what it brings for each question, nats."""
+    """A manoeuvre for some minutes, and the nats that it brings for each question."""
 
     manoeuvre: str
     minutes: int
@@ -62,7 +59,7 @@ class _Option:
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """Larger is better: questions settled, then minutes, then nats."""
+        """Key of the order: questions settled, then fewer minutes, then nats; larger is better."""
         settled = sum(n >= SETTLED_NATS for n in self.nats)
         unsettled = sum(min(n, SETTLED_NATS) for n in self.nats)
         minutes = self.minutes if settled else 0
@@ -92,7 +89,7 @@ def next_drive(conclusion: Conclusion, nominal: Nominal) -> NextDrive | None:
 
 
 def open_questions(findings: Sequence[Cause]) -> list[Question]:
-    """Findings, each with what it may be instead."""
+    """Pairs of a finding and an effect that may be there instead."""
     questions: list[Question] = []
     for finding in findings:
         if finding.selected is not None and not finding.selected.effect.recurs:
@@ -135,7 +132,7 @@ def options_for(found: Found, nominal: Nominal, questions: Sequence[Question]) -
 
 
 def _is_slow(of: Cause | str) -> bool:
-    """An error of the gyro that no manoeuvre changes."""
+    """Whether it is an error of the gyro that no manoeuvre changes."""
     if isinstance(of, str):
         return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].driver in SLOW
     return of.acts_on == "gyro" and of.covariate in SLOW
@@ -145,7 +142,7 @@ def _is_slow(of: Cause | str) -> bool:
 def _driven(
     name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool, has_wheels: bool
 ) -> tuple[Evidence, Path]:
-    """What perfect sensors say of a manoeuvre, and the true path."""
+    """Simulate a manoeuvre with perfect sensors: their evidence, and the true path."""
     truth = drive(name, minutes, nominal.standstill_at_start_s)
     recording = simulate(truth, nominal, (), replace(PERFECT, reference=reference), name=name).recording
     e = gather(recording if has_wheels else replace(recording, wheels=None))
@@ -157,7 +154,7 @@ def _driven(
 
 
 def _kind(e: Evidence) -> Reference:
-    """What kind of reference a recording has."""
+    """The kind of reference that a recording has."""
     if not len(e.fix):
         return Reference(is_there=False)
     at_s = e.time_s[e.fix_step] - e.fix_share * e.step_s[e.fix_step]
@@ -169,7 +166,7 @@ def _kind(e: Evidence) -> Reference:
 
 
 class _Rivals:
-    """The candidates of a few effects, and what the questions' findings would do."""
+    """Candidates of a few effects, and the rows that the questions' findings would cause."""
 
     def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Cause]):
         self._candidates: list[Candidate] = []
@@ -211,7 +208,7 @@ def _sensitivity(problem: Problem, finding: Cause) -> Sensitivity:
 
 
 def _again(selected: Selected) -> Selected:
-    """A stretch of ground is driven over again; all else acts throughout."""
+    """Shift an interval of time to where the drive passes its ground again; all else acts throughout."""
     if selected.begin_s is None:
         return selected
     times = {START.name: STRETCH_FROM_S}
@@ -221,7 +218,7 @@ def _again(selected: Selected) -> Selected:
 
 
 def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
-    """What a curve without a name adds; beyond its ends it stays as it is there."""
+    """Sensitivity of a curve without a name; beyond its ends it stays as it is there."""
     m, known = problem.sensitivities.motion, covariates(problem)
     if curve.covariate not in known:
         return Sensitivity()
@@ -240,7 +237,7 @@ def _nats(
     others: Sequence[Selected],
     minutes: Sequence[int],
 ) -> list[tuple[float, ...]]:
-    """For each duration, what the drive brings for each question."""
+    """Nats that the drive brings for each question, for each duration."""
     problem = Problem(evidence, path, noise)
     findings = list({id(f): f for f, _ in questions}.values())
     names = sorted({rival for _, rival in questions if rival != NOTHING})
@@ -263,7 +260,7 @@ def _nats(
 
 
 def _price(problem: Problem, finding: Cause, rival: Selected | None) -> float:
-    """What the finding costs more than its rival: so much must the data bring before it is preferred."""
+    """Excess of the finding's penalty over its rival's: so much must the data bring before it is preferred."""
     mine = (
         problem.penalty([finding.selected])
         if finding.selected is not None
@@ -275,7 +272,7 @@ def _price(problem: Problem, finding: Cause, rival: Selected | None) -> float:
 def _fitted_to(
     problem: Problem, data: Array, beside: Sequence[Selected], rival: Selected | None
 ) -> tuple[Array, Array]:
-    """Data less the rival, (r,), and what else may explain them, (r, q), scaled so that the priors are 1."""
+    """Data less the rival, (r,), and the nuisance design beside it, (r, q)."""
     held = nuisance_design(problem, [*beside, rival] if rival is not None else beside)
     return data - (problem.effect_rows([rival]) if rival is not None else 0.0), held
 

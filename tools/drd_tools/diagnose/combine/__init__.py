@@ -1,1 +1,1 @@
-"""What several recordings of one robot say together."""
+"""Estimates of several recordings of one robot, combined, and effects that only their joint regression shows."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
 from drd.effects.catalogue import catalogue
@@ -22,12 +21,11 @@ from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, nuisance_design
-from drd_tools.diagnose.results import Finding, Ranges, Status, Support, Window
+from drd_tools.diagnose.results import Array, Finding, Ranges, Status, Support, Window
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected
 
-Array = npt.NDArray[np.float64]
 Part = tuple[Array, Array]  # G (p, p) and b (p,)
 
 MOST: Final = 4
@@ -98,7 +96,7 @@ def together(statistics: Sequence[SufficientStatistics], selected: set[str]) -> 
 
 
 def united(seen: Sequence[Ranges]) -> Ranges:
-    """The ranges that several recordings have seen together; a drive may show an effect at one value only."""
+    """Union of the ranges of several recordings; a drive may show an effect at one value only."""
     covariates = sorted({name for one in seen for name in one})
     ends = {name: [one[name] for one in seen if name in one] for name in covariates}
     return {name: (min(low for low, _ in found), max(high for _, high in found)) for name, found in ends.items()}
@@ -114,7 +112,7 @@ def _index(names: Sequence[tuple[str, str]], effects: Sequence[str]) -> list[int
 
 
 def _solved(G: Array, b: Array, index: list[int]) -> Array:
-    """Parameters of these columns, the others 0."""
+    """Least-squares parameters of the columns `index`, the others 0."""
     x = np.zeros(len(b))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(G)[index], 1e-300))
     scaled = G[np.ix_(index, index)] * scale[:, None] * scale
@@ -153,7 +151,7 @@ def _finding(
     best: str,
     also: Sequence[str],
 ) -> Finding | None:
-    """None where too little is left of its gain once the recordings' scatter counts, or the value makes no sense."""
+    """Finding of one effect; None where its gain over the recordings' scatter is too small, or its value absurd."""
     effect, index, own = catalogue()[best], _index(names, [*chosen, best]), _index(names, [best])
     G, b = _sum(parts)
     x, scatter = _solved(G, b, index), _scatter(parts, index)
@@ -182,7 +180,7 @@ def _finding(
 
 
 def _scatter(parts: Sequence[Part], index: list[int]) -> float:
-    """How much more than by their noise the recordings' own values scatter about the common ones (Birge 1932)."""
+    """Ratio of the scatter of the recordings' own values to that of their noise, at least 1 (Birge 1932)."""
     x = _solved(*_sum(parts), index)
     apart = sum(float(own @ G @ own) for G, b in parts for own in [_solved(G, b, index) - x])
     return max(1.0, apart / (len(index) * (len(parts) - 1)))

@@ -1,7 +1,7 @@
-"""Several recordings, each diagnosed by itself: what they say together."""
+"""Results of several recordings, each diagnosed by itself, combined into one."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
@@ -40,7 +40,7 @@ class _Said(NamedTuple):
 
 
 def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> Result:
-    """One result of several. A lasting effect's parameters are combined with the inverse of their variances.
+    """Combine several results. A lasting effect's parameters are weighted with the inverse of their variances.
 
     Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
     only all together show comes to it (`joint`).
@@ -55,6 +55,8 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     common = together(statistics, names_of(findings))
     findings = sorted([*findings, *common], key=lambda f: -f.gain_nats)
     found, detectable = names_of(findings), _most_sensitive(results)
+    before = _side_by_side(results, [r.fit.train.before for r in results])
+    after = _side_by_side(results, [r.fit.train.after for r in results])
     return Result(
         recording=", ".join(map(_name, results)),
         verdict=_verdict(results, findings, bool(common)),
@@ -67,7 +69,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         detectable=detectable,
         not_observable=_unobservable(results, {*found, *detectable}),
         classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
-        fit=Fit(Train(_side_by_side(results, _before), _side_by_side(results, _after)), results[0].fit.held_out),
+        fit=Fit(Train(before, after), results[0].fit.held_out),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
     )
 
@@ -85,7 +87,7 @@ def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:
-    """What some of `count` recordings say of a lasting effect, as one finding."""
+    """Combine what some of `count` recordings say of a lasting effect into one finding."""
     found = [f for _, f in said]
     best = max(found, key=lambda f: f.gain_nats)
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
@@ -125,7 +127,7 @@ def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
 
 
 def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
-    """Each name is a surrogate once, as all recordings have it that need it, and not beside itself."""
+    """Keep each surrogate once, as all recordings have it that need it, and not beside a finding of its name."""
     named = names_of(findings)
     groups: dict[str, list[Term]] = {}
     for near in (f.surrogate for f in findings):
@@ -151,12 +153,12 @@ def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_tog
 
 
 def _largest(values: Iterable[float | None]) -> float | None:
-    """Of those that are known; None where none is."""
+    """The largest value that is known; None where none is."""
     return max((v for v in values if v is not None), default=None)
 
 
 def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
-    """What no recording shows, as the one says it in which it would be seen best.
+    """Effects that no recording shows, in the words of the one in which they would be seen best.
 
     An effect that holds for one run only is ruled out where all recordings rule it out.
     """
@@ -173,21 +175,13 @@ def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
 
 
 def _unobservable(results: Sequence[Result], seen: set[str]) -> list[Because]:
-    """What none of the recordings can show."""
+    """Effects that none of the recordings can show."""
     names = set.intersection(*({row.effect for row in r.unobservable} for r in results)) - seen
     return [row for row in results[0].unobservable if row.effect in names]
 
 
-def _before(result: Result) -> Figures:
-    return result.fit.train.before
-
-
-def _after(result: Result) -> Figures:
-    return result.fit.train.after
-
-
-def _side_by_side(results: Sequence[Result], of: Callable[[Result], Figures]) -> Figures:
-    return {f"{_name(r)}: {q}": v for r in results for q, v in of(r).items()}
+def _side_by_side(results: Sequence[Result], figures: Sequence[Figures]) -> Figures:
+    return {f"{_name(r)}: {q}": v for r, own in zip(results, figures, strict=True) for q, v in own.items()}
 
 
 def _most_sensitive(results: Sequence[Result]) -> dict[str, Smallest]:

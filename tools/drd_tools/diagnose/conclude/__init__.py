@@ -1,1 +1,1 @@
-"""How sure each selected effect is, what else it may be, how large it is reported, and what was not seen."""
+"""Conclusions on the selected effects: how sure each is, what else it may be, and its reported estimate."""

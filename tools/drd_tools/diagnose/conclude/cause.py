@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Gain, Status, Support, Window
-from drd_tools.diagnose.select.splines import CHANNELS, Array, Curve
+from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Array, Gain, Status, Support, Window
+from drd_tools.diagnose.select.splines import CHANNELS, Curve
 from drd_tools.diagnose.selected import Selected
 
 
@@ -40,7 +40,7 @@ class Cause:
 
     @property
     def acts_on(self) -> str:
-        """gyro, wheels, body or timing."""
+        """Where it acts: gyro, wheels, body or timing."""
         if self.selected is None:
             assert self.curve is not None
             return CHANNELS[self.curve.channel].acts_on
@@ -49,7 +49,7 @@ class Cause:
 
     @property
     def covariate(self) -> str:
-        """What it depends on."""
+        """The variable that it depends on."""
         if self.selected is not None:
             return self.selected.effect.driver
         assert self.curve is not None

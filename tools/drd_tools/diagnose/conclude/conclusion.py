@@ -1,4 +1,4 @@
-"""From selected effects to findings: how sure, what else it could be, where, and in words."""
+"""Causes from selected effects: how sure each is, what else it could be, where, and in words."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.conclude.cause import Cause
@@ -23,14 +22,12 @@ from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
-from drd_tools.diagnose.results import Because, Gain, Smallest, Status, Support, Window
+from drd_tools.diagnose.results import Array, Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.select.intervals import same_window
 from drd_tools.diagnose.select.library import is_possible
 from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 RIVALS: Final = 8
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
@@ -95,7 +92,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
 
 
 def _merged(findings: Sequence[Cause]) -> list[Cause]:
-    """The best first; several names that one and the same curve beats are one finding."""
+    """Sort the causes, the best first, and merge the names that one and the same curve beats."""
     found: dict[tuple[str, str] | int, Cause] = {}
     for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
         key = (
@@ -117,7 +114,7 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
 def _in_place_of_several(
     found: Found, search: Search, splines: SplineTerms, chance: Array
 ) -> tuple[Found, list[Cause]]:
-    """One curve without a name that is better than all names of a channel together takes their place."""
+    """Replace all names of a channel by one curve without a name where that is better."""
     problem, fit = found.problem, found.fit
     unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
@@ -139,7 +136,7 @@ def _in_place_of_several(
 
 
 def _held(found: Found, search: Search) -> Found:
-    """Without the selected effects that fail on data that they were not fitted to, or gain next to nothing.
+    """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
     One that shows in a single fix has no such data: nothing speaks against it there.
     """
@@ -204,12 +201,12 @@ def _finding(
 
 
 def _probability(score: float, others: Sequence[float]) -> float:
-    """Posterior probability of what has a score among what has the others: scores are log marginal likelihoods (58)."""
+    """Posterior probability of a score among others: they are log marginal likelihoods (58)."""
     return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
 
 
 def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
-    """Of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
+    """Score of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
     score = search.score(fit)
     if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
         score = max(score, linearised(found.problem, fit, found.null).score)
@@ -222,7 +219,7 @@ def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> flo
 
 
 def unique(names: Iterable[str]) -> tuple[str, ...]:
-    """Without repetitions, in order."""
+    """Names without repetitions, in order."""
     return tuple(dict.fromkeys(names))
 
 

@@ -1,4 +1,4 @@
-"""How sure a selected effect is: against chance anywhere in the catalogue, and on data it was not fitted to."""
+"""Tests of a selected effect: against chance anywhere in the catalogue, and on data it was not fitted to."""
 
 import math
 from dataclasses import replace
@@ -10,10 +10,9 @@ import numpy.typing as npt
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, nuisance_design, refine
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 BLOCK_S: Final = 20.0
 FLIPS: Final = 999
@@ -72,9 +71,9 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
 
 
 def _nats(library: Library, selected: Selected, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
-    """Of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none.
+    """Log likelihood ratio of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none.
 
-    How well those know its parameters is integrated over: what was learned from little foretells little.
+    How well those know its parameters is integrated over: what was learned from little predicts little.
     """
     if selected.begin_s is None:
         found = _relearned(part, library, train, selected)
@@ -109,7 +108,7 @@ def _resized(part: Problem, selected: Selected) -> Selected:
 
 
 def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], selected: Selected) -> Selected | None:
-    """The selected effect's effect as a part of the data alone shows it: its best variant in the library, refined."""
+    """The selected effect as a part of the data alone shows it: its best variant in the library, refined."""
     best, most = None, 0.0
     variants = [c for c in library.candidates if c.effect.id == selected.id]
     index = sorted({i for c in variants for i in c.columns})

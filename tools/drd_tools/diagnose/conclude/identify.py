@@ -1,19 +1,16 @@
-"""What a recording can tell at all, before any residual is looked at: smallest sizes, names it cannot separate."""
+"""Identifiability in a recording, before any residual is looked at: smallest sizes, names it cannot separate."""
 
 import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Because, Smallest
+from drd_tools.diagnose.results import Array, Because, Smallest
 from drd_tools.diagnose.select.library import Library
-
-Array = npt.NDArray[np.float64]
 
 APART_NATS: Final = 3.0
 TYPICAL_VISIBILITY: Final = 8.0
@@ -71,7 +68,7 @@ class Identifiability:
         return [sorted(s) for s in together]
 
     def bounds(self, left: Array) -> dict[str, str]:
-        """For each effect, what the residual still allows of it."""
+        """Estimate of each effect alone in the residual, and the nats that it is worth, in words."""
         b = np.asarray(self._library.columns.T @ left.astype(np.float32), float)
         said: dict[str, tuple[float, str]] = {}
         for candidate in self._library.candidates:

@@ -1,4 +1,4 @@
-"""From what the regression concluded to what is said: verdict, findings, model, and the series that are drawn."""
+"""Results from the conclusion: verdict, findings, model, and the series that are drawn."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -12,8 +12,8 @@ from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import rms_per_block
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
-from drd_tools.diagnose.regression.problem import Array, Problem
-from drd_tools.diagnose.results import Amount, Course, Finding, Mismatch, Residual, Term, Verdict
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
 from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
@@ -22,7 +22,7 @@ BAND_SIGMAS: Final = 1.96
 
 
 def verdict(conclusion: Conclusion) -> Verdict:
-    """One of the four words."""
+    """The verdict of a conclusion."""
     causes = conclusion.causes
     if not causes:
         return Verdict.NOTHING
@@ -40,7 +40,7 @@ def term_of(m: Motion, selected: Selected) -> Term:
 
 
 def parameters_of(selected: Selected) -> tuple[dict[str, Amount], dict[str, str]]:
-    """Its numbers, in the catalogue's units, and its words."""
+    """Numbers of an effect, in the catalogue's units, and its words."""
     effect = selected.effect
     absorbed = effect.absorbed(selected.values, selected.number(SCALE.name)) if SCALE.name in selected.values else None
     values = selected.values if absorbed is None else absorbed
@@ -86,7 +86,7 @@ def model_of(terms: Iterable[Term], recording: Recording, names: str, version: s
 
 
 def finding_of(cause: Cause, problem: Problem) -> Finding:
-    """As it is reported."""
+    """The finding that reports a cause."""
     motion, time_s = problem.sensitivities.motion, problem.evidence.time_s
     amounts, choices = ({}, {}) if cause.selected is None else parameters_of(cause.selected)
     return Finding(
@@ -113,7 +113,7 @@ def findings_of(conclusion: Conclusion) -> list[Finding]:
 
 
 def course_of(cause: Cause) -> Course:
-    """What is drawn of a cause."""
+    """Series that are drawn of a cause."""
     curve, fitted, nothing = cause.curve, cause.fitted, np.zeros(0)
     if curve is None:
         return Course(cause.effect, None, cause.gain)

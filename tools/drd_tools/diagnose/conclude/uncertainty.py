@@ -10,15 +10,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.effect import Parameter
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
@@ -28,7 +26,7 @@ FEWEST_PLACES: Final = 3
 
 
 def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
-    """The effects of a fit, in its order, as they are to be reported; those that are `known` from logic stay."""
+    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay."""
     fit = _widened(problem, fit, known)
     uncertain = response(problem, fit)
     covariance = (
@@ -93,7 +91,7 @@ def _most(problem: Problem, selected: Selected) -> Array:
 
 
 def _widened(problem: Problem, fit: Fit, known: Collection[str]) -> Fit:
-    """With every linear parameter of the selected effects free, where that is plausible."""
+    """Free every linear parameter of the selected effects, where that is plausible."""
     wider = tuple(
         c if c.id in known else replace(c, free=(*c.free, *(n for n in c.effect.linear() if n not in c.free)))
         for c in fit.selection

@@ -1,1 +1,1 @@
-"""How errors grow along the path: a linear model around it, and the filter that whitens data and sensitivities."""
+"""The linear model of errors around the path, and the Kalman filter that whitens data and sensitivities."""

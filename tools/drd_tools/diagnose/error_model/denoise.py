@@ -3,10 +3,9 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import oaconvolve
 
-Array = npt.NDArray[np.float64]
+from drd_tools.diagnose.results import Array
 
 # Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
 WIDEST: Final = 5
@@ -15,7 +14,7 @@ REACH: Final = 4.0  # sigmas
 
 
 def denoised(values: Array, sigma: Array | float, width: float) -> Array:
-    """Values (n,) with white noise of deviation `sigma` (n,), through Gaussians of at least `width` samples.
+    """Smooth values (n,) with white noise of deviation `sigma` (n,), through Gaussians of at least `width` samples.
 
     Each sample gets the widest window whose mean agrees with those of all narrower ones (the intersection of confidence
     intervals: Goldenshluger and Nemirovski 1997).
@@ -39,7 +38,7 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
 
 
 def _gaussian(values: Array, sigma: float) -> Array:
-    """Smoothed by a Gaussian of `sigma` samples, mirrored at the ends; a wide one takes far less time by Fourier."""
+    """Smooth by a Gaussian of `sigma` samples, mirrored at the ends; a wide one takes far less time by Fourier."""
     reach = int(REACH * sigma + 0.5)
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     padded = np.pad(values, reach, mode="symmetric")

@@ -17,8 +17,7 @@ import numpy.typing as npt
 from drd_tools.diagnose.error_model.path import Path, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
-
-Array = npt.NDArray[np.float64]
+from drd_tools.diagnose.results import Array
 
 STATES: Final = 4
 INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
@@ -31,7 +30,7 @@ NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What a cause changes: increments of the sensors' sums, and of the body's own way to the left, (n,) each or 0.
+    """Changes by a cause: increments of the sensors' sums, and of the body's own way to the left, (n,) each or 0.
 
     `fix`: of the reference's poses, (m, 3) or 0.
     """
@@ -50,7 +49,7 @@ class Sensitivity:
 
     @property
     def channels(self) -> tuple[Array | float, ...]:
-        """All five."""
+        """All five channels."""
         return self.gyro_rad, self.left_m, self.right_m, self.lateral_m, self.fix
 
 
@@ -192,7 +191,7 @@ class Linear:
         return StateSpace(v.A, v.B, v.C, v.D)
 
     def _inputs(self) -> Array:
-        """What is added to the state in a step per increment of gyro, left, right and lateral, (n, 4, 4)."""
+        """Input matrix: what a step adds to the state per increment of gyro, left, right and lateral, (n, 4, 4)."""
         e, c, s = self.evidence, self._c, self._s
         turn = np.where(e.gyroless[:, None], [0.0, -1.0 / e.tread_m, 1.0 / e.tread_m, 0.0], [1.0, 0.0, 0.0, 0.0])
         forward, lateral = np.array([0.0, 0.5, 0.5, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
@@ -235,7 +234,7 @@ class Linear:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the fixes' innovations, nats, but for what their whitened rows say: the logarithm of the whitener."""
+        """Log determinant of the fixes' whitener, nats: their innovations' log likelihood but for the whitened rows."""
         return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
 
     def smoothed(self, data: Sensitivity | None = None) -> Path:
@@ -255,8 +254,8 @@ class Linear:
 
 @dataclass(frozen=True)
 class _Gains:
-    """Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro tells nothing. Of the fixes: K (m, 4, 3),
-    whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
+    """Gains of the filter. Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro is not compared. Of
+    the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
     """
 
     K_wheels: Array

@@ -28,7 +28,7 @@ def follow(e: Evidence) -> Path:
 
 
 def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linear:
-    """The model around a path by which it is bent to the fixes; `like`: one whose gains serve where it is near.
+    """Linear model of inflated noise, which bends a path to the fixes; `like`: one whose gains serve where it is near.
 
     With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
     """

@@ -1,15 +1,13 @@
-"""Where a robot went: poses, and what the steps between them leave out."""
+"""Path of a robot: poses, and what the steps between them leave out."""
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
+from drd_tools.diagnose.results import Array
 
 PARTS: Final = 8  # of a step, in which the heading is followed
 
@@ -43,7 +41,7 @@ def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
 
 
 def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
-    """What a step's way, bent as the heading is within it, has less along and more across the mean heading, m.
+    """Correction of a step's way, bent as the heading is within it: less along, more across the mean heading, m.
 
     Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
     a gyro.

@@ -1,4 +1,4 @@
-"""Where along its covariate an effect was seen; of what lies beyond, a model says no more than at its ends."""
+"""Range of its covariate in which an effect was seen; of what lies beyond, a model says no more than at its ends."""
 
 from dataclasses import replace
 from typing import Final

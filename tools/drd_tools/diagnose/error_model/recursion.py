@@ -3,15 +3,14 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd_tools.diagnose.results import Array
 
 BLOCK: Final = 8  # steps: longer ones cost more products, shorter ones more calls
 
 
 class Recursion:
-    """Steps with matrices A, (n, k, k). About sqrt(n) calls follow each other instead of n."""
+    """Recursion with matrices A, (n, k, k). About sqrt(n) calls follow each other instead of n."""
 
     def __init__(self, A: Array):
         n, k, _ = A.shape
@@ -82,7 +81,7 @@ class StateSpace:
         self._begin = Recursion(state[:, :, :k])
 
     def outputs(self, s: Array) -> Array:
-        """(p, n, o), of inputs (q, p, n): of the first so many of all, the others are 0."""
+        """Outputs (p, n, o) of inputs (q, p, n): of the first so many of all, the others are 0."""
         q, p, _ = s.shape
         inputs = np.zeros((self._count, p, self._k + q * BLOCK))
         for i in range(q):

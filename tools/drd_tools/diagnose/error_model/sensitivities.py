@@ -4,7 +4,6 @@ import math
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
@@ -14,8 +13,8 @@ from drd_tools.diagnose.error_model.denoise import denoised
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.results import Array
 
-Array = npt.NDArray[np.float64]
 SUB = 4
 SPEED_SMOOTHING_S = 0.3
 TEMPERATURE_SMOOTHING_S = 5.0
@@ -77,7 +76,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
 
 
 def _smoothed(values: Array, sigma: float) -> Array:
-    """Smoothed by a Gaussian of `sigma` rows. At its ends a series goes on along its line there: mirrored, a steady
+    """Smooth by a Gaussian of `sigma` rows. At its ends a series goes on along its line there: mirrored, a steady
     rise would begin with a pause, which a coil remembers.
     """
     m = min(len(values), math.ceil(REACH * sigma) + 1)
@@ -134,7 +133,7 @@ class Sensitivities:
         return np.where(np.abs(rate - calm) > CALM_SIGMAS * sigma_rad_s, rate, calm)
 
     def of(self, errors: Errors) -> Sensitivity:
-        """Rates on the fine grid, added up over each step."""
+        """Sum the rates of errors on the fine grid over each step."""
 
         def summed(rate: Array | float) -> Array | float:
             # A product is several times as fast as a sum over so short an axis.
@@ -144,7 +143,7 @@ class Sensitivities:
 
 
 def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
-    """What a reference may have without anything being missing in the robot: name, prior sigma, sensitivity."""
+    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity."""
     if not len(e.fix):
         return []
     k = e.fix_step

@@ -3,7 +3,7 @@
 Events are not regressions: what they explain is nearly certain where they are, and nothing elsewhere.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,10 +15,9 @@ from drd.batch.logs import EncoderLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import SIDES, Symptom
 from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_CLIPPED: Final = 10
 FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
@@ -45,14 +44,14 @@ class Event:
 
 @dataclass(frozen=True)
 class Audit:
-    """What was found, and the evidence with its covariance inflated where sensors said nothing of use."""
+    """Events, and the evidence with its covariance inflated where sensors said nothing of use."""
 
-    events: list[Event] = field(default_factory=list)
-    evidence: Evidence | None = None
+    events: list[Event]
+    evidence: Evidence
 
 
 def audit(recording: Recording, e: Evidence) -> Audit:
-    """Look for events."""
+    """Find the events of a recording."""
     gyro, left, right = (
         inflation.copy() for inflation in (e.gyro_inflation_rad2, e.left_inflation_m2, e.right_inflation_m2)
     )

@@ -17,9 +17,8 @@ from drd.units import (
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
 from drd_tools.diagnose.observe import grids
+from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 FEWEST_STEPS: Final = 10
 MOST_DEG_S, MOST_M_S, USUAL_PERCENT = 5000.0, 100.0, 90.0
@@ -124,12 +123,12 @@ class Evidence:
 
     @property
     def gyroless(self) -> npt.NDArray[np.bool_]:
-        """Steps whose turn the wheels alone tell, (n,)."""
+        """Steps whose turn is the wheels' alone, (n,)."""
         return np.isinf(self.gyro_inflation_rad2) | (self.gyro_rad is None)
 
     @property
     def observed(self) -> slice | npt.NDArray[np.intp]:
-        """Of the rows that the filter gives (those of the wheels (n,), then x, y, heading of each fix), which tell."""
+        """Index of the observed rows among those of the filter: of the wheels (n,), then x, y, heading of each fix."""
         n = len(self.time_s)
         if not self.has_wheels:
             return np.concatenate([np.flatnonzero(self.still), n + 2 + 3 * np.arange(len(self.fix))])
@@ -137,18 +136,18 @@ class Evidence:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Whose errors can be seen at all."""
+        """Channels whose errors can be seen at all."""
         return (("gyro",) if self.gyro_rad is not None else ()) + (("wheels", "body") if self.has_wheels else ())
 
     @property
     def fix_time_s(self) -> Array:
-        """When each fix is, (m,)."""
+        """Time of each fix, (m,)."""
         result: Array = self.time_s[self.fix_step] - self.fix_share * self.step_s[self.fix_step]
         return result
 
     @property
     def edges_s(self) -> Array:
-        """Where the steps begin and end, (n + 1,)."""
+        """Times at which the steps begin and end, (n + 1,)."""
         return np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
 
     def earlier(self, increments: Array, delay_s: float) -> Array:
@@ -188,7 +187,7 @@ def datasheet_noise(nominal: Nominal, has_wheels: bool = True) -> Noise:
 
 
 def gather(recording: Recording) -> Evidence:
-    """Bring a recording to steps. The gyro's own samples are the steps where there is a gyro.
+    """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.
 
     Raises ConfigError where there is nothing to compare, or nothing of the same time.
     """
@@ -250,7 +249,7 @@ def gather(recording: Recording) -> Evidence:
 
 
 def check_comparable(recording: Recording) -> None:
-    """Two sensors at least, whose times overlap. Raises ConfigError."""
+    """Check that there are two sensors at least, whose times overlap. Raises ConfigError."""
     times = {
         "encoders.csv": recording.wheels,
         "fog.csv": recording.fog,
@@ -272,7 +271,7 @@ def check_comparable(recording: Recording) -> None:
 
 
 def _check_plausible(recording: Recording) -> None:
-    """Rates and speeds of a wheeled robot: what is a thousand times as fast has the wrong unit. Raises ConfigError."""
+    """Check rates and speeds: what is a thousand times as fast has the wrong unit. Raises ConfigError."""
     fog, wheels, reference = recording.fog, recording.wheels, recording.reference
     fastest: list[tuple[str, str, Array, float]] = []
     if fog is not None:

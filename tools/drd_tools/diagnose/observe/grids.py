@@ -10,9 +10,8 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import MISSING_ROWS
 from drd.config.schema import ConfigError
+from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, ReferenceLog
-
-Array = npt.NDArray[np.float64]
 
 # A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the way within a turn.
 STEP_S: Final = 0.1
@@ -38,7 +37,7 @@ class Grid(NamedTuple):
 
 
 def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
-    """The gyro's rows while there are wheels, several to a step where they are many."""
+    """Grid of the gyro's rows while there are wheels, several to a step where they are many."""
     times, log = fog.time_s, recording.wheels
     if len(times) < 2:
         raise ConfigError(str(recording.folder / "fog.csv"), "", "at least 2 rows of numbers", str(len(times)))
@@ -68,7 +67,7 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
-    """Equal steps while there are wheels, the first fix at the end of one: noise within a step is not followed."""
+    """Grid of equal steps while there are wheels, the first fix at the end of one: noise in a step is not followed."""
     first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % STEP_S)
     time_s = np.arange(log.time_s[0] + first + STEP_S, log.time_s[-1] + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
     nothing = np.full(len(time_s), np.nan)
@@ -94,7 +93,7 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
 
 
 def travel(reference: ReferenceLog | None, edges: Array) -> Array:
-    """Way forward in each step, m, by the reference's positions: their noise is in no heading. 0 where sparse."""
+    """Travel forward in each step, m, by the reference's positions: their noise is in no heading. 0 where sparse."""
     if reference is None or len(reference.time_s) < 3 or float(np.median(np.diff(reference.time_s))) > DENSE_S:
         return np.zeros(len(edges) - 1)
     steps = WAY_SMOOTHING_S / float(np.median(np.diff(edges)))
@@ -105,7 +104,7 @@ def travel(reference: ReferenceLog | None, edges: Array) -> Array:
 
 
 def still_by_gyro(grid: Grid, gyro_rad: Array, standstill_s: float) -> npt.NDArray[np.bool_]:
-    """The standstill at the start that robot.yaml tells of, as far as nothing turns."""
+    """Steps of the standstill at the start that robot.yaml states, as far as nothing turns."""
     believed = grid.time_s < grid.time_s[0] + standstill_s
     if not believed.any():
         return np.zeros(len(grid.time_s), np.bool_)
@@ -129,7 +128,7 @@ def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
 def without_holes(grid: Grid, wheels_rad: Array | None, is_lost: npt.NDArray[np.bool_]) -> tuple[Array | None, Array]:
     """The gyro's turns with the wheels' (else the neighbouring rate's) where rows are missing; their variance (n,).
 
-    `is_lost` (n,): the wheels do not tell either.
+    `is_lost` (n,): the wheels do not know either.
     """
     inflation_rad2, hole = np.zeros(len(grid.time_s)), grid.missing_s > 0.0
     if grid.gyro_rad is None or not hole.any():

@@ -45,7 +45,7 @@ def parts(recording: Recording) -> list[Recording]:
 
 
 def cut_off(recording: Recording, e: Evidence) -> str | None:
-    """What is said where a recording is longer than what can be looked at."""
+    """Sentence on a recording that is longer than what can be looked at; None where it is not."""
     ends_s = [float(log.time_s[-1]) for log in (recording.fog, recording.wheels) if log is not None]
     end_s, begin_s = min(ends_s), float(e.edges_s[0])
     if end_s - e.time_s[-1] < CUT_S:
@@ -55,7 +55,7 @@ def cut_off(recording: Recording, e: Evidence) -> str | None:
 
 
 def _longest_s(recording: Recording) -> float:
-    """What the most steps last, as `grids` makes them."""
+    """Duration of the most steps, as `grids` makes them."""
     if recording.fog is None or len(recording.fog.time_s) < 2:
         return FULL * MOST_STEPS * STEP_S
     typical_s = float(np.median(np.diff(recording.fog.time_s)))

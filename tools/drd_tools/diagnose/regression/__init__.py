@@ -1,1 +1,1 @@
-"""The whitened recording as a regression: the parameters of given effects, and the sizes of the noise, are fitted."""
+"""The regression of a whitened recording: it fits the parameters of given effects, and the sizes of the noise."""

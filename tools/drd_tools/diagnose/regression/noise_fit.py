@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import Fit
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 DEVIATION_PER_MAD: Final = 1.4826
 FEWEST_ROWS: Final = 50
@@ -32,7 +30,7 @@ FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
 def inflated(problem: Problem, left: Array) -> Inflation:
-    """How far from white what selected effects leave (r,) of the whitened data is, at the scale where it is worst."""
+    """Variance inflation of what selected effects leave (r,) of the whitened data, at the scale where it is worst."""
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = _not_inflated(problem, left)
@@ -119,7 +117,7 @@ def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Ar
 
 
 def slipping(noise: Noise, factor: float) -> Noise:
-    """The noise with so many times the slip."""
+    """Noise with `factor` times the slip."""
     return replace(
         noise,
         slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor,
@@ -128,7 +126,7 @@ def slipping(noise: Noise, factor: float) -> Noise:
 
 
 def _scale(rows: Array) -> float:
-    """Deviation of rows that should have 1, drawn towards 1 where they are few."""
+    """Robust deviation of rows that should have 1, shrunk towards 1 where they are few."""
     if len(rows) < FEWEST_ROWS:
         return 1.0
     found = DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))

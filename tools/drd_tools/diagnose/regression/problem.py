@@ -17,9 +17,9 @@ from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names, parameter, shape_of
 
-Array = npt.NDArray[np.float64]
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
 # An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form. Or an effect,
 # all its values, and a slope.
@@ -32,7 +32,7 @@ SLOPE: Final = "slope "
 
 
 class Inflation(NamedTuple):
-    """How much larger than white the innovations' slow part is, in sigmas: of the wheels, and of x, y, heading.
+    """Inflation of the innovations' slow part over white noise, in sigmas: of the wheels, and of x, y, heading.
 
     Real slip and real references hang together over seconds. What is whitened as if they did not would find something
     everywhere; divided by this, a slow sensitivity has the weight that it deserves.
@@ -46,7 +46,7 @@ NOT_INFLATED: Final = Inflation()
 
 
 class Problem:
-    """What a recording says, around the best path, with noise of given sizes."""
+    """Regression of a recording, linear around its best path, with noise of given sizes."""
 
     def __init__(
         self,
@@ -76,20 +76,20 @@ class Problem:
         self._rows: npt.NDArray[np.bool_] | None = None
 
     def with_data(self, data: Array) -> "Problem":
-        """The same with other data (r,)."""
+        """A problem with other data (r,)."""
         made = copy(self)
         made.data = data
         return made
 
     def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
-        """The same with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
+        """A problem with some rows only, of `data` (r,). `held` (r, s): in place of the nuisances."""
         made = self.with_data(data[rows])
         made._rows = rows
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
     def along(self, motion: Motion) -> "Problem":
-        """The same with the effects' sensitivities along another motion."""
+        """A problem with the effects' sensitivities along another motion."""
         made = copy(self)
         made.sensitivities, made._cache = copy(self.sensitivities), {}
         made.sensitivities.motion = motion
@@ -97,20 +97,20 @@ class Problem:
 
     @property
     def per_parameter(self) -> float:
-        """What a parameter costs, nats (Schwarz 1978)."""
+        """Penalty of a parameter, nats (Schwarz 1978)."""
         return 0.5 * math.log(max(len(self.data), 2))
 
     @property
     def per_effect(self) -> float:
-        """What the choice of an effect from the catalogue costs, nats."""
+        """Penalty of the choice of an effect from the catalogue, nats."""
         return math.log(len(catalogue()))
 
     def penalty(self, selection: Sequence[Selected]) -> float:
-        """What so many effects and parameters cost, nats."""
+        """Penalty of effects and their parameters, nats."""
         return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection)
 
     def around(self, selection: Sequence[Selected]) -> "Problem":
-        """The same around the path, and along the motion, that the sensors tell once the effects are taken off."""
+        """Relinearise around the path, and along the motion, that the sensors give once the effects are taken off."""
         cleared = self._cleared(selection)
         if len(cleared.fix):
             self._inflated = inflated_model(cleared, self.path, self._inflated)
@@ -158,7 +158,7 @@ class Problem:
         return errors
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
-        """Rows (r, p): first those of the wheels against the gyro, in order of time, then those of the fixes.
+        """Whiten: rows (r, p), first those of the wheels against the gyro, in order of time, then those of the fixes.
 
         Those of absent sensors are left out: without a gyro the first, without wheels the fixes' positions, and of the
         first all but those at standstill.
@@ -170,7 +170,7 @@ class Problem:
 
     @property
     def row_time_s(self) -> Array:
-        """When each row is, (r,)."""
+        """Time of each row, (r,)."""
         e = self.evidence
         fixes = np.repeat(e.time_s[e.fix_step], 3)
         return np.concatenate([e.time_s, fixes])[e.observed]
@@ -178,11 +178,11 @@ class Problem:
     # ---- sensitivities of effects, whitened ------------------------------------------------------------------------
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
-        """What an effect with these parameters adds."""
+        """Sensitivity to an effect with these parameters."""
         return self.sensitivities.of(self._errors(self.sensitivities, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
-        """Of a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
+        """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
             return self.sensitivities.of(_beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
@@ -232,7 +232,7 @@ class Problem:
         return [(selected.effect, rough, f"{FORM}{i}") for i in range(count)]
 
     def wanted_rows(self, selection: Sequence[Selected]) -> list[Wanted]:
-        """The units that selects are made of."""
+        """Units that the rows of the selected effects are made of."""
         return [
             (c.effect, shape_of(c.effect, c.values), name)
             for c in selection
@@ -240,7 +240,7 @@ class Problem:
         ]
 
     def effect_rows(self, selection: Sequence[Selected]) -> Array:
-        """What the selected effects explain of the data, (r,)."""
+        """Whitened data that the selected effects explain, (r,)."""
         factors = [f for c in selection for f in _factors(c)]
         total = np.zeros(len(self.data))
         for factor, rows in zip(factors, self.units(self.wanted_rows(selection)), strict=True):
@@ -248,7 +248,7 @@ class Problem:
         return total
 
     def wanted_tangents(self, selection: Sequence[Selected]) -> list[Wanted]:
-        """The units that are derivatives, one for each free parameter."""
+        """Units that are derivatives, one for each free parameter."""
         wanted: list[Wanted] = []
         for selected in selection:
             shape, names = shape_of(selected.effect, selected.values), linear_names(selected.effect, selected.values)
@@ -267,7 +267,7 @@ class Problem:
 
 
 def _beside(effect: Effect, motion: Motion, size: float) -> Errors:
-    """What the effect, beside which alone another's form is known, adds at a size."""
+    """Errors, at a size, of the effect beside which alone another's form is known."""
     assert effect.beside is not None
     return effect.beside.error(motion, {effect.beside.parameters[0].name: size})
 

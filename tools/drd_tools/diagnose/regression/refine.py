@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 ROUNDS: Final = 12
 ENOUGH_NATS: Final = 0.02
@@ -46,7 +44,7 @@ def refine(problem: Problem, selection: Sequence[Selected]) -> Fit:
 
 
 def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: float = -math.inf) -> list[Fit]:
-    """Several sets of effects side by side: passing all their sensitivities at once costs little more than one.
+    """Refine several sets of effects side by side: passing all their sensitivities at once costs little more than one.
 
     Those that will clearly not reach the score `least` are left as they are.
     """
@@ -62,7 +60,7 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: floa
 
 
 class _Descent:
-    """One set of selected effects on its way down."""
+    """Descent of one set of selected effects."""
 
     def __init__(self, problem: Problem, selection: tuple[Selected, ...], least: float):
         self._problem, self._current = problem, selection
@@ -127,7 +125,7 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, A
 
 
 class Response(NamedTuple):
-    """How the effects' free parameters (k,), one selected effect after the other, answer to what is not certain.
+    """Response of the effects' free parameters (k,), one selected effect after the other, to what is not certain.
 
     `covariance` (k, k). `discrepancy_shapes` (k, s): what other shapes of the effects' causes, each as large as its
     effect, move them by.
@@ -138,7 +136,7 @@ class Response(NamedTuple):
 
 
 def response(problem: Problem, fit: Fit) -> Response:
-    """Of the parameters of a fit."""
+    """Response of the parameters of a fit."""
     selection = fit.selection
     T = problem.tangents(selection)
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])

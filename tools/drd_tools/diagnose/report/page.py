@@ -1,4 +1,4 @@
-"""From the files of a diagnosis to the pictures and the HTML page."""
+"""HTML page of a diagnosis, with its pictures, from its files."""
 
 from pathlib import Path
 
@@ -121,7 +121,8 @@ def _classes(page: Page, d: Result) -> None:
         page.text("Every effect that would show in it looks different from every other.")
         return
     page.text("Within each line, the recording looks the same whichever of them is there:")
-    page.table(("class", "effects"), [(str(k), ", ".join(names)) for k, names in enumerate(d.classes, 1)], text_columns=(1,))  # fmt: skip  # noqa: E501
+    rows = [(str(k), ", ".join(names)) for k, names in enumerate(d.classes, 1)]
+    page.table(("class", "effects"), rows, text_columns=(1,))
 
 
 def _ruled_out(page: Page, d: Result) -> None:

@@ -34,7 +34,7 @@ Windows = Sequence[Sequence[float]]
 
 
 def paths_picture(file: Path, recordings: Sequence[Drive], windows: Windows = ()) -> None:
-    """Each path from above; with a reference, also the distance from it over time. Raises OSError.
+    """Draw each path from above; with a reference, also the distance from it over time. Raises OSError.
 
     `windows` (s) of findings are marked; they are the first recording's.
     """
@@ -112,7 +112,7 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
 
 
 def finding_picture(file: Path, curve: Mismatch | None, evidence: Gain, windows: Windows = ()) -> None:
-    """The mismatch against its covariate with the fitted curve, and the gain over time, where known. Raises OSError."""
+    """Draw the mismatch against its covariate, fitted curve and gain over time, where known. Raises OSError."""
     has_evidence = bool(evidence.time_s.size)
     with styled():
         figure = make_figure(WIDTH_IN, 4.0 if curve else 3.0)
@@ -157,7 +157,7 @@ def _curve(axes: Any, curve: Mismatch) -> None:
 
 
 def _zoom(axes: Any, curve: Mismatch) -> None:
-    """All of the fit, and of the bins what is known as well as most are."""
+    """Limit the axis to all of the fit, and to the bins that are known as well as most are."""
     known = np.isfinite(curve.mismatch) & np.isfinite(curve.sigma)
     if known.any():
         known &= curve.sigma <= 3.0 * np.median(curve.sigma[known])
@@ -173,7 +173,7 @@ def _zoom(axes: Any, curve: Mismatch) -> None:
 
 
 def residual_picture(file: Path, residual: Residual, has_findings: bool = True) -> None:
-    """Rms of the whitened data per block, before and (with findings) after. Raises OSError."""
+    """Draw the rms of the whitened data per block, before and (with findings) after. Raises OSError."""
     with styled():
         figure = make_figure(WIDTH_IN, 3.4)
         axes: Any = figure.subplots()
@@ -193,7 +193,7 @@ def residual_picture(file: Path, residual: Residual, has_findings: bool = True) 
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
-    """For each quantity a bar before and one after, as shares of what it was before. Raises OSError."""
+    """Draw for each quantity a bar before and one after, as shares of what it was before. Raises OSError."""
     names = list(dict.fromkeys(row.name for row in rows))
     ordered = sorted(rows, key=lambda row: names.index(row.name))
     places: list[float] = []
@@ -257,7 +257,7 @@ def _shade(axes: Any, windows: Windows) -> None:
 
 
 def quantity(name: str, unit: str) -> str:
-    """As an axis names it."""
+    """Label of an axis: name and unit."""
     shown = pretty(unit)
     return name if unit in {"", "1"} else f"{name} / {shown}" if "/" not in shown else f"{name} / ({shown})"
 
@@ -268,5 +268,5 @@ def spaced(name: str) -> str:
 
 
 def short(name: str, letters: int) -> str:
-    """A name that fits; its end is what tells runs apart."""
+    """A name shortened to fit; its end is what differs between runs."""
     return textwrap.shorten(name, letters, placeholder="...") if len(name) <= letters else "..." + name[3 - letters :]

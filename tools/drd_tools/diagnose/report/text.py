@@ -42,12 +42,12 @@ WHOLE: Final = 0.95  # of the recording: from here on a window is all of it
 
 
 def what_rows(findings: Iterable[Finding]) -> list[tuple[str, ...]]:
-    """With the header WHAT_HEADER."""
+    """Rows under WHAT_HEADER."""
     return [(f.effect, what_it_is(f), ", ".join(parameters(f)) or "-") for f in findings]
 
 
 def evidence_rows(findings: Iterable[Finding], duration_s: float) -> list[tuple[str, ...]]:
-    """With the header EVIDENCE_HEADER."""
+    """Rows under EVIDENCE_HEADER."""
     rows: list[tuple[str, ...]] = []
     for f in findings:
         evidence = f.evidence
@@ -73,29 +73,29 @@ def what_it_is(f: Finding) -> str:
 
 
 def channel(f: Finding) -> str:
-    """Where it acts, in words."""
+    """The place where a finding acts, in words."""
     return {"timing": "time stamps", "readout": "read-out"}.get(f.acts_on, f.acts_on)
 
 
 def windows(f: Finding, duration_s: float) -> list[tuple[float, float]]:
-    """Those of its windows that are not the whole recording."""
+    """Windows of a finding that are not the whole recording."""
     return [(a, b) for a, b in f.windows if b - a < WHOLE * duration_s]
 
 
 def when(f: Finding, duration_s: float) -> str:
-    """Its windows in words."""
+    """Windows of a finding in words."""
     parts = windows(f, duration_s)
     return listed(f"{a:.0f} to {b:.0f} s" for a, b in parts) if parts else "throughout"
 
 
 def parameters(f: Finding) -> list[str]:
-    """With their uncertainty and unit."""
+    """Parameters of a finding with their uncertainty and unit."""
     values = {**f.choices, **{name: with_sigma(p.value, p.std, p.unit) for name, p in f.parameters.items()}}
     return [f"{name} = {value}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in values.items()]
 
 
 def with_sigma(value: float, std: float, unit: str) -> str:
-    """As many digits as the uncertainty warrants: two of it."""
+    """A value with as many digits as the uncertainty warrants: two of it."""
     shown = "" if unit in {"", "1"} else f" {pretty(unit)}"
     if math.isnan(value):
         return "not known"
@@ -111,14 +111,14 @@ def with_sigma(value: float, std: float, unit: str) -> str:
 
 
 def ruled_out_rows(d: Result) -> list[tuple[str, str, str]]:
-    """First those that act where a finding acts, then in the order of the catalogue."""
+    """Rows of the effects that were ruled out: first those that act where a finding acts, then by the catalogue."""
     hit = {_acts_on(f.effect) for f in d.findings} | {f.acts_on for f in d.findings}
     rows = [(r.effect, _acts_on(r.effect), r.because.replace("+-", "±")) for r in d.ruled_out]
     return sorted(rows, key=lambda row: (row[1] not in hit, _place(row[0])))
 
 
 def detectable_rows(d: Result) -> list[tuple[str, ...]]:
-    """In the order of the catalogue; with the sizes that the catalogue holds for plausible."""
+    """Rows of smallest sizes, in the order of the catalogue, with the sizes that it holds for plausible."""
     rows: list[tuple[str, ...]] = []
     for effect, found in sorted(d.detectable.items(), key=lambda item: _place(item[0])):
         unit, size = found.unit, found.smallest
@@ -134,7 +134,7 @@ def detectable_rows(d: Result) -> list[tuple[str, ...]]:
 
 
 def in_words(finding: Finding) -> str:
-    """What is said of a finding."""
+    """Sentences on a finding."""
     text, near = finding.sentence, finding.surrogate
     if isinstance(said := finding.held_out, HeldOut):
         text += f" {SPEAKS[said.speaks]} ({said.nats:+.1f} nats)."
@@ -144,13 +144,13 @@ def in_words(finding: Finding) -> str:
 
 
 def noise_sentence(s: Series) -> str:
-    """How the noise compares with its data sheet."""
+    """Sentence on how the noise compares with its data sheet."""
     parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s.noise.items() if size is not None]
     return f"Noise as fitted, in units of its data sheet: {', '.join(parts)}." if parts else ""
 
 
 def next_drive_sentences(d: Result) -> list[str]:
-    """What to drive next, and what for."""
+    """Sentences on the next drive, and what it is for."""
     drive = d.next_drive
     if drive is None:
         return ["No question is open that another drive would settle."]
@@ -162,7 +162,7 @@ def next_drive_sentences(d: Result) -> list[str]:
 
 
 def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> str:
-    """Under a finding's picture."""
+    """Caption of a finding's picture."""
     parts = []
     if curve is not None:
         fitted = ", and the effect as fitted" if curve.fit_x.size else ", as a smooth curve"
@@ -175,7 +175,7 @@ def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> 
 
 
 def fit_rows(d: Result) -> list[tuple[str, ...]]:
-    """With the header FIT_HEADER: each figure of the fitted data that is a number, before and after."""
+    """Rows under FIT_HEADER: each figure of the fitted data that is a number, before and after."""
     before, after = d.fit.train.before, d.fit.train.after
     rows: list[tuple[str, ...]] = []
     for key, value in before.items():
@@ -187,47 +187,47 @@ def fit_rows(d: Result) -> list[tuple[str, ...]]:
 
 
 def named_quantity(name: str, unit: str) -> tuple[str, str]:
-    """A figure's name and unit as humans write them; the name may end in the unit."""
+    """Name and unit of a figure as humans write them; the name may end in the unit."""
     words = name.removesuffix(f"_{unit}").replace("_", " ")
     return words, "" if unit == "1" else pretty({"percent": "%"}.get(unit, unit))
 
 
 def short_number(value: float) -> str:
-    """With two digits or all before the point."""
+    """A number with two digits, or all before the point."""
     return f"{value:.0f}" if 100.0 <= abs(value) < 1e6 else f"{value:.2g}"
 
 
 def rms(values: Array) -> float | None:
-    """Of those that are numbers."""
+    """Root mean square of the values that are numbers; None where none is."""
     known = [float(v) ** 2 for v in values if math.isfinite(v)]
     return math.sqrt(sum(known) / len(known)) if known else None
 
 
 def listed(words: Iterable[str], last: str = "and") -> str:
-    """One, two and three."""
+    """Words in a row: one, two and three."""
     all_words = list(words)
     return f" {last} ".join([", ".join(all_words[:-1]), all_words[-1]] if len(all_words) > 1 else all_words)
 
 
 def percent(share: float) -> str:
-    """With two digits below ten."""
+    """A share in per cent, with two digits below ten."""
     return f"{100.0 * share:.2g} %" if abs(share) < 0.0995 else f"{100.0 * share:.0f} %"
 
 
 def length(metres: float) -> str:
-    """In cm where it is small."""
+    """A length, in cm where it is small."""
     return f"{metres:.2g} m" if abs(metres) >= 0.995 else f"{100.0 * metres:.2g} cm"
 
 
 def power(value: float) -> str:
-    """Large ones as powers of ten."""
+    """A number, large ones as powers of ten."""
     if value >= MOST:
         return f"over 10{_raised(100)}"
     return f"{value:.3g}" if value < 1e4 else f"10{_raised(math.floor(math.log10(value)))}"
 
 
 def pretty(unit: str) -> str:
-    """As humans write it."""
+    """A unit as humans write it."""
     return unit.replace("degC", "°C").replace("^-2", "⁻²").replace("^2", "²")
 
 

@@ -17,13 +17,13 @@ TITLES: Final = {
 
 
 def title(d: Result, names: Sequence[str]) -> str:
-    """Of the page."""
+    """Title of the page."""
     shown = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
     return f"Diagnosis of {shown}: {TITLES[d.verdict]}"
 
 
 def lead(d: Result, s: Series) -> list[str]:
-    """At most three sentences: what was found, how sure that is, what it explains and what is left."""
+    """Summary in at most three sentences: what was found, how sure that is, what it explains and what is left."""
     if not d.findings:
         return _nothing(d, s)
     return [_what(d.findings), _how_sure(d.findings), _what_is_left(d, s)]
@@ -103,7 +103,7 @@ def _what_is_left(d: Result, s: Series) -> str:
 
 
 def _share(d: Result) -> str:
-    """How much is explained; where something has no name, the shares one by one."""
+    """Words for how much is explained; where something has no name, the shares one by one."""
     findings, left = d.findings, d.unexplained.share_of_residual
     if all(f.is_named for f in findings) and left is not None:
         who, ending = ("It explains", "s") if len(findings) == 1 else ("Together they explain", "")

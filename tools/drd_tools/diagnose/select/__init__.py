@@ -1,1 +1,1 @@
-"""Which effects of the catalogue are there, and which smooth curves without a name compete with them."""
+"""The selection of effects from the catalogue, and of smooth curves without a name that compete with them."""

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START, Effect
 from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected, Values
 
-Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.float32]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
@@ -28,7 +28,7 @@ def is_of_interval(effect: Effect) -> bool:
 
 
 class Best(NamedTuple):
-    """A interval: what it explains, nats; its times; and the sizes."""
+    """An interval: what it explains, nats; its times; and the sizes."""
 
     nats: float
     shape: dict[str, float | str]
@@ -48,7 +48,7 @@ class Intervals:
         self.products: Columns = self.columns.T @ self.columns
 
     def column(self, shape: Values, name: str) -> Columns:
-        """A size's whitened sensitivity (r,) in an interval of the grid."""
+        """Whitened sensitivity to a size (r,) in an interval of the grid."""
         k = self.names.index(name) * PIECES
         first, last = (k + int(np.abs(self._edges_s - float(shape[t])).argmin()) for t in (START.name, END.name))
         total: Columns = self.columns[:, first:last].sum(axis=1)

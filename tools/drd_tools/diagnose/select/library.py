@@ -1,4 +1,4 @@
-"""All that may be missing, in a few variants each, as columns of one regression."""
+"""Library of candidates: all that may be missing, in a few variants each, as columns of one regression."""
 
 import itertools
 import math
@@ -7,16 +7,15 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.error_model.linear import COLUMNS, Sensitivity
 from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interval
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names
 
-Array = npt.NDArray[np.float64]
 Parameters = dict[str, float | str]
 
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
@@ -36,18 +35,18 @@ class Candidate:
     penalty: float
 
     def fitted(self, G: Array, b: Array) -> tuple[float, Selected | None]:
-        """What it gains, nats, and its parameters, of its columns' products G (k, k) and those with the data b (k,)."""
+        """Gain, nats, and fitted parameters, from its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
         return 0.5 * float(b @ x), self.selected(x)
 
     def as_it_is(self, G: Array, b: Array) -> tuple[float, Selected | None]:
-        """As `fitted`, but not scaled: thresholds cannot be, and a longer delay has another shape. Of others -inf."""
+        """Gain of what is not scaled: a threshold cannot be, and a longer delay has another shape. Of others -inf."""
         if self.effect.acts_on not in (ActsOn.READOUT, ActsOn.TIMING) or self.names != ("",):
             return -math.inf, None
         return float(b[0] - 0.5 * G[0, 0]), self.selected(np.ones(1))
 
     def selected(self, coefficients: Array) -> Selected | None:
-        """With parameters from the regression's coefficients; None where they make no sense."""
+        """The effect with parameters from the regression's coefficients; None where they make no sense."""
         values = dict(self.shape)
         linear = self.effect.linear()
         if self.effect.acts_on is ActsOn.READOUT and not 0.4 < coefficients[0] < 2.5:
@@ -74,7 +73,7 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
 
 
 def is_plausible(selected: Selected) -> bool:
-    """Of the right sign, and not beyond all sizes."""
+    """Whether parameters are of the right sign, and not beyond all sizes."""
     for q in selected.effect.parameters:
         if q.choices or q.moment or q.is_angle:
             continue
@@ -87,7 +86,7 @@ def is_plausible(selected: Selected) -> bool:
 
 
 def is_hidden(problem: Problem, selected: Selected) -> bool:
-    """A threshold that hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
+    """Whether a threshold hides hardly any rate above the gyro's noise: the noise below it would explain itself."""
     e = problem.evidence
     if selected.effect.acts_on is not ActsOn.READOUT or e.gyro_rad is None:
         return False
@@ -100,7 +99,7 @@ def is_hidden(problem: Problem, selected: Selected) -> bool:
 
 
 def is_everywhere(problem: Problem, selected: Selected) -> bool:
-    """A interval with next to all of the way: what is as good as always there needs no interval."""
+    """Whether it is an interval with next to all of the way: what is as good as always there needs no interval."""
     e = problem.evidence
     if not is_of_interval(selected.effect) or selected.interval_s is None:
         return False
@@ -110,7 +109,7 @@ def is_everywhere(problem: Problem, selected: Selected) -> bool:
 
 
 def is_possible(problem: Problem, selected: Selected) -> bool:
-    """Plausible, and of a kind that this recording can show."""
+    """Whether it is plausible, and of a kind that this recording can show."""
     return is_plausible(selected) and not is_hidden(problem, selected) and not is_everywhere(problem, selected)
 
 
@@ -187,7 +186,7 @@ def _candidates(
 
 
 def choices(effect: Effect, names: tuple[str, ...]) -> list[tuple[int, ...]]:
-    """Which of an effect's linear parameters may be there without the others."""
+    """Subsets of an effect's linear parameters that may be there without the others."""
     own = {i for i, name in enumerate(names) if name != SCALE.name}
     return [
         which

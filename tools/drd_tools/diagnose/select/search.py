@@ -1,21 +1,20 @@
-"""Which effects are there: forward, delete and swap, each choice with its parameters fitted."""
+"""Search for effects: forward, delete and swap, each choice with its parameters fitted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.effect import END, START, ActsOn
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, nuisance_design, refine, refine_all
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Intervals, joined, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, is_plausible, is_possible, library_of
 from drd_tools.diagnose.selected import Selected
 
-Array = npt.NDArray[np.float64]
 _Products = tuple[Array, Array]  # of columns among themselves and with the data, beside a fit
 
 MOST_SELECTED: Final = 6
@@ -58,7 +57,7 @@ def is_rough(fit: Fit) -> bool:
 
 
 def coarse_search(problem: Problem, known: Sequence[Selected] = ()) -> Found:
-    """The effects that tell the noise: the search ends as soon as another effect changes little of what is left."""
+    """Search for the effects that matter to the noise, until another effect changes little of what is left."""
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
     found = Found(problem, fit, null, null)
@@ -71,14 +70,14 @@ def coarse_search(problem: Problem, known: Sequence[Selected] = ()) -> Found:
 
 
 def full_search(found: Found, known: Sequence[Selected] = ()) -> Found:
-    """A rough search gone on with, until no selected effect is worth its cost and no other name, or form, is better."""
+    """Continue a coarse search until no selected effect is worth its cost and no other name, or form, is better."""
     while not found.is_complete and (better := _better(found, known)) is not None:
         found = better
     return _by_exact_form(_relinearised_rivals(Search(found.problem, known), found), {c.id for c in known})
 
 
 def _better(found: Found, known: Sequence[Selected]) -> Found | None:
-    """With a selected effect more, and all settled; None where none is worth its cost."""
+    """Add the best effect, and swap the others; None where none is worth its cost."""
     if len(found.fit.selection) >= MOST_SELECTED + len(known):
         return None
     search, is_cleared = Search(found.problem, known), found.is_cleared
@@ -104,7 +103,7 @@ def _turns_wheels(found: Found) -> bool:
 
 
 def _by_exact_form(found: Found, known: set[str]) -> Found:
-    """Of names that the data tell no better apart than a class, each effect has the one whose exact form fits best."""
+    """Give each effect the name, of those in one class with it, whose exact form fits best."""
     search = Search(found.problem)
     for name in [c.id for c in found.fit.selection if c.id not in known]:
         selected = next((c for c in found.fit.selection if c.id == name), None)
@@ -175,7 +174,7 @@ def linearised(problem: Problem, fit: Fit, null: float) -> Found:
 
 
 class Search:
-    """Chooses among the candidates of one problem."""
+    """Search among the candidates of one problem."""
 
     def __init__(self, problem: Problem, known: Sequence[Selected] = ()):
         self.problem, self.library = problem, library_of(problem)
@@ -183,17 +182,17 @@ class Search:
         self._last: tuple[Fit, list[_Products]] | None = None
 
     def score(self, fit: Fit) -> float:
-        """Nats: how likely the data, less what the selected effects cost."""
+        """Log likelihood of the data less the penalty of the selected effects, nats."""
         return -fit.cost - self.problem.penalty(fit.selection)
 
     def exact_score(self, fit: Fit) -> float:
-        """As `score`, if no cause had another shape than the catalogue's."""
+        """Score if no cause had another shape than the catalogue's."""
         residual = self.problem.data - self.problem.effect_rows(fit.selection)
         nats = -0.5 * float(residual @ Marginal(self.problem.nuisance).projected(residual))
         return nats - self.problem.penalty(fit.selection)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Selected]]:
-        """What each effect would gain beside the selected effects, with its best variants; best first."""
+        """Gain of each effect beside the selected ones, with its best variants; best first."""
         (G, b), *intervals = self._beside(fit)
         best: dict[str, tuple[float, Selected]] = {}
         # Of thresholds and delays, the one that fits best as it is begins a search of its own.
@@ -307,7 +306,7 @@ class Search:
         return fit
 
     def _rivals(self, fit: Fit, rest: Fit) -> list[Selected]:
-        """What may be worth as much beside `rest` as what it lacks of `fit`, once it is refined."""
+        """Effects that may be worth as much beside `rest` as what it lacks of `fit`, once they are refined."""
         least = ROUGH_SHARE * (self.score(fit) - self.score(rest))
         return [c for gain, c in self.ranked(rest)[:SWAPS] if gain > least]
 

@@ -15,9 +15,8 @@ from drd_tools.diagnose.error_model.sensitivities import SUB
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
-
-Array = npt.NDArray[np.float64]
 
 KNOTS: Final = 8
 TIME_KNOTS: Final = 16  # what swings several times in a drive
@@ -27,7 +26,7 @@ AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
 
 
 class Channel(NamedTuple):
-    """Where a curve acts. `hat`: size of one hat, SI, so that amplitudes compare; `public`: units per SI unit."""
+    """Channel of a curve. `hat`: size of one hat, SI, so that amplitudes compare; `public`: units per SI unit."""
 
     acts_on: str
     unit: str
@@ -52,7 +51,7 @@ CHANNELS: Final = {
 
 
 def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
-    """For each channel what a curve's values along a motion, (n,), SI, add to the sensors."""
+    """Errors that a curve's values along a motion, (n,), SI, add to the sensors, for each channel."""
     slope_l, slope_r = (np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
     moving = np.abs(m.speed_m_s) > 0.02
     return {
@@ -146,7 +145,7 @@ class SplineTerms:
         return best
 
     def reported(self, selected: Selected, curve: Curve) -> Array:
-        """What an effect says at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
+        """Values of an effect at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
         S = self._of(curve).rows.astype(float)
         G = S.T @ S
         rows = self._problem.effect_rows([selected])
@@ -155,7 +154,7 @@ class SplineTerms:
         return result
 
     def rows(self, curve: Curve) -> Array:
-        """What a curve explains of the data, (r,)."""
+        """Whitened data that a curve explains, (r,)."""
         result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
         return result
 

@@ -1,1 +1,1 @@
-"""What the model is worth in recordings, and against references, that had no part in the fit."""
+"""Validation of the model on recordings that had no part in the fit, and of the poses against references."""

@@ -1,4 +1,4 @@
-"""How well the gyro's heading follows the reference, for recordings without wheels: with a model or without."""
+"""Errors of the gyro's heading against the reference, for recordings without wheels: with a model or without."""
 
 import math
 from pathlib import Path
@@ -11,11 +11,9 @@ from drd.config.keys import Robot
 from drd.effects.compensation import Compensation
 from drd.samples import CalibratedRate
 from drd.units import DEG_PER_RAD, NS_PER_S
-from drd_tools.diagnose.results import Figures
+from drd_tools.diagnose.results import Array, Figures
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import with_model
-
-Array = npt.NDArray[np.float64]
 
 
 def heading_figures(recording: Recording, model: Path | None) -> Figures:

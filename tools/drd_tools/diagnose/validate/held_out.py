@@ -1,11 +1,10 @@
-"""Whether the terms of a model hold in recordings that they were not fitted to."""
+"""Predictive log-likelihood ratios of a model's terms in recordings that they were not fitted to."""
 
 import math
 from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.effects.model import Term
 from drd_tools.diagnose.error_model.ranges import within
@@ -19,7 +18,6 @@ from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-Array = npt.NDArray[np.float64]
 _Ranged = tuple[Selected, Ranges]
 
 NOISE_ROUNDS: Final = 2
@@ -51,11 +49,10 @@ def _ranged(term: Term) -> _Ranged:
 
 
 class _HeldOut:
-    """One such recording, its noise fitted beside the selected effects as they are."""
+    """A held-out recording, its noise fitted beside the selected effects as they are."""
 
     def __init__(self, recording: Recording, selection: Sequence[Selected]):
         looked = audit(recording, gather(recording))
-        assert looked.evidence is not None
         fixed = [Selected(c.effect, c.values, ()) for c in selection]
         problem = Problem(looked.evidence)
         for _ in range(NOISE_ROUNDS):
@@ -68,7 +65,7 @@ class _HeldOut:
         self._known: dict[tuple[str, ...], float] = {}
 
     def nats(self, selection: Sequence[_Ranged], which: int) -> float:
-        """Of one selected effect beside the others."""
+        """Log likelihood ratio of one selected effect beside the others."""
         return self._evidence(selection) - self._evidence([*selection[:which], *selection[which + 1 :]])
 
     def _evidence(self, selection: Sequence[_Ranged]) -> float:
@@ -80,7 +77,7 @@ class _HeldOut:
         return self._known[key]
 
     def _marginal(self, problem: Problem, selection: Sequence[_Ranged]) -> float:
-        """Nats, over nuisances, the effects' parameters as far as they are known, and their causes' shapes (61)."""
+        """Log marginal likelihood: nuisances, parameters as far as known, and causes' shapes integrated over (61)."""
         residual = problem.data - problem.effect_rows(self._events)
         columns = []
         for selected, ranges in selection:

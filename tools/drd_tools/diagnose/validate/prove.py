@@ -1,4 +1,4 @@
-"""The model, and what it is worth in recordings that it was not fitted to.
+"""Held-out validation of the model.
 
 There a term must hold: the data must not speak against it. What is only a surrogate must bring the poses nearer.
 """
@@ -63,7 +63,7 @@ def validated(
 
 
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
-    """The finding with what held-out recordings say of it."""
+    """Add to a finding what held-out recordings say of it."""
     if worth is None:
         return finding
     if worth < CONTRADICTED_NATS:

@@ -1,4 +1,4 @@
-"""How far the estimator's poses are from the reference, without a model and with it."""
+"""Errors of the estimator's poses against the reference, without a model and with it."""
 
 from pathlib import Path
 from typing import Final
@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 
 from drd.config.schema import ConfigError
-from drd_tools.diagnose.regression.problem import Array
-from drd_tools.diagnose.results import Figures, Line, Paths
+from drd_tools.diagnose.results import Array, Figures, Line, Paths
 from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run
