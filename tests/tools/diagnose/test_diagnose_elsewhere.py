@@ -13,7 +13,7 @@ from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Finding, Status, Support
 from drd_tools.diagnose.results import Term as Said
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
-from drd_tools.diagnose.validate.prove import Proof, validated
+from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.recordings.folder import Recording
 from drd_tools.trial.draw import Case, make
 from drd_tools.trial.plan import Plan, drawings
@@ -28,7 +28,7 @@ def term(effect: str, **parameters: tuple[float, float]) -> Term:
     return Term(catalogue()[effect], {name: Amount(*value) for name, value in parameters.items()})
 
 
-def proven(folder: Path, terms: tuple[Term, ...], held_out: list[Recording]) -> Proof:
+def proven(folder: Path, terms: tuple[Term, ...], held_out: list[Recording]) -> Validated:
     """What is said of terms that one recording supports."""
     by_name = {t.effect.id: t for t in terms}
     findings = [
@@ -43,7 +43,7 @@ def proven(folder: Path, terms: tuple[Term, ...], held_out: list[Recording]) -> 
         return Model(tuple(by_name[t.effect] for t in kept))
 
     said = [Said(effect=name, parameters={}) for name in by_name]
-    return validated(folder / "model.yaml", build, said, findings, held_out)
+    return validate(folder / "model.yaml", build, said, findings, held_out)
 
 
 @pytest.fixture(scope="module")

@@ -44,9 +44,9 @@ class Analysis:
 
 def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
-    looked = audit(recording, gather(recording))
-    known = [event.selected for event in looked.events]
-    problem = Problem(looked.evidence)
+    audited = audit(recording, gather(recording))
+    known = [event.selected for event in audited.events]
+    problem = Problem(audited.evidence)
     # What was seen as an event must also be of the right sign and size.
     known = [c for c in refine(problem, known).selection if is_plausible(c)]
     for _ in range(NOISE_ROUNDS):
@@ -67,9 +67,9 @@ def analyse(recording: Recording) -> Analysis:
     null = refine(problem, known)
     if found.problem is not problem:
         release(problem)
-    conclusion = conclude(found, looked.events)
+    conclusion = conclude(found, audited.events)
     release(found.problem)
-    return Analysis(recording, looked.events, problem, null.left, conclusion)
+    return Analysis(recording, audited.events, problem, null.left, conclusion)
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

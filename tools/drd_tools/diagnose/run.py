@@ -26,8 +26,8 @@ from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
 from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Train, Unexplained
-from drd_tools.diagnose.validate.prove import Proof, validated
 from drd_tools.diagnose.validate.trajectory import judged, paths
+from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.recordings.folder import Recording
 
 OTHER_HALF: Final = "other half of the blocks"
@@ -92,12 +92,12 @@ def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
         analysis, model_file = analyse(recording), Path(folder) / "model.yaml"
         conclusion, findings = analysis.conclusion, outcome.findings_of(analysis.conclusion)
         build = partial(outcome.model_of, recording=recording, names=recording.name, version=drd.__version__)
-        proof = validated(model_file, build, outcome.terms_of(conclusion), findings, held_out)
-        train, drive = _trained(analysis, model_file if proof.model.terms else None)
+        validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
+        train, drive = _trained(analysis, model_file if validated.model.terms else None)
         unseen = _unseen(analysis)
-        result, series = _result(analysis, proof, train, unseen), _series(analysis, proof, drive, unseen)
+        result, series = _result(analysis, validated, train, unseen), _series(analysis, validated, drive, unseen)
         statistics = sufficient_statistics(conclusion.found.problem, conclusion.found.fit)
-    return Diagnosis(result, series, proof.model, recording.notes, statistics)
+    return Diagnosis(result, series, validated.model, recording.notes, statistics)
 
 
 def together(
@@ -108,17 +108,17 @@ def together(
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:
         terms = outcome.terms_found(result.findings)
-        proof = validated(Path(folder) / "model.yaml", build, terms, result.findings, held_out)
-    fit = Fit(result.fit.train, proof.figures)
-    result = msgspec.structs.replace(result, recording=names, findings=tuple(proof.findings), fit=fit)
+        validated = validate(Path(folder) / "model.yaml", build, terms, result.findings, held_out)
+    fit = Fit(result.fit.train, validated.figures)
+    result = msgspec.structs.replace(result, recording=names, findings=tuple(validated.findings), fit=fit)
     courses = {c.effect: c for d in reversed(made) for c in d.series.findings}
     series = msgspec.structs.replace(
         made[0].series,
         recordings=[drive for d in made for drive in d.series.recordings],
         findings=[courses.get(f.effect, Course(f.effect)) for f in result.findings],
-        held_out=proof.bars,
+        held_out=validated.bars,
     )
-    return Diagnosis(result, series, proof.model)
+    return Diagnosis(result, series, validated.model)
 
 
 def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
@@ -139,22 +139,22 @@ def _unseen(analysis: Analysis) -> Bar:
     return Bar(OTHER_HALF, quantity, "1", *unseen_rms(found.problem, found.fit))
 
 
-def _result(analysis: Analysis, proof: Proof, train: Train, unseen: Bar) -> Result:
+def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar) -> Result:
     conclusion, e = analysis.conclusion, analysis.conclusion.found.problem.evidence
     figures = msgspec.structs.replace(
-        proof.figures,
-        before={**proof.figures.before, unseen.name: {WHITENED: unseen.before}},
-        after={**proof.figures.after, unseen.name: {WHITENED: unseen.after}},
+        validated.figures,
+        before={**validated.figures.before, unseen.name: {WHITENED: unseen.before}},
+        after={**validated.figures.after, unseen.name: {WHITENED: unseen.after}},
     )
     cut = cut_off(analysis.recording, e)
     return Result(
         recording=analysis.recording.name,
         verdict=outcome.verdict(conclusion),
-        findings=tuple(proof.findings),
+        findings=tuple(validated.findings),
         unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
         ruled_out=conclusion.ruled_out,
         detectable=conclusion.detectable,
-        not_observable=not_observable(e, {*conclusion.detectable, *outcome.names_of(proof.findings)}),
+        not_observable=not_observable(e, {*conclusion.detectable, *outcome.names_of(validated.findings)}),
         classes=conclusion.classes,
         fit=Fit(train, figures),
         next_drive=next_drive(conclusion, analysis.recording.nominal),
@@ -162,11 +162,11 @@ def _result(analysis: Analysis, proof: Proof, train: Train, unseen: Bar) -> Resu
     )
 
 
-def _series(analysis: Analysis, proof: Proof, drive: Drive, unseen: Bar) -> Series:
+def _series(analysis: Analysis, validated: Validated, drive: Drive, unseen: Bar) -> Series:
     return Series(
         recordings=[drive],
         findings=[outcome.course_of(c) for c in analysis.conclusion.causes],
         residual=outcome.residual_of(analysis.null, analysis.null_problem, analysis.conclusion),
-        held_out=[*proof.bars, unseen],
+        held_out=[*validated.bars, unseen],
         noise=analysis.noise_ratios(),
     )

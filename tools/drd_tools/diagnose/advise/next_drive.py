@@ -43,8 +43,8 @@ FIX_S: Final = 0.5
 GYRO_HZ: Final = 10.0
 SLOW_GYRO_HZ: Final = 2.0  # where all that is asked for is slow
 SLOW: Final = ("temperature", "temperature_rate", "time")  # covariates that no manoeuvre changes
-# A stretch of ground is driven over again.
-STRETCH_FROM_S, STRETCH_S = 45.0, 60.0
+# The ground of an interval of time is driven over again.
+INTERVAL_FROM_S, INTERVAL_S = 45.0, 60.0
 
 Question = tuple[Cause, str]
 
@@ -211,9 +211,9 @@ def _again(selected: Selected) -> Selected:
     """Shift an interval of time to where the drive passes its ground again; all else acts throughout."""
     if selected.begin_s is None:
         return selected
-    times = {START.name: STRETCH_FROM_S}
+    times = {START.name: INTERVAL_FROM_S}
     if selected.end_s is not None:
-        times[END.name] = STRETCH_FROM_S + min(selected.end_s - selected.begin_s, STRETCH_S)
+        times[END.name] = INTERVAL_FROM_S + min(selected.end_s - selected.begin_s, INTERVAL_S)
     return replace(selected, values={**selected.values, **times})
 
 
@@ -306,5 +306,5 @@ def _sentence(best: _Option, separates: list[list[str]], unsettled: list[list[st
     text = f"{minutes} of {best.manoeuvre} would tell {paired(separates)}, by at least {nats:.3g} nats."
     names = {name for pair in separates for name in pair}
     advice = (effect.advice for effect in catalogue().values() if effect.id in names and effect.advice)
-    text += "".join(f" {a.format(from_s=STRETCH_FROM_S)}" for a in dict.fromkeys(advice))
+    text += "".join(f" {a.format(from_s=INTERVAL_FROM_S)}" for a in dict.fromkeys(advice))
     return text + (f" It does not tell {paired(unsettled)}." if unsettled else "")

@@ -247,7 +247,16 @@ def _event_finding(selected: Selected, event: Event) -> Cause:
     p = max(min(1.0, 31.0 / e), 1e-6)
     text = f"{selected.effect.sentence} Seen: {event.seen}."
     support = Support(float(event.nats), p, e)
-    return Cause(selected, Status.CONFIRMED, (), event.windows, support, 1.0, text, e / (1.0 + e))
+    return Cause(
+        selected=selected,
+        status=Status.CONFIRMED,
+        also_fits=(),
+        windows=event.windows,
+        support=support,
+        explains=1.0,
+        sentence=text,
+        probability=e / (1.0 + e),
+    )
 
 
 def _unknown(
@@ -271,7 +280,18 @@ def _unknown(
         f"{curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
     support, odds = Support(curve.gain, p, e), math.exp(min(max(curve.gain, -LARGEST_NATS), LARGEST_NATS))
-    return Cause(None, status, also_fits, (), support, explains, text, odds / (1.0 + odds), curve, surrogate)
+    return Cause(
+        selected=None,
+        status=status,
+        also_fits=also_fits,
+        windows=(),
+        support=support,
+        explains=explains,
+        sentence=text,
+        probability=odds / (1.0 + odds),
+        curve=curve,
+        surrogate=surrogate,
+    )
 
 
 def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:

@@ -121,9 +121,18 @@ def course_of(cause: Cause) -> Course:
     if fitted is not None and cause.selected is not None:
         x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
     mismatch = Mismatch(
-        curve.covariate, curve.covariate_unit, curve.unit, curve.channel, curve.knots, curve.value, curve.sigma,
-        x, fit, fit - band, fit + band,
-    )  # fmt: skip
+        covariate=curve.covariate,
+        covariate_unit=curve.covariate_unit,
+        error_unit=curve.unit,
+        channel=curve.channel,
+        x=curve.knots,
+        mismatch=curve.value,
+        sigma=curve.sigma,
+        fit_x=x,
+        fit=fit,
+        low=fit - band,
+        high=fit + band,
+    )
     return Course(cause.effect, mismatch, cause.gain)
 
 

@@ -1,6 +1,7 @@
 """Sensitivities of the catalogue's effects in one recording."""
 
 import math
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -119,6 +120,12 @@ class Sensitivities:
         self.e, self.motion = e, motion_along(e, path)
         edges = e.edges_s
         self.h = np.repeat(np.diff(edges) / SUB, SUB)
+
+    def along(self, motion: Motion) -> "Sensitivities":
+        """Sensitivities along another motion."""
+        made = copy(self)
+        made.motion = motion
+        return made
 
     @cached_property
     def calm_rate_rad_s(self) -> Array:

@@ -91,8 +91,7 @@ class Problem:
     def along(self, motion: Motion) -> "Problem":
         """A problem with the effects' sensitivities along another motion."""
         made = copy(self)
-        made.sensitivities, made._cache = copy(self.sensitivities), {}
-        made.sensitivities.motion = motion
+        made.sensitivities, made._cache = self.sensitivities.along(motion), {}
         return made
 
     @property

@@ -125,8 +125,8 @@ def detectable_rows(d: Result) -> list[tuple[str, ...]]:
         known = catalogue().get(effect)
         fitting = [p for p in known.parameters if p.unit == unit and p.high > 0.0] if known else []
         low, high = (fitting[0].low, fitting[0].high) if fitting else (0.0, math.inf)
-        is_blind = size is None or size > high
-        note = "would not be seen here" if is_blind else ""
+        is_undetectable = size is None or size > high
+        note = "would not be seen here" if is_undetectable else ""
         span = f"{short_number(low)} to {short_number(high)}" if fitting else "-"
         smallest = "-" if size is None else short_number(size)
         rows.append((effect, _acts_on(effect), smallest, "relative" if unit == "1" else pretty(unit), span, note))

@@ -52,16 +52,16 @@ class _HeldOut:
     """A held-out recording, its noise fitted beside the selected effects as they are."""
 
     def __init__(self, recording: Recording, selection: Sequence[Selected]):
-        looked = audit(recording, gather(recording))
+        audited = audit(recording, gather(recording))
         fixed = [Selected(c.effect, c.values, ()) for c in selection]
-        problem = Problem(looked.evidence)
+        problem = Problem(audited.evidence)
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
-            fit = refine(near, [*fixed, *(event.selected for event in looked.events)])
+            fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
             noise, inflation = fitted(near, fit, searched=True)
             problem = Problem(problem.evidence, problem.path, noise, inflation, inflation=inflated(near, fit.left))
         self._problem = problem
-        self._events = list(refine(problem, [event.selected for event in looked.events]).selection)
+        self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}
 
     def nats(self, selection: Sequence[_Ranged], which: int) -> float:

@@ -21,7 +21,7 @@ NEARER: Final = ("position_rms_m", "heading_rms_deg")
 SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
 
 
-class Proof(NamedTuple):
+class Validated(NamedTuple):
     """The model, the findings with what held-out recordings say of them, and the figures of these."""
 
     model: Model
@@ -30,13 +30,13 @@ class Proof(NamedTuple):
     bars: list[Bar]
 
 
-def validated(
+def validate(
     file: Path,
     build: Callable[[Sequence[Term]], Model],
     terms: Sequence[Term],
     findings: Sequence[Finding],
     held_out: Sequence[Recording],
-) -> Proof:
+) -> Validated:
     """Save the model of the terms and of surrogates, less what does not hold in `held_out`.
 
     The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
@@ -56,10 +56,10 @@ def validated(
     if near and held_out:
         better, figures = saved(near)
         if _all_gain(after, figures):
-            return _proof(better, findings, held_out, before, figures)
+            return _validated(better, findings, held_out, before, figures)
         save_model(file, model)
     findings = [msgspec.structs.replace(f, surrogate=None) for f in findings]
-    return _proof(model, findings, held_out, before, after)
+    return _validated(model, findings, held_out, before, after)
 
 
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
@@ -79,13 +79,13 @@ def _all_gain(without: Sequence[Figures], with_them: Sequence[Figures]) -> bool:
     return all(a and all((b[q] or 0.0) <= (a[q] or 0.0) for q in NEARER if q in a) for a, b in pairs)
 
 
-def _proof(
+def _validated(
     model: Model,
     findings: list[Finding],
     held_out: Sequence[Recording],
     before: Sequence[Figures],
     after: Sequence[Figures],
-) -> Proof:
+) -> Validated:
     names, bars = [other.name for other in held_out], []
     for name, first, second in zip(names, before, after, strict=True):
         for q in first:
@@ -93,4 +93,4 @@ def _proof(
             unit = "%" if unit == "percent" else unit
             bars.append(Bar(name, quantity.replace("_", " "), unit, first[q], second[q]))
     figures = Validation(dict(zip(names, before, strict=True)), dict(zip(names, after, strict=True)))
-    return Proof(model, findings, figures, bars)
+    return Validated(model, findings, figures, bars)
