@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import drd
 from drd.cli import COMMANDS, main
 from drd.config.keys import Output
 from drd.output import queries
@@ -236,7 +235,6 @@ def test_the_figures_of_the_diagnosis_are_those_of_the_trial() -> None:
     assert f" {recordings} recordings whose answer was hidden" in PAGES[page]
 
 
-@pytest.mark.skipif(not hasattr(drd, "Robot"), reason="the Python interface is not there yet")
 def test_the_python_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     recording = simulate(make_truth(make_drive("slalom", 30.0)), DEFAULT, [], seed=1).recording
     fog, encoders, truth = recording.fog, recording.encoders, recording.reference
