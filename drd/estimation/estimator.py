@@ -167,7 +167,7 @@ class Estimator:
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns
-        used_ns = self._track.t_ns - self._track.lag_ns
+        used_ns = self._track.gyro_ns
         if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, used_ns):
             self.counters["late_gyro"] += 1
             return
@@ -223,18 +223,23 @@ class Estimator:
         `now_ns`: the wheels have had their time, too, if they are that much older.
         """
         track = self._track
-        if not track.t_ns:
-            return
-        end_ns, lag_ns = self._silence.wheels_ns, track.lag_ns
+        while track.t_ns and (end_ns := self._known_until_ns(now_ns)) > track.t_ns:
+            self._run_until(end_ns)
+
+    def _known_until_ns(self, now_ns: int) -> int:
+        end_ns, lag_ns = self._silence.wheels_ns, self._track.lag_ns
         if self._has_gyro and not self.bias.active:
-            wait_ns = self._reorder_ns + self._corrections.further_wait_ns
-            end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns), end_ns - wait_ns)
-        end_ns = max(end_ns, now_ns - self._wheel_wait_ns)
-        if end_ns <= track.t_ns and self._gyro.used_ns == track.t_ns - lag_ns:
-            return  # as in most ticks: there is nothing new
+            wait_ns = self._reorder_ns + self._corrections.further_wait_ns + max(-lag_ns, 0)  # a late gyro
+            # Where the lag has grown, the gyro's next sample tells of the time that is seen twice.
+            unused = self._gyro.end_ns > self._track.gyro_ns
+            end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns if unused else self._track.t_ns), end_ns - wait_ns)
+        return max(end_ns, now_ns - self._wheel_wait_ns)
+
+    def _run_until(self, end_ns: int) -> None:
+        track = self._track
         track.run(self._wheels, self._gyro, end_ns, self._compare)
         self._wheels.drop_until(track.t_ns)
-        self._gyro.drop_until(track.t_ns - track.lag_ns)
+        self._gyro.drop_until(track.gyro_ns)
 
     def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
         """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
@@ -419,7 +424,8 @@ class Estimator:
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
         """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
         if self._track.t_ns and self._silence.wheels(self._pose_ns):
-            self._track.run(self._wheels, self._gyro, self._pose_ns, self._compare)  # nothing to wait for any more
+            while self._track.t_ns < self._pose_ns:  # nothing to wait for any more
+                self._run_until(self._pose_ns)
         here, preview = self._track.kf.nominal, self._look_ahead(self._pose_ns)
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
         ahead_x_m, ahead_y_m, ahead_rad = led(preview, self._lead(preview))

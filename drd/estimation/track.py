@@ -32,6 +32,7 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     no_gyro_s: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
+    gyro_ns: int = 0  # the time of the gyro up to which its rates have been used
     # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (65)
     _regained_s: float = 0.0
     _regained_rad: float = 0.0
@@ -47,6 +48,7 @@ class Track:
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
+        self.gyro_ns = other.gyro_ns
 
     def run(
         self,
@@ -56,12 +58,13 @@ class Track:
         on_gyro_end: Callable[[int, Segment, Segment], None] | None = None,
     ) -> None:
         """Step to `end_ns`; `on_gyro_end` is called with time, wheels and gyro where a gyro sample ends and the wheels
-        are known.
+        are known. Where it changes the lag, the run ends: the gyro's rates are due at other times then.
         """
         lag_ns = self.lag_ns
         for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns):
-            self._step(piece)
+            self._step(piece, gyro)
             _, self.t_ns, wheel, rate = piece
+            self.gyro_ns = self.t_ns - lag_ns
             if on_gyro_end and wheel and rate and self.t_ns == rate.end_ns + lag_ns:
                 if rate.end_ns <= self._compared_ns:
                     continue  # the lag has become shorter meanwhile
@@ -69,8 +72,10 @@ class Track:
                 before_s = self.kf.nominal.wheel_lag_s
                 on_gyro_end(self.t_ns, wheel, rate)
                 regained_s = self.kf.nominal.wheel_lag_s - before_s
-                self._regained_s += regained_s
-                self._regained_rad += self.kf.rate_rad_s * regained_s
+                if regained_s:
+                    self._regained_s += regained_s
+                    self._regained_rad += self.kf.rate_rad_s * regained_s
+                    return
 
     @property
     def lag_ns(self) -> int:
@@ -81,7 +86,7 @@ class Track:
             self._lag_ns = round(lag_s * NS_PER_S)
         return self._lag_ns
 
-    def _step(self, piece: Piece) -> None:
+    def _step(self, piece: Piece, rates: Stream) -> None:
         start_ns, end_ns, wheels, gyro = piece
         kf, dt_s = self.kf, (end_ns - start_ns) * S_PER_NS
         if wheels and not gyro and self.rejected_rad:
@@ -100,7 +105,7 @@ class Track:
             self.no_gyro_s = 0.0
             if self._regained_s:
                 # This much of the turn is seen twice, or left out; the update has allowed for it at the filter's rate.
-                n.gyro_heading_rad += self._regained_rad - self.rate_rad_s * self._regained_s
+                n.gyro_heading_rad += self._regained_rad - self._regained_turn_rad(rates, start_ns - self.lag_ns)
                 self._regained_s = self._regained_rad = 0.0
         if wheels:
             self.unseen_s = self.blind_s = 0.0
@@ -114,6 +119,13 @@ class Track:
                 kf.anchor_wheels()  # (24)
         else:
             self._unseen(dt_s, blind=gyro is None)
+
+    def _regained_turn_rad(self, rates: Stream, from_ns: int) -> float:
+        """What the gyro says of the time that is seen twice, at the rate of the step, or, negative, is left out."""
+        if self._regained_s > 0.0:
+            return self.rate_rad_s * self._regained_s
+        n = self.kf.nominal
+        return n.gyro_bias_rad_s * self._regained_s - n.gyro_scale * rates.integral(self.gyro_ns, from_ns)
 
     def _unseen(self, dt_s: float, blind: bool) -> None:
         """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (25)"""

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.batch.logs import FogLog
+from drd.config.from_nominal import nominal_config
+from drd.config.keys import Encoders, Fog
 from drd.config.nominal import Nominal
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
@@ -16,7 +17,6 @@ from drd.estimation.estimate import initial_sigmas
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.honesty.configurations import as_simulated
 from drd_tools.recordings.folder import Recording, read_recording
-from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.conditions import Random, stream
 from drd_tools.simulate.missions import Drive, make_drive
 from drd_tools.simulate.robot import DEFAULT
@@ -180,8 +180,7 @@ def prior(nominal: Nominal, random: Random) -> dict[str, Mapping[str, float | st
 
     A lag below zero is the gyro's.
     """
-    still = FogLog(np.zeros(1), np.zeros(1), None)
-    config = as_simulated(configuration(Recording(Path(nominal.name), nominal, None, still, None, {})))
+    config = as_simulated(nominal_config(nominal, Fog.rate_hz, Encoders.rate_hz))
     sigma = initial_sigmas(config, estimates_gyro_scale=True)
     left, right, tread, scale, lag = random.standard_normal(5).tolist()
     lag_s = sigma.wheel_lag_s * lag
