@@ -129,7 +129,7 @@ def test_the_wheels_lag_is_learned_and_the_pose_is_where_the_robot_is(lag_s: flo
     there = truth[last.t_ns]
     off_m = math.dist((last.x_m, last.y_m), (there.x_m, there.y_m))
     assert off_m < last.position_bound_m
-    assert off_m < 0.007 * 55.0  # of the way: what was learned wrongly of the bias while the lag was not known
+    assert off_m < 0.011 * 55.0  # of the way: the first turn, while the lag was not known
     assert last.heading_rad == pytest.approx(there.heading_rad, abs=0.02)
 
 
