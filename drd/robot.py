@@ -1,6 +1,5 @@
 """What an engineer knows of a robot before it has driven."""
 
-import math
 import typing
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
@@ -11,7 +10,7 @@ import numpy as np
 from drd.config.from_nominal import nominal_config
 from drd.config.keys import Config, Encoders, Fog
 from drd.config.nominal import Nominal
-from drd.config.schema import ConfigError, keys, nested
+from drd.config.schema import ConfigError, is_nan, keys, nested
 
 Drive = Literal["auto", "differential", "skid"]
 
@@ -54,7 +53,7 @@ class Robot:
     def nominal(self) -> Nominal:
         """The same as robot.yaml has it. Raises ConfigError where a value is not of its type or out of its range."""
         stated = {path: _plain(getattr(self, name)) for name, path in PATHS.items()}
-        known = {path: value for path, value in stated.items() if value is not None and not _is_nan(value)}
+        known = {path: value for path, value in stated.items() if value is not None and not is_nan(value)}
         try:
             return msgspec.convert(nested(known), Nominal)
         except msgspec.ValidationError as error:
@@ -70,10 +69,6 @@ class Robot:
 PATHS: Final[dict[str, str]] = {
     name: hint.__metadata__[0] for name, hint in typing.get_type_hints(Robot, include_extras=True).items()
 }
-
-
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _plain(value: object) -> object:

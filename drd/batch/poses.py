@@ -70,7 +70,7 @@ def run_filter(
 
 
 def _poses(made: Filtered) -> Poses:
-    """Of several poses for one time the last: the wheels' first sample after a silence corrects what came before."""
+    """Keep the last of several poses for one time: the wheels' first sample after a silence corrects earlier ones."""
     t_ns = np.array([p.t_ns for p in made.poses], np.int64)
     poses = [made.poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
     rows = np.array([(p.x_m, p.y_m, p.heading_rad, p.position_bound_m, *p.covariance) for p in poses]).reshape(-1, 10)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drd.batch.logs import EncoderLog, FogLog
-from drd.batch.samples import FIRST_NS, gyro_samples, metres_per_count, wheel_samples, zero_of
+from drd.batch.samples import FIRST_NS, gyro_samples, resolution_m, wheel_samples, zero_of
 from drd.config.keys import Config
 from drd.effects.compensation import Compensation
 from drd.effects.model import Term
-from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
 from drd.estimation.track import MakeTrack, make_track
@@ -28,7 +27,7 @@ ZERO_WITHIN_S: Final = 60.0
 
 @dataclass(frozen=True)
 class Filtered:
-    """What came of two logs.
+    """The poses of two logs, and how they were made.
 
     `zero_ns`: the poses' time at which the logs' `time_s` is 0. `began_ns`: where the dead reckoning began, the pose
     there being zero. `samples` and `counters` are by part and name. `notes`: sentences about wheels and gyro that
@@ -61,13 +60,12 @@ def filter_logs(
     zero_ns = zero_of(fog, encoders)
     wheels, began_ns, wheel_counters = wheel_samples(encoders, config, zero_ns - late_ns[1])
     gyro, gyro_counters = gyro_samples(fog, config, zero_ns - late_ns[0])
-    counted = encoders.left_counts is not None
-    resolution_m = max(map(abs, metres_per_count(config))) if counted else UNCOUNTED_RESOLUTION_M
+    count_m = resolution_m(encoders, config)
     removal = compensation(terms, fog, encoders, config)
     publish_on = config.output.publish_on
-    estimator = Estimator(config, calibration, resolution_m, removal, new_track=new_track, publish_on=publish_on)
+    estimator = Estimator(config, calibration, count_m, removal, new_track=new_track, publish_on=publish_on)
     poses = run(estimator, gyro, wheels, watch)
-    geometry = Geometry(config.robot.tread_m, resolution_m, config.fog.protocol != "none")
+    geometry = Geometry(config.robot.tread_m, count_m, config.fog.protocol != "none")
     return Filtered(
         poses,
         zero_ns,
@@ -81,7 +79,7 @@ def filter_logs(
 def compensation(
     terms: tuple[Term, ...], fog: FogLog | None, encoders: EncoderLog, config: Config
 ) -> Compensation | None:
-    """What takes the terms off the logs' samples. Their time counts from the logs' 0, if they begin near it."""
+    """Make what takes the terms off the logs' samples. Their time counts from the logs' 0, if they begin near it."""
     if not terms:
         return None
     logs = [log.time_s for log in (fog, encoders) if log is not None]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from drd.batch.logs import Array, EncoderLog, FogLog
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
+from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.fog.stream import OVER_RANGE
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
@@ -19,7 +20,7 @@ Times = npt.NDArray[np.int64]
 FIRST_NS: Final = 1000 * NS_PER_S
 # A gyro row so many typical intervals after the one before is not the mean over all that time: rows are missing.
 MISSING_ROWS: Final = 1.5
-# What whole ns in 64 bits hold; and a pause in which every tick gives a pose.
+# Whole ns up to here fit into 64 bits; and in a longer pause every tick would give a pose.
 LATEST_S: Final = 4e9
 LONGEST_GAP_S: Final = 86_400.0
 
@@ -63,6 +64,11 @@ def metres_per_count(config: Config) -> tuple[float, float]:
     assert config.encoders.counts_per_revolution is not None
     unit_m = 2.0 * math.pi * config.robot.wheel_radius_m / config.encoders.counts_per_revolution
     return unit_m * config.robot.left_scale, unit_m * config.robot.right_scale
+
+
+def resolution_m(log: EncoderLog, config: Config) -> float:
+    """Wheel travel of one count, the larger of both sides; of a log of speeds, what a standstill may show."""
+    return UNCOUNTED_RESOLUTION_M if log.left_counts is None else max(map(abs, metres_per_count(config)))
 
 
 def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[WheelSample], int, dict[str, int]]:

@@ -1,1 +1,1 @@
-"""What is configured: every key with its unit, limits and default; files, and their errors with file and line."""
+"""The configuration: every key with its unit, limits and default; files, and their errors with file and line."""

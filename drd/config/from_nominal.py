@@ -26,7 +26,7 @@ NOISE_KEYS: Final = {
     "bias_repeatability_deg_s": "gyro_bias_repeatability_deg_s",  # and estimation.initial.gyro_bias_deg_s
 }
 # Not used: fog.resolution_deg_s (its noise is in the random walk that a data sheet measures), reference.*, kinds.
-# What the configuration's defaults, of an RD2100 FOG, are for a MEMS gyro whose robot.yaml says no more than that:
+# In place of the configuration's defaults, which are an RD2100 FOG's, for a MEMS gyro of which robot.yaml says no more:
 # Xsens MTi-1 noise density 0.007 deg/s/sqrt(Hz), bias instability 10 deg/h; turn-on bias of an MTi within 0.5 deg/s.
 MEMS: Final = FogSheet(
     angle_random_walk_deg_per_sqrt_h=0.42,

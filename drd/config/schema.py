@@ -237,7 +237,7 @@ class _Reader:
         for name, hint in hints.items():
             here, child, before = _join(path, name), found.get(name), getattr(base, name, None)
             self.hints[here] = hint
-            if child is not None and child.tag == NULL and _is_nan(getattr(cls, name, None)):
+            if child is not None and child.tag == NULL and is_nan(getattr(cls, name, None)):
                 child = None  # not stated
                 del self.nodes[here]
             if _is_section(hint):
@@ -274,9 +274,9 @@ class _Reader:
             raise self.error(path) from None
 
 
-def _is_nan(default: Any) -> bool:
-    """A key with this default need not be stated, and null says that it is not."""
-    return isinstance(default, float) and math.isnan(default)
+def is_nan(value: Any) -> bool:
+    """Not a number: not stated. A key with this default need not be stated, and null says that it is not."""
+    return isinstance(value, float) and math.isnan(value)
 
 
 def _scalar(kind: Any, node: yaml.Node) -> bool | int | float | str:

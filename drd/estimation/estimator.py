@@ -167,8 +167,7 @@ class Estimator:
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns
-        used_ns = self._track.gyro_ns
-        if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, used_ns):
+        if not self._gyro.add(rate.t_ns, rate.interval_s, rate.rate_rad_s, rate.sigma_rad_s, self._track.gyro_ns):
             self.counters["late_gyro"] += 1
             return
         self._silence.gyro_ns = rate.t_ns
@@ -222,9 +221,9 @@ class Estimator:
 
         `now_ns`: the wheels have had their time, too, if they are that much older.
         """
-        track = self._track
-        while track.t_ns and (end_ns := self._known_until_ns(now_ns)) > track.t_ns:
-            self._run_until(end_ns)
+        track, again = self._track, self._track.t_ns > 0
+        while again and (end_ns := self._known_until_ns(now_ns)) > track.t_ns:
+            again = self._run_until(end_ns)
 
     def _known_until_ns(self, now_ns: int) -> int:
         end_ns, lag_ns = self._silence.wheels_ns, self._track.lag_ns
@@ -235,11 +234,12 @@ class Estimator:
             end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns if unused else self._track.t_ns), end_ns - wait_ns)
         return max(end_ns, now_ns - self._wheel_wait_ns)
 
-    def _run_until(self, end_ns: int) -> None:
+    def _run_until(self, end_ns: int) -> bool:
         track = self._track
-        track.run(self._wheels, self._gyro, end_ns, self._compare)
+        is_early = track.run(self._wheels, self._gyro, end_ns, self._compare)
         self._wheels.drop_until(track.t_ns)
         self._gyro.drop_until(track.gyro_ns)
+        return is_early
 
     def _compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
         """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""

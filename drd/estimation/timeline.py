@@ -34,7 +34,6 @@ class Stream:
     def __init__(self) -> None:
         self.segments: deque[Segment] = deque(maxlen=KEPT)
         self.end_ns = 0
-        self.used_ns = 0
 
     def add(self, end_ns: int, interval_s: float, a: float, b: float, used_until_ns: int, c: float = 0.0) -> bool:
         """Append the segment of `interval_s` seconds that ends at `end_ns`. False: too late, nothing of it is left.
@@ -70,18 +69,19 @@ class Stream:
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the filter has used."""
-        self.used_ns = t_ns
         while self.segments and self.segments[0].end_ns <= t_ns:
             self.segments.popleft()
 
 
-def pieces(wheels: Stream, gyro: Stream, start_ns: int, end_ns: int, lag_ns: int = 0) -> Iterator[Piece]:
+def pieces(
+    wheels: Stream, gyro: Stream, start_ns: int, end_ns: int, lag_ns: int = 0, used_ns: int = 0
+) -> Iterator[Piece]:
     """Cut [start, end] at every segment's start and end, and say for each piece which segments cover it.
 
-    The gyro's segments are taken `lag_ns` later, as late as the wheels are. Where that has grown since the last call,
-    the first of them begins earlier: the robot's turn was seen without a hole.
+    The gyro's segments are taken `lag_ns` later, as late as the wheels are. Where that has grown since the gyro's
+    time `used_ns`, the first of them begins earlier: the robot's turn was seen without a hole.
     """
-    t_ns, seen_ns = start_ns, gyro.used_ns + lag_ns
+    t_ns, seen_ns = start_ns, used_ns + lag_ns
     w, g = iter(wheels.segments), iter(gyro.segments)
     wheel, rate = next(w, None), next(g, None)
     while t_ns < end_ns:

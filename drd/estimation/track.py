@@ -56,12 +56,12 @@ class Track:
         gyro: Stream,
         end_ns: int,
         on_gyro_end: Callable[[int, Segment, Segment], None] | None = None,
-    ) -> None:
+    ) -> bool:
         """Step to `end_ns`; `on_gyro_end` is called with time, wheels and gyro where a gyro sample ends and the wheels
-        are known. Where it changes the lag, the run ends: the gyro's rates are due at other times then.
+        are known. True: the run ended where that changed the lag, since the gyro's rates are due at other times then.
         """
         lag_ns = self.lag_ns
-        for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns):
+        for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns, self.gyro_ns):
             self._step(piece, gyro)
             _, self.t_ns, wheel, rate = piece
             self.gyro_ns = self.t_ns - lag_ns
@@ -75,7 +75,8 @@ class Track:
                 if regained_s:
                     self._regained_s += regained_s
                     self._regained_rad += self.kf.rate_rad_s * regained_s
-                    return
+                    return True
+        return False
 
     @property
     def lag_ns(self) -> int:

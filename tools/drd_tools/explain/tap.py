@@ -26,7 +26,6 @@ from drd.estimation.filter import (
     Sigmas,
     X,
     Y,
-    _elements,
 )
 from drd.estimation.learning import Drive, WheelNoise
 from drd.estimation.noise import NoiseProfile
@@ -35,7 +34,7 @@ from drd.estimation.track import Track, make_track
 from drd_tools.explain.budget import COUNT
 from drd_tools.explain.stretch import Stretch
 from drd_tools.limit import causes
-from drd_tools.limit.process_noise import Step, fill
+from drd_tools.limit.process_noise import FilterByCause
 
 START_OF = {
     SCALE_R: causes.WHEEL_SCALE_START,
@@ -78,7 +77,7 @@ class _Told(Filter):
         """Nothing."""
 
 
-class TappedFilter(Filter):
+class TappedFilter(FilterByCause):
     """Does what the filter does, and the same to the covariance of each cause."""
 
     def __init__(
@@ -91,8 +90,6 @@ class TappedFilter(Filter):
         is_told: bool = True,
     ):
         self._stretch, self._budget, self._watches = stretch, stretch.budget, is_told
-        self._Q_causes: Matrix = np.zeros((COUNT, N, N))
-        self._q_causes = _elements(self._Q_causes)
         self._R = np.zeros(COUNT)
         self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (20)
         self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
@@ -149,24 +146,7 @@ class TappedFilter(Filter):
         before, self._rate_rad_s = self._rate_rad_s, rate_rad_s
         if self._is_told:
             change = 0.0 if before is None or rate_rad_s is None else n.gyro_scale * (rate_rad_s - before)
-            self._budget.predict(self._FT, self._Q_causes, -self._stretch.delay_s * change)
-
-    def _process_noise(
-        self,
-        dt_s: float,
-        left_m: float,
-        right_m: float,
-        turn_rad: float,
-        rate_sigma: float,
-        c: float,
-        s: float,
-        bend: float,
-    ) -> None:
-        super()._process_noise(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend)
-        if self._is_told:
-            tread_m = self.nominal.tread_m
-            step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, tread_m, self._jitter, self.rate_rad_s)
-            fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
+            self._budget.predict(self._FT, self.Q_causes, -self._stretch.delay_s * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
         """As the filter's."""

@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.batch.run import run
-from drd.batch.samples import gyro_samples, metres_per_count, wheel_samples, zero_of
+from drd.batch.samples import gyro_samples, resolution_m, wheel_samples, zero_of
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
-from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.estimation.estimator import Estimator
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
@@ -74,8 +73,7 @@ def replayed_drive(recording: Recording, config: Config) -> Drive:
     zero_ns = zero_of(None, recording.encoders)
     wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
     gyro, _ = gyro_samples(recording.fog, config, zero_ns)
-    counted = recording.encoders.left_counts is not None
-    resolution_m = max(map(abs, metres_per_count(config))) if counted else UNCOUNTED_RESOLUTION_M
+    counted, count_m = recording.encoders.left_counts is not None, resolution_m(recording.encoders, config)
     watched: list[_Watched] = []
 
     def new_track(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
@@ -85,7 +83,7 @@ def replayed_drive(recording: Recording, config: Config) -> Drive:
 
         return make_track(config, sigmas, noise, watch)
 
-    run(Estimator(config, None, resolution_m, new_track=new_track), [s for s in gyro if s.t_ns > 0], wheels)
+    run(Estimator(config, None, count_m, new_track=new_track), [s for s in gyro if s.t_ns > 0], wheels)
     kf = watched[0]
     if not kf.steps:
         raise ConfigError(str(recording.folder), "", "a recording that gives poses", "none")
@@ -93,7 +91,7 @@ def replayed_drive(recording: Recording, config: Config) -> Drive:
     right, left = 1.0 - n.scale_right, 1.0 - n.scale_left
     steps = [Block(s.dt_s, left * s.left_m, right * s.right_m, s.turn_rad) for s in kf.steps]
     gyro_hz = config.fog.rate_hz if gyro else 0.0
-    return Drive(blocks_of(steps), n.tread_m, gyro_hz, kf.noise, resolution_m if counted else 0.0)
+    return Drive(blocks_of(steps), n.tread_m, gyro_hz, kf.noise, count_m if counted else 0.0)
 
 
 def blocks_of(steps: list[Block]) -> list[Block]:

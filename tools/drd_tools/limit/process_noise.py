@@ -1,7 +1,9 @@
 """The filter's Q, taken apart by cause."""
 
 from collections.abc import MutableSequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from drd.estimation.filter import (
     BB,
@@ -23,12 +25,34 @@ from drd.estimation.filter import (
     YH,
     YX,
     YY,
+    Filter,
+    Matrix,
     N,
+    _elements,
 )
 from drd.estimation.noise import NoiseProfile
 from drd_tools.limit import causes
 
 SIZE = N * N
+
+
+class FilterByCause(Filter):
+    """The filter, with its Q taken apart by cause in `Q_causes`, (causes, N, N)."""
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        self.Q_causes: Matrix = np.zeros((len(causes.CAUSES), N, N))
+        self._q_causes = _elements(self.Q_causes)
+        super().__init__(*args, **kwargs)
+
+    @property
+    def _is_told(self) -> bool:
+        return True
+
+    def _process_noise(self, *arguments: float) -> None:
+        super()._process_noise(*arguments)
+        if self._is_told:
+            step = Step._make((*arguments, self.nominal.tread_m, self._jitter, self.rate_rad_s))
+            fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
 
 class Step(NamedTuple):

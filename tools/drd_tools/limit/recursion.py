@@ -5,17 +5,17 @@ with these gains, go the errors counted from later poses on the way, and the sha
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from drd.estimation.filter import GYRO_HEADING, HEADING, Filter, Matrix, N, Sigmas, X, Y, _elements
+from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
 from drd_tools.limit import causes
 from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive
-from drd_tools.limit.process_noise import Step, fill
+from drd_tools.limit.process_noise import FilterByCause
 
 Array = npt.NDArray[np.float64]
 
@@ -25,12 +25,10 @@ LONGEST: Final = 8
 KNOWN: Final = Sigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class ErrorModel(Filter):
+class ErrorModel(FilterByCause):
     """The filter as a source of F and of Q by cause, linearised along the true drive."""
 
     def __init__(self, drive: Drive, noise: NoiseProfile, sigmas: Sigmas):
-        self.Q_causes: Matrix = np.zeros((len(CAUSES), N, N))
-        self._q_causes = _elements(self.Q_causes)
         super().__init__(drive.tread_m, sigmas, noise, along_gyro=drive.gyro_hz > 0.0)
         self._drive = drive
         self._heading_rad = 0.0
@@ -56,13 +54,6 @@ class ErrorModel(Filter):
         R[causes.COMPARISON] = max(k.comparison_rad2 - R[causes.COUNTS], 0.0)
         R[causes.TIMING] = k.timing_s2 * rate * rate
         return R / comparisons
-
-    def _process_noise(self, dt_s: float, left_m: float, right_m: float, *rest: Any) -> None:
-        super()._process_noise(dt_s, left_m, right_m, *rest)
-        turn_rad, rate_sigma, c, s, bend = rest
-        D = self.nominal.tread_m
-        step = Step(dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, self._jitter, self.rate_rad_s)
-        fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -237,14 +237,18 @@ class Run(NamedTuple):
     bound_m: float
 
 
+def fed(
+    estimator: Estimator, samples: Iterable[GyroSample | WheelSample]
+) -> Iterator[tuple[GyroSample | WheelSample, Pose | None]]:
+    """Feed the samples one after the other: each with the pose that it gave."""
+    for sample in samples:
+        yield sample, estimator.add_gyro(sample) if isinstance(sample, GyroSample) else estimator.add_wheels(sample)
+
+
 def drive(way: Way, samples: list[GyroSample | WheelSample], config: Config, calibration: Calibration | None) -> Run:
     """Feed the daemon's estimator, compare its poses with the truth."""
     estimator = Estimator(config, calibration, publish_on="gyro")
-    poses: list[Pose] = []
-    for sample in samples:
-        pose = estimator.add_gyro(sample) if isinstance(sample, GyroSample) else estimator.add_wheels(sample)
-        if pose is not None:
-            poses.append(pose)
+    poses = [pose for _, pose in fed(estimator, samples) if pose is not None]
     t, x, y, heading = np.array([(p.t_ns, p.x_m, p.y_m, p.heading_rad) for p in poses]).T
     t = (t - START_NS) / NS_PER_S
     error = np.hypot(x - np.interp(t, way.time_s, way.x_m), y - np.interp(t, way.time_s, way.y_m))

@@ -25,6 +25,7 @@ from drd_tools.paper.runs import (
     calibrate,
     configured,
     drive,
+    fed,
     sensor_samples,
     told,
 )
@@ -45,11 +46,7 @@ def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tu
     estimator = Estimator(config, publish_on="gyro")
     samples = list(sensor_samples(way, gyro, wheels, Climate(physics.weather, random), 0.0, physics.gyro.delay_s))
     rows, next_ns = [], samples[0].t_ns
-    for sample in samples:
-        if isinstance(sample, GyroSample):
-            estimator.add_gyro(sample)
-        else:
-            estimator.add_wheels(sample)
+    for sample, _ in fed(estimator, samples):
         if sample.t_ns >= next_ns:
             next_ns += EVERY_NS
             rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
@@ -69,7 +66,8 @@ def sigmas_with_and_without_comparing(laboratory: Laboratory, gyros: int = 4) ->
         calibration = calibrate(gyro, physics)[0]
         weather = Climate(physics.weather, random)
         samples = list(sensor_samples(way, gyro, wheels, weather, 0.0, physics.gyro.delay_s))
-        estimators = (Estimator(config, calibration, new_track=new_track) for new_track in (make_track, _deaf))
+        tracks = (make_track, _deaf)
+        estimators = (Estimator(config, calibration, new_track=track, publish_on="gyro") for track in tracks)
         rows.append([_return_sigma_m(estimator, samples) for estimator in estimators])
     return np.array(rows)
 
@@ -80,11 +78,8 @@ def _deaf(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
 
 
 def _return_sigma_m(estimator: Estimator, samples: list[GyroSample | WheelSample]) -> float:
-    for sample in samples:
-        if isinstance(sample, GyroSample):
-            estimator.add_gyro(sample)
-        else:
-            estimator.add_wheels(sample)
+    for _ in fed(estimator, samples):
+        pass
     P = estimator.filter.P
     return math.sqrt(P[X, X] + P[Y, Y])
 
