@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drd import __version__
+from drd.commands import command
 from drd.config.schema import ConfigError
 
 
@@ -59,12 +60,8 @@ def _parser() -> argparse.ArgumentParser:
     lines = [
         f"  {name:{width}}  {c.summary}{f' (extra: {c.extra})' if c.extra else ''}" for name, c in COMMANDS.items()
     ]
-    parser = argparse.ArgumentParser(
-        prog="drd",
-        description="Dead reckoning for wheeled robots: gyro and encoders in, pose with its uncertainty out.",
-        epilog="commands:\n" + "\n".join(lines) + "\n\n`drd COMMAND --help` explains each.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    text = "Dead reckoning for wheeled robots: gyro and encoders in, pose with its uncertainty out."
+    parser = command("drd", text, "commands:\n" + "\n".join(lines) + "\n\n`drd COMMAND --help` explains each.")
     parser.add_argument("--version", action="version", version=f"drd {__version__}")
     parser.add_argument("command", choices=tuple(COMMANDS), metavar="COMMAND", help="one of the commands below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="the command's own arguments")
@@ -84,18 +81,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     # python-can logs each failed attempt to open a bus; the port's state says it once.
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    command = COMMANDS[chosen.command]
+    about = COMMANDS[chosen.command]
     try:
-        call: Callable[[list[str]], int] = importlib.import_module(command.module).main
+        call: Callable[[list[str]], int] = importlib.import_module(about.module).main
         code = call(chosen.arguments)
         sys.stdout.flush()
         return code
     except ModuleNotFoundError as error:
-        if not command.extra:
+        if not about.extra:
             raise
         print(
             f"drd {chosen.command}: the Python package {error.name} is missing; "
-            f"install the extra: pip install 'drd[{command.extra}]'",
+            f"install the extra: pip install 'drd[{about.extra}]'",
             file=sys.stderr,
         )
         return 2

@@ -1,7 +1,8 @@
-"""Subcommands of the daemon; the workshop's are in its own package."""
+"""Subcommands of the daemon, and what they share with the workshop's, which are in its own package."""
 
 import argparse
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,60 @@ from typing import Any
 from drd.config.schema import ConfigError, Loaded
 
 
-def config_argument(prog: str, description: str) -> argparse.ArgumentParser:
-    """A parser with the argument CONFIG, which most commands take."""
-    parser = argparse.ArgumentParser(prog=prog, description=description)
+def command(
+    prog: str, description: str, epilog: str, parents: Sequence[argparse.ArgumentParser] = ()
+) -> argparse.ArgumentParser:
+    """A parser that prints description and epilog (examples, exit codes) as they are written."""
+    form = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog, description=description, epilog=epilog, parents=parents, formatter_class=form)
+
+
+def config_argument() -> argparse.ArgumentParser:
+    """The argument CONFIG, for `parents`."""
+    parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("config", type=Path, metavar="CONFIG", help="configuration file (YAML); see config/")
     return parser
+
+
+def number(low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
+    """A type of option: a finite number from `low` to `high`; `above`: more than `low`."""
+    if high < math.inf:
+        wanted = f"a number from {low:g} to {high:g}"
+    else:
+        wanted = f"a number {'above' if above else 'of at least'} {low:g}" if low > -math.inf else "a finite number"
+
+    def parsed(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low <= value <= high and math.isfinite(value)) or (above and value == low):
+            raise argparse.ArgumentTypeError(f"expected {wanted}, got {text!r}")
+        return value
+
+    return parsed
+
+
+def whole(low: int) -> Callable[[str], int]:
+    """A type of option: a whole number of at least `low`, which is 0 or more."""
+
+    def parsed(text: str) -> int:
+        if not text.isdecimal() or int(text) < low:
+            raise argparse.ArgumentTypeError(f"expected a whole number of at least {low}, got {text!r}")
+        return int(text)
+
+    return parsed
+
+
+@contextmanager
+def writing(path: Path | None, what: str = "a folder to write to") -> Iterator[None]:
+    """An OSError inside means that `path`, of kind `what`, cannot be written: raises ConfigError."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise  # not the folder: whoever read the output has left
+    except OSError as error:
+        raise ConfigError(str(path), "", what, str(error.strerror)) from error
 
 
 @contextmanager

@@ -2,10 +2,9 @@
 
 import argparse
 import importlib
-from collections.abc import Callable
 from typing import Any, Final
 
-from drd.commands import config_argument, placed
+from drd.commands import command, config_argument, number, placed
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import keys, meanings, values
@@ -81,26 +80,15 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = config_argument("drd check", DESCRIPTION)
-    parser.epilog, parser.formatter_class = EPILOG, argparse.RawDescriptionHelpFormatter
+    parser = command("drd check", DESCRIPTION, EPILOG, [config_argument()])
     add = parser.add_argument
     add("--explain", action="store_true", help="print what each key means, too")
     add("--live", action="store_true", help="watch gyro and encoders, and judge how they are wired")
-    add("--seconds", type=_within(1.0, 86_400.0), metavar="S", help=f"how long to watch (default {DEFAULT_S:g})")
+    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help=f"how long to watch (default {DEFAULT_S:g})")
     add("--drove", choices=("forward", "backward"), help="you say: where it goes straight, it goes so")
     add("--turned", choices=("left", "right"), help="you say: it turns mostly to this side")
-    add("--distance", type=_within(0.1, 1e5), metavar="M", help="you say: the way that it goes, net, m")
+    add("--distance", type=number(0.1, 1e5), metavar="M", help="you say: the way that it goes, net, m")
     return parser
-
-
-def _within(low: float, high: float) -> Callable[[str], float]:
-    def number(text: str) -> float:
-        value = float(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"from {low:g} to {high:g}, got {text}")
-        return value
-
-    return number
 
 
 def _shown(value: Any) -> str:

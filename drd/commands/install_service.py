@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 import drd
+from drd.commands import command
 from drd.commands.installation import Installation
 from drd.config.schema import ConfigError
 
@@ -87,37 +88,19 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd install-service",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("drd install-service", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("name", nargs="?", type=_instance, metavar="NAME", help="name of the instance and of its configuration")
-    add(
-        "--example",
-        choices=EXAMPLES,
-        default=EXAMPLES[0],
-        help="which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)",
-    )
+    text = "which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)"
+    add("--example", choices=EXAMPLES, default=EXAMPLES[0], help=text)
     add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
     add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
     add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
-    add(
-        "--root",
-        default="/",
-        metavar="DIR",
-        help="install into this folder, as packages are built (default: %(default)s)",
-    )
-    add(
-        "--uninstall", action="store_true", help="stop and disable drd@*, remove what was installed, keep what is yours"
-    )
-    add(
-        "--purge",
-        action="store_true",
-        help="with --uninstall: remove installed configurations, changed files and state (recordings!), too",
-    )
+    add("--root", default="/", metavar="DIR", help="install into this folder, as packages are built (default: /)")
+    text = "stop and disable drd@*, remove what was installed, keep what is yours"
+    add("--uninstall", action="store_true", help=text)
+    text = "with --uninstall: remove installed configurations, changed files and state (recordings!), too"
+    add("--purge", action="store_true", help=text)
     return parser
 
 

@@ -1,9 +1,8 @@
 """`drd run CONFIG`: the daemon."""
 
-import argparse
 from typing import Final
 
-from drd.commands import config_argument, placed
+from drd.commands import command, config_argument, placed
 from drd.config.file import load_config
 from drd.service.daemon import run
 
@@ -28,9 +27,7 @@ Exit code: 0 ended by a signal, 1 failed, 2 CONFIG or a file that it names canno
 
 def main(argv: list[str]) -> int:
     """Run until SIGINT or SIGTERM."""
-    parser = config_argument("drd run", DESCRIPTION)
-    parser.epilog, parser.formatter_class = EPILOG, argparse.RawDescriptionHelpFormatter
-    arguments = parser.parse_args(argv)
+    arguments = command("drd run", DESCRIPTION, EPILOG, [config_argument()]).parse_args(argv)
     loaded = load_config(arguments.config)
     with placed(loaded):
         return run(loaded, arguments.config.parent)

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import zenoh
 
+from drd.commands import command
 from drd.output.session import isolated_config, tidy
 from drd.units import DEG_PER_RAD, NS_PER_S
 
@@ -56,29 +57,15 @@ def main(argv: list[str]) -> int:
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="drd watch",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--connect",
-        default="tcp/127.0.0.1:7447",
-        metavar="ENDPOINT",
-        help="Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--zenoh-config",
-        type=Path,
-        metavar="FILE",
-        help="Zenoh's own configuration file instead of --connect: certificates, for instance",
-    )
-    parser.add_argument("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
-    parser.add_argument("--seconds", type=float, default=math.inf, metavar="N", help="end after N seconds")
-    parser.add_argument(
-        "--plain", action="store_true", help="one line a second, as is done where the output is not a terminal"
-    )
+    parser = command("drd watch", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    text = "Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)"
+    add("--connect", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=text)
+    text = "Zenoh's own configuration file instead of --connect: certificates, for instance"
+    add("--zenoh-config", type=Path, metavar="FILE", help=text)
+    add("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
+    add("--seconds", type=float, default=math.inf, metavar="N", help="end after N seconds")
+    add("--plain", action="store_true", help="one line a second, as is done where the output is not a terminal")
     return parser.parse_args(argv)
 
 

@@ -16,12 +16,14 @@ import numpy as np
 import numpy.typing as npt
 import zenoh
 
+from drd.commands import command
 from drd.commands.watch import View
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.output.session import isolated_config
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth
+from drd_tools.options import seed
 from drd_tools.report.path import path_picture
 from drd_tools.shipped import shipped_config
 
@@ -99,24 +101,12 @@ def main(argv: list[str]) -> int:
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="drd demo",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--config",
-        type=Path,
-        default=shipped_config("demo.yaml"),
-        metavar="CONFIG",
-        help="configuration (default: %(default)s)",
-    )
-    parser.add_argument("--seconds", type=float, default=30.0, metavar="N", help="length of the run (default: 30)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="repeats the sensors' noise (default: 1)")
-    parser.add_argument(
-        "--output", type=Path, default=Path("demo.png"), metavar="FILE.png", help="the picture (default: demo.png)"
-    )
+    parser = command("drd demo", DESCRIPTION, EPILOG, [seed("noise of the sensors", 1)])
+    add = parser.add_argument
+    file, text = shipped_config("demo.yaml"), "configuration (default: %(default)s)"
+    add("--config", type=Path, default=file, metavar="CONFIG", help=text)
+    add("--seconds", type=float, default=30.0, metavar="N", help="length of the run (default: 30)")
+    add("--output", type=Path, default=Path("demo.png"), metavar="FILE.png", help="the picture (default: demo.png)")
     return parser.parse_args(argv)
 
 

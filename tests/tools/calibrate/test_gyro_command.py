@@ -212,7 +212,7 @@ def test_live_records_first_and_fits_with_what_was_there(
         ([], "expected DATA, or --live"),
         (["x.csv", "--rates", "1,2"], "--live and --rates go together"),
         (["--live", "c.yaml"], "--live and --rates go together"),
-        (["--live", "c.yaml", "--rates", "-1,fast"], "expected numbers in deg/s"),
+        (["--live", "c.yaml", "--rates", "-1,fast"], "expected a finite number"),
         (["x.csv", "--order", "4,2"], "expected 1,0 to 3,2"),
         (["x.csv", "--order", "cubic"], "expected 1,0 to 3,2"),
         (["x.csv", "--latitude", "91"], "expected a number from -90 to 90"),

@@ -274,7 +274,8 @@ def test_bad_input_gets_one_line_and_code_2(tmp_path: Path, capsys: pytest.Captu
         (("a",), "--output DIR is needed"),
         (("a", "--side", "4", "--output", "b"), "go with --umbmark"),
         (("--umbmark", "a", "--tread", "0.5"), "needs --side"),
-        (("--umbmark", "a", "--side", "4", "--tread", "-1"), "needs --tread"),
+        (("--umbmark", "a", "--side", "4"), "needs --tread"),
+        (("--umbmark", "a", "--side", "4", "--tread", "-1"), "--tread: expected a number from 0.02 to 100"),
         (("b", "--umbmark", "a", "--side", "4", "--tread", "1"), "takes no recordings"),
     ],
 )

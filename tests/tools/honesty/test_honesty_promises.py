@@ -130,8 +130,8 @@ def test_the_table_has_a_row_for_each_configuration_of_each_group() -> None:
 def test_what_is_kept_prints_the_same_again_and_fails_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "honesty.json"
     for found, code in ((results(), 0), (results(real=figures(inside=0.5)), 1)):
-        found.save(file)
-        assert Results.load(file) == found
+        found.write(file)
+        assert Results.read(file) == found
         assert command.main(["--read", str(file)]) == code
         assert capsys.readouterr().out.strip() == text_of(found)
     assert f"BROKEN: the bound holds: {REAL}: 50.0 % inside" in text_of(found)
@@ -144,4 +144,4 @@ def test_another_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert command.main(["--read", str(file)]) == 2
     assert "drd-honesty/1" in capsys.readouterr().err
     with pytest.raises(ConfigError):
-        Results.load(file)
+        Results.read(file)

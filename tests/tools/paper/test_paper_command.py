@@ -61,8 +61,9 @@ def test_nothing_to_draw_again_is_a_clear_error(
 
 
 def test_bad_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["paper", "--output", str(tmp_path), "--gyros", "1"]) == 2
-    assert "--gyros: expected at least 2, got 1" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["paper", "--output", str(tmp_path), "--gyros", "1"])
+    assert "--gyros: expected a whole number of at least 2, got '1'" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert main(["paper", "--output", str(tmp_path / "file")]) == 2
-    assert "--output" in capsys.readouterr().err
+    assert f"{tmp_path / 'file'}: (top level): expected a folder to write to" in capsys.readouterr().err

@@ -171,6 +171,3 @@ def test_an_mcap_file_goes_to_its_own_source(
     assert "digest" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2"):
         main(["replay", "run.mcap", "--start", "reference"])
-    monkeypatch.setitem(sys.modules, MCAP, None)
-    assert main(["replay", "run.mcap"]) == 2
-    assert ".mcap files are not supported yet" in capsys.readouterr().err

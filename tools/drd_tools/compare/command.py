@@ -3,14 +3,15 @@
 import argparse
 from pathlib import Path
 
-from drd.config.schema import ConfigError
+from drd.commands import command
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.report import print_comparison, write_report
 from drd_tools.compare.results import Comparison
+from drd_tools.options import kept, model, seed
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import with_model
-from drd_tools.report.saved import FILE
+from drd_tools.report.saved import keep_and_show
 
 DESCRIPTION = """\
 Simulate the nominal model along a recording's path, and show recorded against simulated sensor increments, channel by
@@ -41,48 +42,29 @@ def main(argv: list[str]) -> int:
     """Compare or draw, print, and return the exit code. Raises ConfigError on bad input."""
     parser = _parser()
     chosen = parser.parse_args(argv)
-    folder: Path | None = chosen.draw or chosen.output
     if (chosen.recording is None) == (chosen.draw is None):
         parser.error("give a RECORDING, or --draw DIR")
-    if folder is None:
+    if chosen.draw is None and chosen.output is None:
         parser.error("--output DIR is needed")
     if chosen.draw is not None and chosen.model is not None:
         parser.error("--model: the results that --draw reads have theirs")
-    try:
-        if chosen.draw is not None:
-            comparison = Comparison.load(folder)
-        else:
-            recording = _read(chosen.recording, chosen.model)
-            folder.mkdir(parents=True, exist_ok=True)
-            compare(recording, chosen.seed).save(folder)
-            comparison = Comparison.load(folder)  # what is shown is what was saved
-        print_comparison(comparison)
-        files = [folder / FILE, *write_report(comparison, folder)]
-        print("\nfiles: " + ", ".join(map(str, files[:4])) + (" ..." if len(files) > 4 else ""))
-    except BrokenPipeError:
-        raise  # not the folder: whoever read the output has left
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
-    return 0
+    return keep_and_show(
+        chosen,
+        Comparison,
+        lambda: compare(_read(chosen.recording, chosen.model), chosen.seed),
+        print_comparison,
+        write_report,
+    )
 
 
-def _read(path: Path, model: Path | None) -> Recording:
+def _read(path: Path, replacing: Path | None) -> Recording:
     recording = read(path)
     assert recording.encoders  # raises where there are none
-    return recording if model is None else with_model(recording, model)
+    return recording if replacing is None else with_model(recording, replacing)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd compare",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add = parser.add_argument
-    add("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder or .mcap file")
-    add("--model", type=Path, metavar="FILE", help="model file: keys of robot.yaml that replace the folder's, effects")
-    add("--seed", type=int, default=0, metavar="N", help="of the simulated noise (default: 0); the same seed repeats")
-    add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
-    add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
+    parents = [model(), seed("simulated noise"), kept()]
+    parser = command("drd compare", DESCRIPTION, EXAMPLES, parents)
+    parser.add_argument("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder or .mcap file")
     return parser

@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
 from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
 from drd_tools.compare.text import DRIVERS, P_SHOWN, rate
-from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
 
 Array = npt.NDArray[np.float64]
 
@@ -22,11 +22,9 @@ ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: a jump of t
 def overview_picture(file: Path, c: Comparison) -> None:
     """How far each channel is beyond noise, and which driver foretells it. Raises OSError."""
     names = [n for n in DRIVERS if any(d.name == n for ch in c.channels for d in ch.drivers)]
-    with styled():
-        figure = make_figure(11.0, 1.7 + 0.46 * len(c.channels))
-        panels: Any = figure.subplots(1, 2 if names else 1, width_ratios=(1.0, 2.7) if names else None, squeeze=False)[
-            0
-        ]
+    with picture(file, 11.0, 1.7 + 0.46 * len(c.channels)) as figure:
+        ratios = (1.0, 2.7) if names else (1.0,)
+        panels: Any = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
         _ratios(panels[0], c)
         if names:
             shares = np.array([[ch.driver(n).share for n in names] for ch in c.channels])
@@ -46,7 +44,6 @@ def overview_picture(file: Path, c: Comparison) -> None:
             axes.spines[:].set_visible(False)
             axes.tick_params(length=0)
             axes.set_title("Share that the driver foretells (bold: p ≤ 0.01)")
-        figure.savefig(file, format="png")
 
 
 def _ratios(axes: Any, c: Comparison) -> None:
@@ -60,8 +57,7 @@ def _ratios(axes: Any, c: Comparison) -> None:
     axes.set_xlim(0.0, 1.18 * max(largest, 2.0))
     axes.set_ylim(len(c.channels) - 0.5, -0.5)
     axes.set_yticks(places, [ch.title for ch in c.channels])
-    axes.set_xlabel("rms / sigmas of noise (dashed: 1)")
-    tidy(axes, "Mismatch", 5)
+    tidy(axes, "Mismatch", 5, x="rms / sigmas of noise (dashed: 1)")
     axes.set_yticks(places, [ch.title for ch in c.channels])
     axes.grid(visible=False, axis="y")
 
@@ -70,18 +66,16 @@ def channel_picture(file: Path, c: Comparison, ch: ChannelResult) -> None:
     """One channel: blocks and their sum over time, curves of the drivers, and the map. Raises OSError."""
     drivers = [d for n in DRIVERS if n != "place" for d in ch.drivers if d.name == n]
     count = -(-(len(drivers) + 1) // COLUMNS) if drivers else 0
-    with styled():
-        figure = make_figure(11.0, 3.5 + 2.9 * count)
+    with picture(file, 11.0, 3.5 + 2.9 * count) as figure:
         halves: Any = figure.subfigures(2, 1, height_ratios=(3.5, 2.9 * count)) if drivers else [figure]
         panels: Any = halves[0].subplots(1, 2 if drivers else 3)
         _over_time(panels[0], c, ch)
         _added(panels[1], c, ch)
-        halves[0].legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        legend_below(halves[0], panels[0], 3)
         if drivers:
             _curves(halves[1], count, c, ch, drivers)
         else:
             _map(figure, panels[2], c, ch)
-        figure.savefig(file, format="png")
 
 
 def _curves(figure: Any, count: int, c: Comparison, ch: ChannelResult, drivers: list[DriverResult]) -> None:
@@ -106,9 +100,7 @@ def _over_time(axes: Any, c: Comparison, ch: ChannelResult) -> None:
     axes.plot(time, mean, ".", color=BLUE, markersize=5, label="block")
     _zoom(axes, mean, 2.0 * float(np.median(sigma)))
     axes.margins(x=0.01)
-    axes.set_xlabel("time / s")
-    axes.set_ylabel(unit)
-    tidy(axes, f"{ch.title[0].upper()}{ch.title[1:]}: recorded less simulated", 6)
+    tidy(axes, f"{ch.title[0].upper()}{ch.title[1:]}: recorded less simulated", 6, x="time / s", y=unit)
 
 
 def _added(axes: Any, c: Comparison, ch: ChannelResult) -> None:
@@ -118,9 +110,7 @@ def _added(axes: Any, c: Comparison, ch: ChannelResult) -> None:
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.plot(ends, ch.sum, color=BLUE, linewidth=1.8)
     axes.margins(x=0.01)
-    axes.set_xlabel("time / s")
-    axes.set_ylabel(ch.unit)
-    tidy(axes, "Added up", 6)
+    tidy(axes, "Added up", 6, x="time / s", y=ch.unit)
 
 
 def _band(axes: Any, x: Array, sigma: Array) -> None:

@@ -8,21 +8,20 @@ from drd_tools.compare import text
 from drd_tools.compare.pictures import channel_picture, overview_picture
 from drd_tools.compare.results import Comparison
 from drd_tools.report.page import Page
+from drd_tools.report.terminal import print_table
 
 
 def print_comparison(c: Comparison) -> None:
     """Sentences and tables."""
-    for line in text.lead(c):
-        print(line)
-    print()
-    text.print_table(text.HEADER, text.rows(c))
+    print(*text.lead(c), "", sep="\n")
+    print_table(text.HEADER, text.rows(c), {0, *text.TEXT_COLUMNS})
     print()
     for channel in c.channels:
         print(f"- {text.sentence(channel)}")
     header, body = text.share_rows(c)
     if len(header) > 1:
         print("\nShare that one driver alone foretells; * p <= 0.01 over all of the table\n")
-        text.print_table(header, body)
+        print_table(header, body)
     for note in (c.bias, assumed(c), *c.notes):
         if note:
             print(f"\n{note}")
@@ -46,8 +45,7 @@ def write_report(c: Comparison, folder: Path) -> list[Path]:
     overview_picture(files[1], c)
     page.picture(files[1], f"Left: how far each channel is from what noise alone makes. Right: {text.SHARES}")
     page.table(text.HEADER, text.rows(c), "All channels; ± is one sigma of noise alone", text_columns=text.TEXT_COLUMNS)
-    if note := assumed(c):
-        page.text(note)
+    page.text(assumed(c))
     for channel in tqdm(c.channels, desc="drawing", leave=False, disable=None):
         page.heading(channel.title[0].upper() + channel.title[1:])
         page.text(text.sentence(channel))
@@ -66,9 +64,7 @@ def write_report(c: Comparison, folder: Path) -> list[Path]:
             "Errors of the reference, as each channel tells them (taken off); an effect of the robot may be in them"
         )
         page.table(("channel", "reference", "fitted"), rows, caption, text_columns=(1,))
-    for note in (c.bias, *c.notes):
-        if note:
-            page.text(note)
-    page.table(("input", "SHA-256"), [[file, digest] for file, digest in c.sha256.items()], text_columns=(1,))
+    page.text(c.bias, *c.notes)
+    page.inputs(c.sha256)
     page.save(files[0])
     return files

@@ -1,12 +1,9 @@
 """What `drd compare` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar
 
-from drd_tools.report.saved import FILE, load, save
-
-FORMAT: Final = "drd-comparison/1"
+from drd_tools.report.saved import Saved
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,11 @@ class ChannelResult:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Saved):
     """All channels, the one furthest beyond noise first. Blocks have a middle time, a duration and a place."""
+
+    FORMAT: ClassVar = "drd-comparison/1"
+    COMMAND: ClassVar = "drd compare"
 
     recording: str
     sha256: dict[str, str]
@@ -90,12 +90,3 @@ class Comparison:
         series += [s for c in self.channels for s in (c.block_mean, c.block_sigma, c.sum, c.sum_sigma)]
         if {len(s) for s in series} != {len(self.time_s)}:
             raise ValueError("series of other lengths")
-
-    def save(self, folder: Path) -> None:
-        """Write results.json. Raises OSError."""
-        save(folder / FILE, FORMAT, self)
-
-    @staticmethod
-    def load(folder: Path) -> "Comparison":
-        """Read results.json. Raises ConfigError."""
-        return load(folder / FILE, FORMAT, "drd compare", Comparison)

@@ -1,6 +1,6 @@
 """A comparison in sentences and tables."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -151,12 +151,3 @@ METHOD: Final = (
     "above 4 sigmas. A reference that is displaced lengthwise looks like a robot that turns about another point: "
     "both show as a sideways mismatch that goes with the yaw rate."
 )
-
-
-def print_table(header: Sequence[str], body: Sequence[Sequence[str]]) -> None:
-    """In columns as wide as their widest cell: text to the left, figures to the right."""
-    widths = [max(len(row[k]) for row in (header, *body)) for k in range(len(header))]
-    is_text = [header[k] in ("channel", "goes with", "from", "noise") for k in range(len(header))]
-    for row in (header, *body):
-        cells = [f"{c:<{w}}" if t else f"{c:>{w}}" for c, w, t in zip(row, widths, is_text, strict=True)]
-        print("  " + "  ".join(cells).rstrip())

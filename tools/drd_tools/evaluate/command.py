@@ -1,13 +1,12 @@
 """`drd evaluate`: how far poses are from a reference, and whether they said so."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
-from drd.config.schema import ConfigError
+from drd.commands import command, number, writing
 from drd_tools.evaluate.alignment import KINDS
 from drd_tools.evaluate.compare import compare
 from drd_tools.evaluate.judge import judge
@@ -15,7 +14,8 @@ from drd_tools.evaluate.limits import limit_for
 from drd_tools.evaluate.report import print_runs, write_report
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.evaluate.trajectory import Poses, Reference, read_poses, read_reference
-from drd_tools.report.saved import FILE
+from drd_tools.options import kept, reference_sigma
+from drd_tools.report.saved import keep_and_show, tell_files
 
 DESCRIPTION = """\
 Judge poses against a reference: error at the end and of the return, absolute and relative trajectory error, drift in
@@ -53,80 +53,33 @@ def main(argv: list[str]) -> int:
     """Evaluate, compare or draw, and return the exit code. Raises ConfigError on bad input."""
     parser = _parser()
     chosen = parser.parse_args(argv)
-    folder: Path | None = chosen.draw or chosen.output
     if sum((bool(chosen.inputs), chosen.compare is not None, chosen.draw is not None)) != 1:
         parser.error("give POSES.csv or RECORDING, or --compare DIR DIR, or --draw DIR")
-    if folder is None:
+    if chosen.draw is None and chosen.output is None:
         parser.error("--output DIR is needed")
-    try:
-        if chosen.draw is not None:
-            evaluation = Evaluation.load(chosen.draw)
-        elif chosen.compare is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-            return _told(compare(chosen.compare, folder))
-        else:
-            evaluation = Evaluation(_evaluate(chosen, parser))
-            folder.mkdir(parents=True, exist_ok=True)
-            evaluation.save(folder)
-            evaluation = Evaluation.load(folder)  # what is shown is what was saved, to the digit
-        print_runs(evaluation.runs)
-        return _told([folder / FILE, *write_report(evaluation, folder)])
-    except BrokenPipeError:
-        raise  # not the folder: whoever read the output has left
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+    if chosen.compare is None:
+        return keep_and_show(
+            chosen, Evaluation, lambda: Evaluation(_evaluate(chosen, parser)), print_runs, write_report
+        )
+    with writing(chosen.output):
+        chosen.output.mkdir(parents=True, exist_ok=True)
+        tell_files(compare(chosen.compare, chosen.output))
+    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd evaluate",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="what is judged")
-    parser.add_argument("--reference", nargs="+", type=Path, metavar="PATH", help="one for all poses, or one for each")
-    parser.add_argument(
-        "--reference-sigma",
-        nargs=2,
-        type=_not_negative,
-        metavar=("M", "DEG"),
-        help="standard deviations of the reference's coordinates and heading (default: robot.yaml's)",
-    )
-    parser.add_argument(
-        "--align", nargs="+", default=["start"], metavar="HOW", help="none, start (default), first-metres M, or se2"
-    )
-    parser.add_argument(
-        "--max-gap",
-        type=_positive,
-        default=1.0,
-        metavar="S",
-        help="no interpolation between poses further apart, s (default: 1)",
-    )
-    parser.add_argument(
-        "--closed-within",
-        type=_positive,
-        metavar="M",
-        help="a path that ends so near to its start is closed, m (default: 5 %% of its length, at most 1 m)",
-    )
-    parser.add_argument("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
-    parser.add_argument("--compare", nargs="+", type=Path, metavar="DIR", help="compare results that were saved")
-    parser.add_argument("--draw", type=Path, metavar="DIR", help="only report and draw the results that DIR holds")
+    parser = command("drd evaluate", DESCRIPTION, EXAMPLES, [kept(), reference_sigma()])
+    add = parser.add_argument
+    add("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="what is judged")
+    add("--reference", nargs="+", type=Path, metavar="PATH", help="one for all poses, or one for each")
+    text = "none, start (default), first-metres M, or se2"
+    add("--align", nargs="+", default=["start"], metavar="HOW", help=text)
+    text = "no interpolation between poses further apart, s (default: 1)"
+    add("--max-gap", type=number(0.0, above=True), default=1.0, metavar="S", help=text)
+    text = "a path that ends so near to its start is closed, m (default: 5 %% of its length, at most 1 m)"
+    add("--closed-within", type=number(0.0, above=True), metavar="M", help=text)
+    add("--compare", nargs="+", type=Path, metavar="DIR", help="compare results that were saved")
     return parser
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(text)
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise ValueError(text)
-    return value
 
 
 def _evaluate(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> list[Run]:
@@ -170,14 +123,9 @@ def _read(path: Path, reference_path: Path, sigmas: Sequence[float | None]) -> t
 def _alignment(words: Sequence[str], parser: argparse.ArgumentParser) -> tuple[str, float]:
     kind, rest = words[0], words[1:]
     try:
-        metres = _positive(rest[0]) if kind == "first-metres" and len(rest) == 1 else 0.0
-    except ValueError:
+        metres = number(0.0, above=True)(rest[0]) if kind == "first-metres" and len(rest) == 1 else 0.0
+    except argparse.ArgumentTypeError:
         metres = 0.0
     if kind not in KINDS or (metres == 0.0) == (kind == "first-metres") or (rest and kind != "first-metres"):
         parser.error(f"--align: expected none, start, first-metres M or se2, got {' '.join(words)}")
     return kind, metres
-
-
-def _told(files: Sequence[Path]) -> int:
-    print("\nfiles: " + ", ".join(str(file) for file in files[:4]) + (" ..." if len(files) > 4 else ""))
-    return 0

@@ -8,9 +8,11 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd_tools.evaluate import text
-from drd_tools.evaluate.pictures import error_picture, path_picture, short
+from drd_tools.evaluate.pictures import error_picture, path_picture
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.report.page import Page
+from drd_tools.report.style import short
+from drd_tools.report.terminal import print_table
 
 DRAWN: Final = 6  # references whose pictures are drawn
 MEDIAN_HEADER: Final = ("evaluation", *text.SUMMARY_HEADER[1:8])
@@ -28,12 +30,12 @@ def compare(folders: Sequence[Path], output: Path) -> list[Path]:
         print(f"- {note}")
     rows = [row for group in groups for row in _rows(group)]
     print()
-    text.print_table(text.SUMMARY_HEADER, rows)
+    print_table(text.SUMMARY_HEADER, rows)
     page.table(text.SUMMARY_HEADER, rows, "Each run; those against the same reference stand together")
     if len(shared) > 1:
         medians = median_rows(labels, shared)
         print("\nMedians of absolute values over the references that all have in common\n")
-        text.print_table(MEDIAN_HEADER, medians)
+        print_table(MEDIAN_HEADER, medians)
         page.table(MEDIAN_HEADER, medians, "Medians of absolute values over the references that all have in common")
     files = [output / "compare.html"]
     for number, group in enumerate(shared[:DRAWN], 1):

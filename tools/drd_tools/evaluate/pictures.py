@@ -9,19 +9,30 @@ import numpy as np
 from drd_tools.evaluate.consistency import sigma_99
 from drd_tools.evaluate.drivers import Array, Windows, binned
 from drd_tools.evaluate.results import Run
-from drd_tools.report.style import BLUE, BOUND, GREY, INK, SERIES, SKY, TRUE_GREY, make_figure, styled, tidy
+from drd_tools.report.style import (
+    BLUE,
+    BOUND,
+    GREY,
+    INK,
+    SERIES,
+    SKY,
+    TRUE_GREY,
+    legend_below,
+    picture,
+    short,
+    tidy,
+    tidy_map,
+)
 
 MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
-NAME_LETTERS: Final = 44
 
 
 def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
     """Reference and one or several estimates of it, seen from above; `runs` have labels. Raises OSError."""
-    with styled():
-        first = runs[0][1].series
-        extent = np.ptp(np.concatenate([first.reference_m, *(r.series.estimate_m for _, r in runs)]), axis=0)
-        height = float(np.clip(8.0 * (extent[1] + 0.01) / (extent[0] + 0.01), 3.6, 7.5)) + 1.0
-        figure = make_figure(8.5, height)
+    first = runs[0][1].series
+    extent = np.ptp(np.concatenate([first.reference_m, *(r.series.estimate_m for _, r in runs)]), axis=0)
+    height = float(np.clip(8.0 * (extent[1] + 0.01) / (extent[0] + 0.01), 3.6, 7.5)) + 1.0
+    with picture(file, 8.5, height) as figure:
         axes: Any = figure.subplots()
         is_points = len(first.time_s) <= MARKED_ROWS
         style: Any = {"marker": "o", "markersize": 9, "linestyle": "none"} if is_points else {"linewidth": 5}
@@ -34,18 +45,13 @@ def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
         axes.plot(*first.reference_m[-1], "o", color=INK, markeredgecolor="white", markersize=8, label="end", zorder=4)
         ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.5, "markersize": 13}
         axes.plot(*first.reference_m[0], "o", label="start", zorder=6, **ring)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x / m")
-        axes.set_ylabel("y / m")
-        tidy(axes, f"Path, seen from above: {short(runs[0][1].name)}")
-        figure.legend(loc="outside lower center", ncols=min(4, len(runs) + 3))
-        figure.savefig(file, format="png")
+        tidy_map(axes, f"Path, seen from above: {short(runs[0][1].name)}")
+        legend_below(figure, axes, min(4, len(runs) + 3))
 
 
 def error_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
     """Errors along and across the track and of the heading against time, with what is claimed. Raises OSError."""
-    with styled():
-        figure = make_figure(10.0, 7.6)
+    with picture(file, 10.0, 7.6) as figure:
         panels: Any = figure.subplots(3, 1, sharex=True)
         largest_m = max(float(np.abs(r.series.error[:, :2]).max()) for _, r in runs)
         scale, unit = (1.0, "m") if largest_m >= 0.5 else (100.0, "cm")
@@ -63,11 +69,9 @@ def error_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
                 marker = "o" if len(s.time_s) <= MARKED_ROWS else ""
                 axes.plot(s.time_s, factor * s.error[:, k], marker=marker, label=label, **look)
             axes.margins(x=0.0)
-            axes.set_ylabel(f"error / {shown}")
-            tidy(axes, title)
+            tidy(axes, title, y=f"error / {shown}")
         panels[-1].set_xlabel("time / s")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        figure.savefig(file, format="png")
+        legend_below(figure, panels[0], 4)
 
 
 def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
@@ -82,8 +86,7 @@ def drivers_picture(file: Path, windows: Windows) -> None:
     if windows.temperature_c is not None:
         drivers.insert(0, ("temperature / degC", windows.temperature_c))
     growths = (("Heading", windows.heading_deg_s, 1.0, "deg/s"), ("Along the track", windows.along_m_s, 1000.0, "mm/s"))
-    with styled():
-        figure = make_figure(10.0, 6.6)
+    with picture(file, 10.0, 6.6) as figure:
         panels: Any = figure.subplots(2, len(drivers), sharex="col", sharey="row")
         for k, (title, growth, factor, unit) in enumerate(growths):
             # Rare jumps of the reference would squeeze everything else into a line.
@@ -97,14 +100,10 @@ def drivers_picture(file: Path, windows: Windows) -> None:
                 is_first = axes is panels[k, 0]
                 low = min(low, float((means[:, 1] - means[:, 2]).min()))
                 high = max(high, float((means[:, 1] + means[:, 2]).max()))
-                tidy(axes, title if is_first else "", 5)
-                if is_first:
-                    axes.set_ylabel(f"error growth / {unit}")
-                if k == len(growths) - 1:
-                    axes.set_xlabel(name)
+                labels = {"x": name if k == len(growths) - 1 else "", "y": f"error growth / {unit}" if is_first else ""}
+                tidy(axes, title if is_first else "", 5, **labels)
             panels[k, 0].set_ylim(low - 0.1 * (high - low) - 1e-9, high + 0.1 * (high - low) + 1e-9)
-        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        figure.savefig(file, format="png")
+        legend_below(figure, panels[0, 0], 2)
 
 
 def _looks(count: int) -> list[dict[str, Any]]:
@@ -114,8 +113,3 @@ def _looks(count: int) -> list[dict[str, Any]]:
         {"color": SERIES[k % len(SERIES)], "linestyle": dashes[min(k, len(dashes) - 1)], "linewidth": 1.5}
         for k in range(count)
     ]
-
-
-def short(name: str) -> str:
-    """A name that fits a picture; its end is what tells runs apart."""
-    return name if len(name) <= NAME_LETTERS else "..." + name[3 - NAME_LETTERS :]

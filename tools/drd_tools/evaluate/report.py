@@ -1,7 +1,6 @@
 """From saved results to pictures and the HTML page."""
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
@@ -11,6 +10,7 @@ from drd_tools.evaluate.pictures import drivers_picture, error_picture, path_pic
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.limit import text as limit_text
 from drd_tools.report.page import Page
+from drd_tools.report.terminal import print_table
 
 
 def write_report(evaluation: Evaluation, folder: Path) -> list[Path]:
@@ -40,8 +40,7 @@ def _lead(run: Run) -> str:
 
 def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     page.heading(run.name)
-    for sentence in text.sentences(run):
-        page.text(sentence)
+    page.text(*text.sentences(run))
     files = [folder / f"{prefix}path.png", folder / f"{prefix}error.png"]
     path_picture(files[0], [("estimate", run)])
     page.picture(files[0], "The estimate, as aligned, on the reference.")
@@ -60,15 +59,13 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
             f"Growth of the error (not what had piled up before) in windows of {run.windows.window_s:g} s. Yaw rate "
             f"and speed are the estimate's. {'' if run.windows.temperature_c is not None else no_temperature(run)}",
         )
-    if run.by_length:
-        page.table(text.LENGTH_HEADER, text.relative_rows(run.by_length), "Relative error over segments of the path")
-    if run.by_time:
-        page.table(text.TIME_HEADER, text.relative_rows(run.by_time), "Relative error over intervals of time")
+    for table in text.relative_tables(run):
+        page.table(*table)
     if run.consistency.nees:
         page.table(text.NEES_HEADER, text.nees_rows(run.consistency.nees), "Consistency")
     if run.limit is not None:
-        page.table(limit_text.SHARES_HEADER, limit_text.share_rows(run.limit), limit_text.CAPTION)
-        page.table(limit_text.CHANGES_HEADER, limit_text.change_rows(run.limit), limit_text.CHANGES_CAPTION)
+        for table in limit_text.tables(run.limit):
+            page.table(*table)
     page.text(f"Poses sha256 {run.poses_sha256[:16]}, reference sha256 {run.reference_sha256[:16]}.")
     return files
 
@@ -87,26 +84,24 @@ def print_run(run: Run) -> None:
         print(f"- Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
     elif run.windows.temperature_c is None:
         print(f"- {no_temperature(run)}")
-    if run.by_length:
-        print("\nRelative error over segments of the path\n")
-        text.print_table(text.LENGTH_HEADER, text.relative_rows(run.by_length))
-    if run.by_time:
-        print("\nRelative error over intervals of time\n")
-        text.print_table(text.TIME_HEADER, text.relative_rows(run.by_time))
+    for header, rows, caption in text.relative_tables(run):
+        print(f"\n{caption}\n")
+        print_table(header, rows)
 
 
-def print_runs(runs: Sequence[Run]) -> None:
+def print_runs(evaluation: Evaluation) -> None:
     """One run in full; of several a table, and their consistency together."""
+    runs = evaluation.runs
     if len(runs) == 1:
         print_run(runs[0])
         return
     kinds = sorted({run.alignment.kind for run in runs})
     print(f"{len(runs)} runs, alignment {', '.join(kinds)}\n")
-    text.print_table(text.SUMMARY_HEADER, text.summary_rows(runs))
+    print_table(text.SUMMARY_HEADER, text.summary_rows(runs))
     pooled = text.nees_together(runs)
     if pooled:
         print("\nConsistency of all runs together, taken as independent\n")
-        text.print_table(text.NEES_HEADER, text.nees_rows(pooled))
+        print_table(text.NEES_HEADER, text.nees_rows(pooled))
 
 
 def _safe(name: str) -> str:

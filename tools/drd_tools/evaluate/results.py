@@ -1,8 +1,7 @@
 """What `drd evaluate` keeps: computed once, saved as JSON, reported, compared and drawn as often as wanted."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +13,9 @@ from drd_tools.evaluate.drivers import Windows
 from drd_tools.evaluate.heading import HeadingDrift
 from drd_tools.evaluate.metrics import Absolute, Drift, EndError, Relative
 from drd_tools.limit.limit import Limit
-from drd_tools.report.saved import FILE, load, save
+from drd_tools.report.saved import Saved
 
 Array = npt.NDArray[np.float64]
-
-FORMAT: Final = "drd-evaluation/1"
 
 
 @dataclass(frozen=True)
@@ -67,16 +64,10 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Saved):
     """All runs of one evaluation."""
 
+    FORMAT: ClassVar = "drd-evaluation/1"
+    COMMAND: ClassVar = "drd evaluate"
+
     runs: Annotated[list[Run], Meta(min_length=1)]
-
-    def save(self, folder: Path) -> None:
-        """Write results.json. Raises OSError."""
-        save(folder / FILE, FORMAT, self)
-
-    @staticmethod
-    def load(folder: Path) -> "Evaluation":
-        """Read results.json. Raises ConfigError."""
-        return load(folder / FILE, FORMAT, "drd evaluate", Evaluation)

@@ -12,8 +12,8 @@ SUMMARY_HEADER: Final = (
     "run", "path / m", "end / m", "return / m", "ATE / m", "heading ATE / deg", "drift / %", "heading drift / deg/h",
     "NEES of 3", "limit / m", "limit drift / %",
 )  # fmt: skip
-LENGTH_HEADER: Final = ("length / m", "segments", "rmse / m", "rmse / deg", "mean / %", "mean / deg/m")
-TIME_HEADER: Final = ("duration / s", "segments", "rmse / m", "rmse / deg")
+_LENGTH_HEADER: Final = ("length / m", "segments", "rmse / m", "rmse / deg", "mean / %", "mean / deg/m")
+_TIME_HEADER: Final = ("duration / s", "segments", "rmse / m", "rmse / deg")
 NEES_HEADER: Final = ("part", "average NEES", "expected", "99 % interval", "rows", "worth", "verdict")
 UNKNOWN: Final = "-"
 
@@ -132,15 +132,20 @@ def _consistency(run: Run) -> Iterator[str]:
         yield f"Inside the claimed 99 % radius: {100.0 * c.inside_99:.1f} % of the rows."
 
 
-def relative_rows(rows: Sequence[Relative]) -> list[list[str]]:
-    """Of LENGTH_HEADER, or of TIME_HEADER where there are no means per metre."""
-    table = []
-    for r in rows:
-        cells = [f"{r.size:.3g}", str(r.segments), f"{r.position_rmse_m:.3g}", f"{r.heading_rmse_deg:.3g}"]
-        if r.mean_m_per_m is not None and r.mean_deg_per_m is not None:
-            cells += [f"{100.0 * r.mean_m_per_m:.3g}", f"{r.mean_deg_per_m:.3g}"]
-        table.append(cells)
-    return table
+def relative_tables(run: Run) -> Iterator[tuple[Sequence[str], list[list[str]], str]]:
+    """Header, rows and caption of the relative errors that the run has."""
+    if run.by_length:
+        yield _LENGTH_HEADER, list(map(_relative_row, run.by_length)), "Relative error over segments of the path"
+    if run.by_time:
+        yield _TIME_HEADER, list(map(_relative_row, run.by_time)), "Relative error over intervals of time"
+
+
+def _relative_row(r: Relative) -> list[str]:
+    """Without means per metre where there are none."""
+    cells = [f"{r.size:.3g}", str(r.segments), f"{r.position_rmse_m:.3g}", f"{r.heading_rmse_deg:.3g}"]
+    if r.mean_m_per_m is not None and r.mean_deg_per_m is not None:
+        cells += [f"{100.0 * r.mean_m_per_m:.3g}", f"{r.mean_deg_per_m:.3g}"]
+    return cells
 
 
 def nees_rows(parts: Sequence[Nees]) -> list[list[str]]:
@@ -160,14 +165,6 @@ def nees_together(runs: Sequence[Run]) -> list[Nees]:
         if len(parts) > 1:
             found.append(together(parts))
     return found
-
-
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """In columns as wide as their widest cell: text to the left, figures to the right."""
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    for row in (header, *rows):
-        cells = [f"{c:<{w}}" if k == 0 else f"{c:>{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        print("  " + "  ".join(cells).rstrip())
 
 
 def _m(value_m: float, sign: str = "") -> str:

@@ -1,17 +1,18 @@
 """`drd explain`: the error budget of a stretch of a recording, by cause."""
 
 import argparse
-import math
 from dataclasses import replace
 from pathlib import Path
 
+from drd.commands import command, number
 from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import Reference, read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.report import print_explanation, write_report
 from drd_tools.explain.results import Explanation
 from drd_tools.explain.source import open_source
-from drd_tools.report.saved import FILE
+from drd_tools.options import kept, reference_sigma, replayed
+from drd_tools.report.saved import keep_and_show
 
 DESCRIPTION = """\
 Say where the pose's uncertainty comes from: gyro noise, bias, scale and calibration, wheel scales, tread, slip noise,
@@ -49,25 +50,7 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if (chosen.recording is None) == (chosen.draw is None):
         parser.error("give a RECORDING, or --draw DIR")
-    folder: Path | None = chosen.draw or chosen.output
-    try:
-        if chosen.draw is not None:
-            explanation = Explanation.load(chosen.draw)
-        else:
-            explanation = _explain(chosen, parser)
-            if folder is not None:
-                folder.mkdir(parents=True, exist_ok=True)
-                explanation.save(folder)
-                explanation = Explanation.load(folder)  # what is shown is what was saved
-        print_explanation(explanation)
-        if folder is not None:
-            files = [folder / FILE, *write_report(explanation, folder)]
-            print("\nfiles: " + ", ".join(map(str, files)))
-    except BrokenPipeError:
-        raise  # not the folder: whoever read the output has left
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
-    return 0
+    return keep_and_show(chosen, Explanation, lambda: _explain(chosen, parser), print_explanation, write_report)
 
 
 def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
@@ -89,46 +72,10 @@ def _reference(chosen: argparse.Namespace, parser: argparse.ArgumentParser, has_
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd explain",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), kept()])
     add = parser.add_argument
     add("recording", nargs="?", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
-    add("--from", dest="begin", type=_number, metavar="S", help="the stretch's beginning (default: the recording's)")
-    add("--to", type=_number, metavar="S", help="its end (default: the recording's)")
-    add("--config", type=Path, metavar="FILE", help="daemon configuration; what it states replaces the recording's")
-    add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
-    add(
-        "--model",
-        type=Path,
-        metavar="FILE",
-        help="model file: keys of robot.yaml that replace the folder's, and effects",
-    )
+    add("--from", dest="begin", type=number(), metavar="S", help="the stretch's beginning (default: the recording's)")
+    add("--to", type=number(), metavar="S", help="its end (default: the recording's)")
     add("--reference", type=Path, metavar="PATH", help="recording folder, or CSV with time_s,x_m,y_m,heading_deg")
-    add(
-        "--reference-sigma",
-        nargs=2,
-        type=_not_negative,
-        metavar=("M", "DEG"),
-        help="standard deviations of the reference's coordinates and heading (default: robot.yaml's)",
-    )
-    add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
-    add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
     return parser
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = _number(text)
-    if value < 0.0:
-        raise ValueError(text)
-    return value

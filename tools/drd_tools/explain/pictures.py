@@ -7,20 +7,7 @@ import numpy as np
 
 from drd_tools.explain.results import Actual, Explanation
 from drd_tools.limit.causes import GROUPS
-from drd_tools.report.style import (  # fmt: skip
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    PURPLE,
-    SKY,
-    TRUE_GREY,
-    VERMILION,
-    make_figure,
-    styled,
-    tidy,
-)
+from drd_tools.report.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, TRUE_GREY, VERMILION, picture, tidy
 
 # A group has its colour in all pictures.
 COLORS: Final = dict(
@@ -44,8 +31,7 @@ def budget_picture(file: Path, e: Explanation) -> None:
     if e.actual is not None:
         largest_m = max(largest_m, max(e.actual.error_m, default=0.0))
     factor, unit = (1.0, "m") if largest_m >= 0.5 else (100.0, "cm")
-    with styled():
-        figure = make_figure(10.0, 7.4)
+    with picture(file, 10.0, 7.4) as figure:
         panels: Any = figure.subplots(2, 1, sharex=True)
         _stack(panels[0], e, factor * factor * position)
         _stack(panels[1], e, heading)
@@ -55,13 +41,11 @@ def budget_picture(file: Path, e: Explanation) -> None:
         for axes, title, shown in zip(panels, ("Position", "Heading"), (unit, "deg"), strict=True):
             axes.set_ylim(bottom=0.0)
             axes.margins(x=0.0)
-            axes.set_ylabel(f"1 sigma / {shown}")
-            tidy(axes, title)
+            tidy(axes, title, y=f"1 sigma / {shown}")
         panels[1].set_xlabel("time / s")
         found = dict(zip(*(panels[0].get_legend_handles_labels()[k] for k in (1, 0)), strict=True))
         found |= dict(zip(*(panels[1].get_legend_handles_labels()[k] for k in (1, 0)), strict=True))
         figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=5)
-        figure.savefig(file, format="png")
 
 
 def _stack(axes: Any, e: Explanation, variances: Any) -> None:
@@ -98,15 +82,12 @@ def parts_picture(file: Path, actual: Actual) -> None:
         ("Position, in the direction of its error", unit, [factor * p.position_m for p in parts], [factor * p.position_sigma_m for p in parts]),  # noqa: E501
         ("Heading", "deg", [p.heading_deg for p in parts], [p.heading_sigma_deg for p in parts]),
     )  # fmt: skip
-    with styled():
-        figure = make_figure(10.0, 1.6 + 0.36 * len(parts))
+    with picture(file, 10.0, 1.6 + 0.36 * len(parts)) as figure:
         panels: Any = figure.subplots(1, 2, sharey=True)
         for axes, (title, shown, values, sigmas) in zip(panels, columns, strict=True):
             places = range(len(parts))
             axes.axvline(0.0, color=GREY, linewidth=0.8)
             axes.barh(places, values, color=[COLORS.get(p.group, TRUE_GREY) for p in parts], height=0.7)
             axes.errorbar(values, places, xerr=2.0 * np.array(sigmas), fmt="none", color=INK, capsize=3, linewidth=1.2)
-            axes.set_xlabel(f"part of the error / {shown}")
-            tidy(axes, title, 6)
+            tidy(axes, title, 6, x=f"part of the error / {shown}")
         panels[0].set_yticks(range(len(parts)), [p.group for p in parts])
-        figure.savefig(file, format="png")

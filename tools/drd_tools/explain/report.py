@@ -1,5 +1,6 @@
 """From a saved explanation to the terminal, the pictures and the HTML page."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from drd_tools.explain import text
@@ -7,6 +8,7 @@ from drd_tools.explain.pictures import budget_picture, parts_picture
 from drd_tools.explain.results import Explanation
 from drd_tools.limit import text as limit_text
 from drd_tools.report.page import Page
+from drd_tools.report.terminal import columns
 
 
 def print_explanation(e: Explanation) -> None:
@@ -15,15 +17,20 @@ def print_explanation(e: Explanation) -> None:
     for sentence in text.lead(e):
         print(f"- {sentence}")
     print("\nError budget at the end (1 sigma, in the robot's axes there)\n")
-    text.print_table(text.HEADER, text.budget_rows(e))
+    _print_summed(text.HEADER, text.budget_rows(e))
     for sentence in (text.silent_groups(e), text.delay_sentence(e)):
         if sentence:
             print(f"\n{sentence}")
     if e.actual is not None and text.fits(e.actual):
         print(f"\n{text.parts_caption(e.actual)}\n")
-        text.print_table(text.PARTS_HEADER, text.parts_rows(e.actual))
+        _print_summed(text.PARTS_HEADER, text.parts_rows(e.actual))
     for note in e.notes:
         print(f"\n{note}")
+
+
+def _print_summed(header: Sequence[str], rows: list[list[str]]) -> None:
+    lines = columns([header, *rows])
+    print(*lines[:-1], f"  {'-' * (max(map(len, lines)) - 2)}", lines[-1], sep="\n")
 
 
 def write_report(e: Explanation, folder: Path) -> list[Path]:
@@ -40,7 +47,7 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
     )
     caption = "Error budget at the end, 1 sigma, in the robot's axes there"
     page.table(text.HEADER, text.budget_rows(e), caption, chosen=(0,))
-    page.text(" ".join((text.silent_groups(e), text.delay_sentence(e))))
+    page.text(text.silent_groups(e), text.delay_sentence(e))
     page.heading("Each cause")
     page.table(text.HEADER, text.budget_rows(e, detailed=True), "The same, with each group's parts")
     if e.actual is not None:
@@ -61,12 +68,11 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
         (folder / "parts.png").unlink(missing_ok=True)  # of an earlier explanation
     if e.limit is not None:
         page.heading("The limit")
-        page.table(limit_text.SHARES_HEADER, limit_text.share_rows(e.limit), limit_text.CAPTION)
-        page.table(limit_text.CHANGES_HEADER, limit_text.change_rows(e.limit), limit_text.CHANGES_CAPTION)
+        for table in limit_text.tables(e.limit):
+            page.table(*table)
     page.heading("What it was made from")
-    for note in e.notes:
-        page.text(note)
-    page.table(("input", "SHA-256"), [[file, digest] for file, digest in e.sha256.items()], text_columns=(1,))
+    page.text(*e.notes)
+    page.inputs(e.sha256)
     page.text(f"Digest of the poses: {e.digest}.")
     page.save(files[0])
     return files

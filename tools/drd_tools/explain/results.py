@@ -1,13 +1,10 @@
 """What `drd explain` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
+from typing import ClassVar
 
 from drd_tools.limit.limit import Limit
-from drd_tools.report.saved import FILE, load, save
-
-FORMAT: Final = "drd-explanation/1"
+from drd_tools.report.saved import Saved
 
 
 @dataclass(frozen=True)
@@ -82,8 +79,11 @@ class Actual:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Explanation(Saved):
     """An error budget over a stretch. Series have a row for each drawn time and a column for each group, variances."""
+
+    FORMAT: ClassVar = "drd-explanation/1"
+    COMMAND: ClassVar = "drd explain"
 
     recording: str
     sha256: dict[str, str]
@@ -108,12 +108,3 @@ class Explanation:
         shape = {len(row) for rows in (self.position_m2, self.heading_deg2) for row in rows}
         if shape != {len(self.groups)} or not len(self.position_m2) == len(self.heading_deg2) == len(self.time_s):
             raise ValueError("series of other lengths")
-
-    def save(self, folder: Path) -> None:
-        """Write results.json. Raises OSError."""
-        save(folder / FILE, FORMAT, self)
-
-    @staticmethod
-    def load(folder: Path) -> "Explanation":
-        """Read results.json. Raises ConfigError."""
-        return load(folder / FILE, FORMAT, "drd explain", Explanation)

@@ -1,7 +1,7 @@
 """The explanation as sentences and table rows, for the terminal and the page."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 from drd_tools.explain.results import Actual, Explanation, Line, Part
@@ -197,16 +197,6 @@ def delay_sentence(e: Explanation) -> str:
         f"{metres(d.across_m, '+')} to the left and {d.heading_deg:+.2g} deg at the end, at most "
         f"{metres(d.largest_m)} and {d.largest_deg:.2g} deg on the way; other delays in proportion."
     )
-
-
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """In columns as wide as their widest cell: text to the left, figures to the right; a line before the sum."""
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    for number, row in enumerate((header, *rows)):
-        if number == len(rows):
-            print("  " + "-" * (sum(widths) + 2 * (len(widths) - 1)))
-        cells = [f"{c:<{w}}" if k == 0 else f"{c:>{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        print("  " + "  ".join(cells).rstrip())
 
 
 def metres(value_m: float, sign: str = "") -> str:

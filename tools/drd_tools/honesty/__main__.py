@@ -32,9 +32,9 @@ def main(argv: list[str]) -> int:
     if seeds < 1 or chosen.jobs < 1:
         parser.error("--seeds and --jobs: 1 or more")
     try:
-        results = Results.load(chosen.read) if chosen.read else run(seeds, short=chosen.short, jobs=chosen.jobs)
+        results = Results.read(chosen.read) if chosen.read else run(seeds, short=chosen.short, jobs=chosen.jobs)
         if chosen.json is not None:
-            results.save(chosen.json)
+            results.write(chosen.json)
     except (ConfigError, OSError) as error:
         print(f"honesty: {error}", file=sys.stderr)
         return 2

@@ -2,15 +2,12 @@
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
 from drd_tools.honesty.figures import Figures
-from drd_tools.report.saved import load, save
-
-FORMAT: Final = "drd-honesty/1"
+from drd_tools.report.saved import Saved
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,8 +25,11 @@ class Judged:
 
 
 @dataclasses.dataclass(frozen=True)
-class Results:
+class Results(Saved):
     """All drives of a run. `seeds` of each scenario; `notes`: what is missing, and why."""
+
+    FORMAT: ClassVar = "drd-honesty/1"
+    COMMAND: ClassVar = "make honesty"
 
     seeds: int
     judged: list[Judged]
@@ -42,15 +42,6 @@ class Results:
             if one.world == world:
                 found.setdefault(one.group, []).append(one)
         return found
-
-    def save(self, file: Path) -> None:
-        """Write JSON. Raises OSError."""
-        save(file, FORMAT, self)
-
-    @staticmethod
-    def load(file: Path) -> "Results":
-        """Read what `save` wrote. Raises ConfigError."""
-        return load(file, FORMAT, "make honesty", Results)
 
 
 def together(figures: Sequence[Figures], world: str) -> Figures:

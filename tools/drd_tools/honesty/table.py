@@ -20,6 +20,7 @@ from drd_tools.honesty.promises import (
 )
 from drd_tools.honesty.results import Judged, Results, together
 from drd_tools.honesty.scenarios import SCENARIOS, SECONDS
+from drd_tools.report.terminal import columns
 
 ORDER: Final = (DEFAULT, CALIBRATED, PAPER, *BASELINES, LIMIT, NOMINAL_LIMIT)
 HEADER: Final = (
@@ -55,13 +56,13 @@ have physics that the filter does not model; their effects come on top of the ab
 
 def text_of(results: Results) -> str:
     """Everything: the table, NEES, promises and goals."""
-    parts = [*results.notes, HEAD, "", *_columns(HEADER, list(table_rows(results)))]
+    parts = [*results.notes, HEAD, "", *columns([HEADER, *table_rows(results)], TEXT_COLUMNS, "")]
     nees = list(nees_rows(results))
     if nees:
         effects = [
             f"  {name}: {scenario.about}" for name, scenario in SCENARIOS.items() if name in results.groups("simulated")
         ]
-        parts += ["", DRAWN, *effects, "", *_columns(NEES_HEADER, nees)]
+        parts += ["", DRAWN, *effects, "", *columns([NEES_HEADER, *nees], TEXT_COLUMNS, "")]
     parts += ["", *_promise_lines(results), "", "Goals", *map(_goal_line, goals(results))]
     return "\n".join(parts)
 
@@ -127,13 +128,3 @@ def broken_line(verdict: Verdict) -> str:
 
 def _goal_line(verdict: Verdict) -> str:
     return f"  {'met' if verdict.kept else 'MISSED'}: {verdict.about}: {verdict.text}"
-
-
-def _columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    widths = [max(len(row[k]) for row in (header, *rows)) for k in range(len(header))]
-    for row in (header, *rows):
-        cells = (
-            cell.ljust(width) if k in TEXT_COLUMNS else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        yield "  ".join(cells).rstrip()

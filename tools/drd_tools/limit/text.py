@@ -1,14 +1,12 @@
 """The bound as sentences and table rows, for the terminal and the page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from drd_tools.limit.limit import Limit
 
-SHARES_HEADER: Final = ("cause", "rms / m", "rms / deg", "end / m", "end / deg", "drift / %")
-CHANGES_HEADER: Final = ("if there were", "rms / m", "rms / deg", "drift / %")
-CAPTION: Final = "Smallest error that any estimator could have here, by cause (1 sigma)"
-CHANGES_CAPTION: Final = "The same bound if one thing were otherwise"
+_SHARES_HEADER: Final = ("cause", "rms / m", "rms / deg", "end / m", "end / deg", "drift / %")
+_CHANGES_HEADER: Final = ("if there were", "rms / m", "rms / deg", "drift / %")
 
 
 def sentences(limit: Limit) -> Iterator[str]:
@@ -21,18 +19,13 @@ def sentences(limit: Limit) -> Iterator[str]:
     yield limit.advice
 
 
-def share_rows(limit: Limit) -> list[list[str]]:
-    """Of SHARES_HEADER, largest first, then the whole."""
-    rows = [
-        (s.group, s.position_rms_m, s.heading_rms_deg, s.end_m, s.end_deg, s.drift_percent)
-        for s in sorted(limit.by_cause, key=lambda s: -s.position_rms_m)
-    ]
+def tables(limit: Limit) -> Iterator[tuple[Sequence[str], list[list[str]], str]]:
+    """Header, rows and caption: the bound by cause, largest first, then the whole; and what would change it."""
+    causes = sorted(limit.by_cause, key=lambda s: -s.position_rms_m)
+    rows = [(s.group, s.position_rms_m, s.heading_rms_deg, s.end_m, s.end_deg, s.drift_percent) for s in causes]
     whole = limit.position_rms_m, limit.heading_rms_deg, limit.end_m, limit.end_deg, limit.drift_percent
-    return [[str(name), *(f"{v:.3g}" for v in figures)] for name, *figures in (*rows, ("all", *whole))]
-
-
-def change_rows(limit: Limit) -> list[list[str]]:
-    """Of CHANGES_HEADER, the best first."""
-    return [
-        [c.what, f"{c.position_rms_m:.3g}", f"{c.heading_rms_deg:.3g}", f"{c.drift_percent:.3g}"] for c in limit.changes
-    ]
+    cells = [[str(name), *(f"{v:.3g}" for v in figures)] for name, *figures in (*rows, ("all", *whole))]
+    yield _SHARES_HEADER, cells, "Smallest error that any estimator could have here, by cause (1 sigma)"
+    changes = [(c.what, c.position_rms_m, c.heading_rms_deg, c.drift_percent) for c in limit.changes]
+    cells = [[name, *(f"{v:.3g}" for v in figures)] for name, *figures in changes]
+    yield _CHANGES_HEADER, cells, "The same bound if one thing were otherwise"

@@ -9,39 +9,24 @@ from drd_tools.paper.printed import TABLE_II_CM
 from drd_tools.paper.results import Results
 from drd_tools.paper.studies import STATES
 from drd_tools.paper.text import HEADINGS
-from drd_tools.report.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    SERIES,
-    TRUE_GREY,
-    VERMILION,
-    make_figure,
-    styled,
-    tidy,
-)
+from drd_tools.report.style import BLUE, GREEN, GREY, INK, ORANGE, SERIES, TRUE_GREY, VERMILION, picture, tidy, tidy_map
 
 COLORS: Final = (VERMILION, ORANGE, GREEN, BLUE)  # of the cells
 
 
-def draw_all(results: Results, folder: Path) -> None:
+def draw_all(results: Results, folder: Path) -> list[Path]:
     """Write path.png, table2.png, figure3.png, onway.png and variances.png. Raises OSError."""
-    with styled():
-        for name, figure in (
-            ("path.png", _path(results)),
-            ("table2.png", _table2(results)),
-            ("figure3.png", _figure3(results)),
-            ("onway.png", _on_the_way(results)),
-            ("variances.png", _variances(results)),
-        ):
-            figure.savefig(folder / name)
+    drawn = {"path": (_path, 5.0), "table2": (_table2, 4.8), "figure3": (_figure3, 4.4), "onway": (_on_the_way, 4.4)}
+    drawn["variances"] = (_variances, 4.4)
+    files = [folder / f"{name}.png" for name in drawn]
+    for file, (draw, height_in) in zip(files, drawn.values(), strict=True):
+        with picture(file, 10.0, height_in) as figure:
+            draw(figure, results)
+    return files
 
 
-def _path(results: Results) -> Any:
+def _path(figure: Any, results: Results) -> None:
     """The whole path, and its end enlarged: there the errors can be seen."""
-    figure = make_figure(10, 5)
     axes = figure.subplots(1, 2)
     for whole, panel in zip((True, False), axes, strict=True):
         panel.plot(*results.example_true_m.T, color=TRUE_GREY, linewidth=5, label="true path")
@@ -51,20 +36,16 @@ def _path(results: Results) -> Any:
             panel.plot(*path.T, color=COLORS[cell], linewidth=1.5, label=HEADINGS[cell])
             panel.plot(*path[-1], "o", color=COLORS[cell], markersize=7, markeredgecolor="white", zorder=5)
         panel.plot(*results.example_true_m[-1], "o", color="none", markeredgecolor=INK, markersize=13, label="true end")
-        panel.set_xlabel("x / m")
-        panel.set_ylabel("y / m")
-        panel.set_aspect("equal", adjustable="datalim" if whole else "box")
-        tidy(panel, "Run 1, first gyro" if whole else "Its end")
+        tidy_map(panel, "Run 1, first gyro" if whole else "Its end")
+    axes[1].set_aspect("equal", adjustable="box")
     ends = np.vstack([results.example_m[:, -1], results.example_true_m[-1:]])
     middle, half = ends.mean(axis=0), 0.75 * max(0.2, float(np.ptp(ends, axis=0).max()))
     axes[1].set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
     axes[0].legend(loc="center")
-    return figure
 
 
-def _table2(results: Results) -> Any:
+def _table2(figure: Any, results: Results) -> None:
     """Ours as bars with the spread of the gyros, the paper's averages as marks."""
-    figure = make_figure(10, 4.8)
     axes = figure.subplots()
     n, ours = results.runs_each_way, 100.0 * results.return_m
     names = []
@@ -84,16 +65,14 @@ def _table2(results: Results) -> Any:
         names.append(way)
     axes.set_xticks(range(len(HEADINGS)), HEADINGS)
     axes.set_yscale("log")
-    axes.set_ylabel("return position error / cm")
     axes.legend(loc="upper right")
-    tidy(axes, f"Table II: left bars {names[0]}, right bars {names[1]}; whiskers 5 % to 95 % of the gyros")
+    title = f"Table II: left bars {names[0]}, right bars {names[1]}; whiskers 5 % to 95 % of the gyros"
+    tidy(axes, title, y="return position error / cm")
     axes.set_xticks(range(len(HEADINGS)), HEADINGS)
     axes.grid(visible=False, axis="x")
-    return figure
 
 
-def _figure3(results: Results) -> Any:
-    figure = make_figure(10, 4.4)
+def _figure3(figure: Any, results: Results) -> None:
     rate, temperature, *errors = results.figure3.T
     before, after = figure.subplots(1, 2)
     for panel, error, title in zip(
@@ -103,16 +82,12 @@ def _figure3(results: Results) -> Any:
             here = np.round(temperature) == t
             order = np.argsort(rate[here])
             panel.plot(rate[here][order], error[here][order], ".-", color=color, linewidth=1, label=f"{t:.0f} degC")
-        panel.set_xlabel("table rate / deg/s")
-        panel.set_ylabel("error / deg/s")
         rms = np.sqrt(np.mean(error**2))
-        tidy(panel, f"{title}: {rms:.3g} deg/s rms")
+        tidy(panel, f"{title}: {rms:.3g} deg/s rms", x="table rate / deg/s", y="error / deg/s")
     before.legend(ncols=2, fontsize=9)
-    return figure
 
 
-def _on_the_way(results: Results) -> Any:
-    figure = make_figure(10, 4.4)
+def _on_the_way(figure: Any, results: Results) -> None:
     axes = figure.subplots()
     seconds = np.arange(results.trace_m.shape[2])
     for cell, color in enumerate(COLORS):
@@ -120,16 +95,13 @@ def _on_the_way(results: Results) -> Any:
         axes.fill_between(seconds, low, high, color=color, alpha=0.15, linewidth=0)
         axes.plot(seconds, middle, color=color, linewidth=1.8, label=HEADINGS[cell])
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("time / s")
-    axes.set_ylabel("position error / cm")
     axes.legend(loc="upper left")
     axes.margins(x=0.0)
-    tidy(axes, "Position error on the way: median and 5 % to 95 % of all runs")
-    return figure
+    title = "Position error on the way: median and 5 % to 95 % of all runs"
+    tidy(axes, title, x="time / s", y="position error / cm")
 
 
-def _variances(results: Results) -> Any:
-    figure = make_figure(10, 4.4)
+def _variances(figure: Any, results: Results) -> None:
     axes = figure.subplots()
     position = np.hypot(*results.variance_sigma[:, :2].T)
     curves = {"position": position, **dict(zip(STATES, results.variance_sigma.T, strict=True))}
@@ -139,15 +111,12 @@ def _variances(results: Results) -> Any:
         axes.plot(results.variance_time_s, relative, color=color, linewidth=1.6, dashes=dashes, label=name)
     axes.set_ylim(bottom=3e-4)
     axes.set_yscale("log")
-    axes.set_xlabel("time / s")
-    axes.set_ylabel("standard deviation, relative")
     axes.legend(ncols=3, fontsize=9)
     axes.margins(x=0.0)
-    tidy(
-        axes,
-        "The filter's standard deviations on three laps, relative to their start (position, heading: to their largest)",
+    title = (
+        "The filter's standard deviations on three laps, relative to their start (position, heading: to their largest)"
     )
-    return figure
+    tidy(axes, title, x="time / s", y="standard deviation, relative")
 
 
 _VARIANCE_LINES: Final[dict[str, tuple[str, tuple[float, ...]]]] = {

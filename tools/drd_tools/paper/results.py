@@ -1,23 +1,24 @@
 """What `drd paper` keeps: computed once, saved as JSON, reported and drawn as often as wanted."""
 
 import dataclasses
-from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.report.saved import FILE, load, save
+from drd_tools.report.saved import Saved
 
 Array = npt.NDArray[np.float64]
 
-FORMAT: Final = "drd-paper/2"
 RESAMPLES: Final = 2000
 
 
 @dataclasses.dataclass(frozen=True)
-class Results:
+class Results(Saved):
     """Arrays over gyros (g), runs (r, cw first), cells (c, of runs.CELLS) and seconds (s). Metres, degrees."""
+
+    FORMAT: ClassVar = "drd-paper/2"
+    COMMAND: ClassVar = "drd paper"
 
     return_m: Array  # (g, r, c)
     largest_m: Array  # (g, r, c)
@@ -43,15 +44,6 @@ class Results:
     def runs_each_way(self) -> int:
         """Runs in one direction."""
         return len(self.return_m[0]) // 2
-
-    def save(self, folder: Path) -> None:
-        """Write results.json. Raises OSError."""
-        save(folder / FILE, FORMAT, self)
-
-    @staticmethod
-    def load(folder: Path) -> "Results":
-        """Read results.json. Raises ConfigError."""
-        return load(folder / FILE, FORMAT, "drd paper", Results)
 
 
 def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, float]:

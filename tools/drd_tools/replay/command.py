@@ -1,14 +1,15 @@
 """`drd replay`: estimate again from a recording."""
 
 import argparse
-import importlib
 import math
 import sys
 import time
 from pathlib import Path
 
+from drd.commands import command, writing
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
+from drd_tools import options
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
@@ -79,42 +80,17 @@ def _write(chosen: argparse.Namespace, replayed: Replayed, start: Start) -> str:
     if chosen.output is None:
         return ""
     files = {name: str(file) for name in ("config", "model", "calibration") if (file := getattr(chosen, name))}
-    try:
+    with writing(chosen.output, "a file to write to"):
         beside = write_poses(chosen.output, replayed, start, {"options": files})
-    except OSError as error:
-        raise ConfigError(str(chosen.output), "", "a file to write to", str(error.strerror)) from error
     return f"wrote {chosen.output} and {beside}"
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd replay",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("drd replay", DESCRIPTION, EXAMPLES, [options.replayed()])
     add = parser.add_argument
     add("recording", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
-    add(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="daemon configuration or a part; what it states replaces the recording's",
-    )
-    add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
-    add(
-        "--model",
-        type=Path,
-        metavar="FILE",
-        help="model file: keys of robot.yaml that replace the folder's, and effects",
-    )
-    add(
-        "--start",
-        type=_start,
-        default=ORIGIN,
-        metavar="X_M,Y_M,HEADING_DEG",
-        help="pose at the start, or `reference`: pass through its first row (default 0,0,0)",
-    )
+    text = "pose at the start, or `reference`: pass through its first row (default 0,0,0)"
+    add("--start", type=_start, default=ORIGIN, metavar="X_M,Y_M,HEADING_DEG", help=text)
     add("--output", type=Path, metavar="POSES.csv", help="file for the poses; POSES.json is written beside it")
     return parser
 
@@ -144,17 +120,6 @@ def _check_output(output: Path | None, recording: Recording | None) -> None:
 
 
 def _replay_mcap(chosen: argparse.Namespace) -> Replayed:
-    file: Path = chosen.recording
-    name = "drd_tools.replay.mcap_source"
-    try:
-        module = importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name != name:
-            raise
-        raise ConfigError(
-            str(file), "", "a recording folder: .mcap files are not supported yet", "a .mcap file"
-        ) from error
-    replayed: Replayed = module.replay_mcap(
-        file, config=chosen.config, calibration=chosen.calibration, model=chosen.model
-    )
-    return replayed
+    from drd_tools.replay.mcap_source import replay_mcap  # noqa: PLC0415  # the file's reader, where it is needed
+
+    return replay_mcap(chosen.recording, config=chosen.config, calibration=chosen.calibration, model=chosen.model)

@@ -1,7 +1,7 @@
 """One self-contained HTML page: sentences, tables and pictures, to be handed to a colleague as a single file."""
 
 import base64
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,9 +37,9 @@ class Page:
         """Begin a section."""
         self._parts.append(Part(kind="heading", text=text))
 
-    def text(self, text: str) -> None:
-        """A paragraph."""
-        self._parts.append(Part(kind="text", text=text))
+    def text(self, *texts: str) -> None:
+        """Paragraphs; empty ones are left out."""
+        self._parts += [Part(kind="text", text=text) for text in texts if text]
 
     def code(self, text: str) -> None:
         """Lines as they are, in a fixed pitch."""
@@ -62,6 +62,10 @@ class Page:
         cells = [[str(cell) for cell in row] for row in rows]
         part = Part(kind="table", text=caption, header=header, rows=cells, chosen=chosen, wide=text_columns)
         self._parts.append(part)
+
+    def inputs(self, sha256: Mapping[str, str]) -> None:
+        """Which files it was made from, and their digests."""
+        self.table(("input", "SHA-256"), list(sha256.items()), text_columns=(1,))
 
     def save(self, file: Path) -> None:
         """Write the page. Raises OSError."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, styled, tidy
+from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, styled, tidy, tidy_map
 
 Array = npt.NDArray[np.float64]
 
@@ -78,11 +78,8 @@ def _draw_paths(axes: Any, truth_xy: Array, estimate_xy: Array, odometry_xy: Arr
     axes.plot(*truth_xy[0], "o", zorder=5, label="start", **start)
     _mark_end(axes, truth_xy, INK, label="end")
     _mark_end(axes, estimate_xy, BLUE)
-    axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    axes.set_xlabel("x / m")
-    axes.set_ylabel("y / m")
-    tidy(axes, "Path, seen from above")
+    tidy_map(axes, "Path, seen from above")
 
 
 def _mark_end(axes: Any, xy: Array, color: str, label: str | None = None) -> None:
@@ -105,9 +102,7 @@ def _draw_error(
         axes.fill_between(time_s, 0, 1, where=~valid, transform=whole_height, **style)
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.0)
-    axes.set_xlabel("time / s")
-    axes.set_ylabel(f"distance from the truth / {unit}")
-    tidy(axes, "Position error of drd")
+    tidy(axes, "Position error of drd", x="time / s", y=f"distance from the truth / {unit}")
 
 
 def _wrapped(text: str) -> str:

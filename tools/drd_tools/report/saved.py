@@ -1,16 +1,17 @@
 """Results that a command keeps in its folder, so that they can be printed, compared and drawn again."""
 
+import argparse
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, Self, TypeVar
 
 import msgspec
 import numpy as np
 
+from drd.commands import writing
 from drd.config.schema import ConfigError
-
-T = TypeVar("T")
 
 FILE: Final = "results.json"
 SIGNIFICANT_DIGITS: Final = 7  # of arrays
@@ -21,23 +22,42 @@ class _Head:
     format: str
 
 
-def save(file: Path, form: str, result: Any) -> None:
-    """Write a dataclass, marked with its form. Raises OSError."""
-    text = json.dumps({"format": form, **msgspec.to_builtins(result, enc_hook=_plain)}, allow_nan=False)
-    file.write_text(text + "\n", encoding="utf-8")
+@dataclass(frozen=True)
+class Saved:
+    """What a command computes once, to be printed and drawn as often as wanted; a dataclass of plain data and arrays.
 
+    `FORMAT` marks the file, `COMMAND` is what makes it.
+    """
 
-def load(file: Path, form: str, command: str, kind: type[T]) -> T:
-    """Read what `save` wrote for an earlier `command`. Raises ConfigError."""
-    try:
-        data = file.read_bytes()
-        if msgspec.json.decode(data, type=_Head).format != form:
-            raise ValueError("another format")
-        return msgspec.json.decode(data, type=kind, dec_hook=lambda _, value: np.array(value, float))
-    except OSError as error:
-        raise ConfigError(str(file), "", f"results of an earlier `{command}`", str(error.strerror)) from error
-    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise ConfigError(str(file), "", f"a file of the form {form}", f"something else ({error})") from error
+    FORMAT: ClassVar[str]
+    COMMAND: ClassVar[str]
+
+    def save(self, folder: Path) -> None:
+        """Write results.json. Raises OSError."""
+        self.write(folder / FILE)
+
+    def write(self, file: Path) -> None:
+        """Write JSON. Raises OSError."""
+        text = json.dumps({"format": self.FORMAT, **msgspec.to_builtins(self, enc_hook=_plain)}, allow_nan=False)
+        file.write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read results.json. Raises ConfigError."""
+        return cls.read(folder / FILE)
+
+    @classmethod
+    def read(cls, file: Path) -> Self:
+        """Read what `write` wrote. Raises ConfigError."""
+        try:
+            data = file.read_bytes()
+            if msgspec.json.decode(data, type=_Head).format != cls.FORMAT:
+                raise ValueError("another format")
+            return msgspec.json.decode(data, type=cls, dec_hook=lambda _, value: np.array(value, float))
+        except OSError as error:
+            raise ConfigError(str(file), "", f"results of an earlier `{cls.COMMAND}`", str(error.strerror)) from error
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+            raise ConfigError(str(file), "", f"a file of the form {cls.FORMAT}", f"something else ({error})") from error
 
 
 def _plain(value: Any) -> Any:
@@ -45,3 +65,38 @@ def _plain(value: Any) -> Any:
         return value.item()  # one of numpy's numbers
     rounded = [float(f"{v:.{SIGNIFICANT_DIGITS}g}") for v in value.ravel()]
     return np.reshape(rounded, value.shape).tolist()
+
+
+S = TypeVar("S", bound=Saved)
+
+
+def keep_and_show(
+    chosen: argparse.Namespace,
+    kind: type[S],
+    make: Callable[[], S],
+    tell: Callable[[S], None],
+    report: Callable[[S, Path], list[Path]],
+) -> int:
+    """Make a result, or load that of --draw; keep it in --output if there is one, print it and draw it there.
+
+    Returns exit code 0. Raises ConfigError.
+    """
+    folder: Path | None = chosen.draw or chosen.output
+    with writing(folder):
+        if chosen.draw is not None:
+            result = kind.load(chosen.draw)
+        else:
+            result = make()
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                result.save(folder)
+                result = kind.load(folder)  # what is shown is what was saved, to the digit
+        tell(result)
+        if folder is not None:
+            tell_files([folder / FILE, *report(result, folder)])
+    return 0
+
+
+def tell_files(files: list[Path]) -> None:
+    """Print what was written."""
+    print("\nfiles: " + ", ".join(map(str, files[:4])) + (" ..." if len(files) > 4 else ""))

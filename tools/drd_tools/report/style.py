@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -53,12 +54,41 @@ def make_figure(width_in: float = 10.0, height_in: float = 4.5) -> Figure:
     return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
 
 
-def tidy(axes: Any, title: str, ticks: int = 8) -> None:
-    """Title, grid, two spines and round ticks."""
+@contextmanager
+def picture(file: Path, width_in: float = 10.0, height_in: float = 4.5) -> Iterator[Any]:
+    """A figure to draw on, saved as a PNG at the end. Raises OSError."""
+    with styled():
+        figure = make_figure(width_in, height_in)
+        yield figure
+        figure.savefig(file, format="png")
+
+
+def tidy(axes: Any, title: str, ticks: int = 8, *, x: str = "", y: str = "") -> None:
+    """Title, the axes' labels, grid, two spines and round ticks."""
     axes.set_title(title)
+    if x:
+        axes.set_xlabel(x)
+    if y:
+        axes.set_ylabel(y)
     axes.grid(color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "linear":
             axis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
+
+
+def tidy_map(axes: Any, title: str, ticks: int = 8) -> None:
+    """The same for paths seen from above: a metre is as long in x as in y."""
+    axes.set_aspect("equal", adjustable="datalim")
+    tidy(axes, title, ticks, x="x / m", y="y / m")
+
+
+def legend_below(figure: Any, axes: Any, ncols: int) -> None:
+    """One legend for all panels, of what one of them shows."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=ncols)
+
+
+def short(name: str, letters: int = 44) -> str:
+    """A name that fits a picture; its end is what tells runs apart."""
+    return name if len(name) <= letters else "..." + name[3 - letters :]

@@ -2,9 +2,8 @@
 
 import argparse
 import importlib
-import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 import drd
+from drd.commands import command, number
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.gyro.candidates import (
     ORDERS,
@@ -29,6 +29,7 @@ from drd_tools.calibrate.gyro.file import write_calibration
 from drd_tools.calibrate.gyro.rate_table import RateTable, data_sets, files_in, read_rate_table
 from drd_tools.calibrate.gyro.report import write_report
 from drd_tools.calibrate.gyro.result import CANDIDATE_HEADER, GyroResult
+from drd_tools.report.terminal import print_table
 
 PROG = "drd calibrate gyro"
 DESCRIPTION = """\
@@ -163,12 +164,8 @@ def _provenance(result: GyroResult, arguments: argparse.Namespace) -> dict[str, 
 
 
 def _print(result: GyroResult, written: Sequence[Path]) -> None:
-    rows = [list(CANDIDATE_HEADER), *result.candidate_rows()]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(CANDIDATE_HEADER) - 1)]
     print("Candidates: powers of rate,temperature; rms error of held-out data sets")
-    for row in rows:
-        numbers = (f"{cell:>{width}}" for cell, width in zip(row, widths, strict=False))
-        print(("  " + "  ".join([*numbers, row[-1]])).rstrip())
+    print_table(CANDIDATE_HEADER, result.candidate_rows(), text=(6,))
     for part in (result.choice(), result.summary(), result.notes()):
         print()
         print("\n".join(part))
@@ -179,27 +176,20 @@ def _print(result: GyroResult, written: Sequence[Path]) -> None:
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog=PROG, description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command(PROG, DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("data", nargs="*", type=Path, metavar="DATA", help="rate-table CSV files, or folders of them")
     add("--output", type=Path, required=True, metavar="DIR", help="where calibration.yaml and the report go")
     add("--held-out", nargs="+", type=Path, default=[], metavar="DATA", help="new data, only to judge the result by")
-    add(
-        "--order", type=_order, metavar="RATE,TEMPERATURE", help="take this order, such as 3,2, not the recommended one"
-    )
-    add(
-        "--latitude",
-        type=_number(-90, 90),
-        metavar="DEG",
-        help="of the table: takes the Earth's rate off (table level)",
-    )
+    text = "take this order, such as 3,2, not the recommended one"
+    add("--order", type=_order, metavar="RATE,TEMPERATURE", help=text)
+    text = "of the table: takes the Earth's rate off (table level)"
+    add("--latitude", type=number(-90, 90), metavar="DEG", help=text)
     text = f"left out at the start of each rate (default {SETTLE_S:g})"
-    add("--settle", type=_number(0, 3600), default=SETTLE_S, metavar="S", help=text)
+    add("--settle", type=number(0, 3600), default=SETTLE_S, metavar="S", help=text)
     add("--live", type=Path, metavar="CONFIG", help="first record from the gyro of this configuration")
     add("--rates", type=_rates, metavar="R,R,...", help="with --live: the table's rates in deg/s, step by step")
-    add("--seconds", type=_number(1, 36000), default=30.0, metavar="S", help="with --live: at each rate (default 30)")
+    add("--seconds", type=number(1, 36000), default=30.0, metavar="S", help="with --live: at each rate (default 30)")
     if "--rates" in argv[:-1]:  # argparse takes "-100,0,100" for an option
         k = argv.index("--rates")
         argv = [*argv[:k], f"--rates={argv[k + 1]}", *argv[k + 2 :]]
@@ -223,23 +213,4 @@ def _order(text: str) -> Order:
 
 
 def _rates(text: str) -> list[float]:
-    try:
-        rates = [float(part) for part in text.split(",")]
-    except ValueError:
-        rates = [math.nan]
-    if not all(map(math.isfinite, rates)):
-        raise argparse.ArgumentTypeError(f"expected numbers in deg/s, separated by commas, got {text!r}")
-    return rates
-
-
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"expected a number from {low:g} to {high:g}, got {text!r}")
-        return value
-
-    return number
+    return [number()(part) for part in text.split(",")]

@@ -9,7 +9,7 @@ from drd_tools.calibrate.gyro.candidates import rate_levels, rms, temperature_le
 from drd_tools.calibrate.gyro.data_sets import Array, DataSets
 from drd_tools.calibrate.gyro.error_function import ErrorFunction
 from drd_tools.calibrate.gyro.evaluation import Evaluation
-from drd_tools.report.style import BLUE, BOUND, GREY, SERIES, VERMILION, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, BOUND, GREY, SERIES, VERMILION, picture, tidy
 
 MOST_RATES = 5
 POINTS = 200
@@ -24,8 +24,7 @@ def error_over_rate(file: Path, fitted: ErrorFunction, data: DataSets, residual_
     w = np.linspace(*fitted.rate_range_deg_s, POINTS)
     e = fitted.error_deg_s(w, middle)
     band = 2.0 * np.hypot(residual_deg_s, fitted.sigma_deg_s(w, middle))
-    with styled():
-        figure = make_figure(10.0, 4.6)
+    with picture(file, 10.0, 4.6) as figure:
         both: Any = figure.subplots(1, 2, gridspec_kw={"wspace": 0.08})
         for axes, curve, points in (
             (both[0], e, chosen.error_deg_s),
@@ -38,12 +37,10 @@ def error_over_rate(file: Path, fitted: ErrorFunction, data: DataSets, residual_
             axes.errorbar(x[used], points[used], bars[used], fmt="o", linewidth=1.0, zorder=3, **style)
             if not used.all() and axes is both[0]:
                 axes.plot(x[~used], points[~used], "x", color=GREY, label="rejected")
-            axes.set_xlabel("rate of the table / deg/s")
-            axes.set_ylabel("error / deg/s")
-        tidy(both[0], f"Error of the reading at {middle:.1f} degC")
-        tidy(both[1], "What the fit leaves (finer scale)")
+        label, unit = "rate of the table / deg/s", "error / deg/s"
+        tidy(both[0], f"Error of the reading at {middle:.1f} degC", x=label, y=unit)
+        tidy(both[1], "What the fit leaves (finer scale)", x=label, y=unit)
         both[0].legend()
-        figure.savefig(file, format="png")
     return middle
 
 
@@ -53,8 +50,7 @@ def error_over_temperature(file: Path, fitted: ErrorFunction, data: DataSets) ->
     few = np.unique(np.round(np.linspace(0, len(groups) - 1, min(MOST_RATES, len(groups)))).astype(int))
     nearest = np.argmin(np.abs(data.table_rate_deg_s[:, None] - groups), axis=1)
     T = np.linspace(*fitted.temperature_range_c, POINTS)
-    with styled():
-        figure = make_figure(10.0, 5.0)
+    with picture(file, 10.0, 5.0) as figure:
         axes: Any = figure.subplots()
         for colour, k in zip(SERIES, few[::-1], strict=False):
             chosen, used = data.select(nearest == k), fitted.weights[nearest == k] > 0.0
@@ -62,11 +58,9 @@ def error_over_temperature(file: Path, fitted: ErrorFunction, data: DataSets) ->
             label = f"{round(float(groups[k]), 1):g} deg/s"
             axes.plot(chosen.temperature_c[used], chosen.error_deg_s[used], "o", color=colour, label=label)
             axes.plot(chosen.temperature_c[~used], chosen.error_deg_s[~used], "x", color=colour)
-        axes.set_xlabel("temperature / degC")
-        axes.set_ylabel("error / deg/s")
-        tidy(axes, "Error of the reading at several rates: data sets (points) and fit (lines)")
+        title = "Error of the reading at several rates: data sets (points) and fit (lines)"
+        tidy(axes, title, x="temperature / degC", y="error / deg/s")
         figure.legend(loc="outside right center", title="rate of the table")
-        figure.savefig(file, format="png")
 
 
 def _error_at(fitted: ErrorFunction, table_rate_deg_s: float, temperature_c: Array) -> Array:
@@ -86,8 +80,7 @@ def before_and_after(file: Path, evaluation: Evaluation) -> None:
         f"a) before: rms {rms(values[0]):.3g} deg/s",
         f"b) after: rms {rms(values[1]):.3g} deg/s (scale {ends[0] / ends[1]:.0f} times finer)",
     )
-    with styled():
-        figure = make_figure(10.5, 4.8)
+    with picture(file, 10.5, 4.8) as figure:
         both: Any = figure.subplots(1, 2, gridspec_kw={"wspace": 0.08})
         both[0].axhspan(-ends[1], ends[1], color=BOUND, linewidth=0)
         for axes, value, end, title in zip(both, values, ends, titles, strict=True):
@@ -95,8 +88,5 @@ def before_and_after(file: Path, evaluation: Evaluation) -> None:
             style = {"c": data.temperature_c, "cmap": "viridis", "s": 22, "zorder": 3}
             points = axes.scatter(data.table_rate_deg_s, value, **style)
             axes.set_ylim(-end, end)
-            axes.set_xlabel("rate of the table / deg/s")
-            axes.set_ylabel("error / deg/s")
-            tidy(axes, title)
+            tidy(axes, title, x="rate of the table / deg/s", y="error / deg/s")
         figure.colorbar(points, ax=both, label="temperature / degC", pad=0.015)
-        figure.savefig(file, format="png")

@@ -22,8 +22,7 @@ def write_report(folder: Path, result: GyroResult) -> list[Path]:
         "Figure 3. Error of each unseen data set, (a) as read and (b) after the correction. The light band in (a) is "
         "the whole height of (b). Colour is temperature.",
     )
-    for sentence in result.notes():
-        page.text(sentence)
+    page.text(*result.notes())
     page.heading("The error function")
     page.picture(
         figures[0],
@@ -35,16 +34,15 @@ def write_report(folder: Path, result: GyroResult) -> list[Path]:
     page.heading("Candidates")
     page.text(
         "The order is the highest power of the rate, then of the temperature. Held-out: rms error of data sets that "
-        "the fit had not seen, by tenfold cross-validation over whole data sets."
+        "the fit had not seen, by tenfold cross-validation over whole data sets.",
+        *result.choice(),
     )
-    for sentence in result.choice():
-        page.text(sentence)
     chosen = [k for k, c in enumerate(result.candidates) if c is result.chosen]
     page.table(CANDIDATE_HEADER, result.candidate_rows(), chosen=chosen, text_columns=(6,))
     page.heading("What it was made from")
     if rows := result.outlier_rows():
         page.table(("rejected data set", "where", "error / deg/s", "off the fit / deg/s"), rows, text_columns=(1,))
-    page.table(("input", "SHA-256"), [[str(file), digest] for file, digest in result.inputs], text_columns=(1,))
+    page.inputs({str(file): digest for file, digest in result.inputs})
     page.save(folder / "report.html")
     return [folder / "report.html", *figures]
 

@@ -8,13 +8,15 @@ from typing import Final
 
 from tqdm import tqdm
 
+from drd.commands import command, number, writing
 from drd.config.file import load_config
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFile, gyro_of, record
 from drd_tools.calibrate.noise.analysis import STEPS, GyroNoise, analyse
 from drd_tools.calibrate.noise.report import allan_picture, noise_page, warm_up_picture
 from drd_tools.calibrate.noise.static_log import FILE_NAME, SHORTEST_S, read_static_log
-from drd_tools.calibrate.noise.text import HEADER, rows, sentences, snippet, table
+from drd_tools.calibrate.noise.text import HEADER, rows, sentences, snippet
+from drd_tools.report.terminal import print_table
 
 LOG_HEADER: Final = ("time_s", "rate_deg_s", "temperature_c")
 # The live display compares the last minutes' means; a difference beyond this many of its sigmas is a drift.
@@ -54,10 +56,8 @@ def main(argv: list[str]) -> int:
     if (arguments.log is None) == (arguments.live is None):
         parser.error("give either LOG or --live CONFIG")
     folder: Path = arguments.output
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder that can be written", str(error.strerror)) from error
     log = arguments.log
     if arguments.live is not None:
         log = folder / FILE_NAME
@@ -71,48 +71,28 @@ def main(argv: list[str]) -> int:
 
         result = analyse(whole, arguments.skip, on_step=on_step)
     print(f"Gyro noise from {log}\n")
-    print(table(HEADER, rows(result)), end="\n\n")
+    print_table(HEADER, rows(result), text=range(len(HEADER)))
+    print()
     print("\n".join(sentences(result)), end="\n\n")
-    try:
+    with writing(folder):
         for file in _write(folder, result):
             print(f"wrote {file}")
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder that can be written", str(error.strerror)) from error
     print(f"Merge {folder / 'noise.yaml'} into the section `estimation` of the configuration.")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd calibrate noise",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("log", type=Path, nargs="?", metavar="LOG", help="CSV file, or folder with fog.csv")
-    parser.add_argument("--output", type=Path, default=Path("noise"), metavar="DIR", help="default: ./noise")
-    parser.add_argument("--live", type=Path, metavar="CONFIG", help="record the gyro of this configuration first")
-    parser.add_argument(
-        "--seconds", type=_recorded_s, default=3600.0, metavar="S", help="length of the recording (default 3600)"
-    )
-    parser.add_argument(
-        "--skip", type=_skipped_s, metavar="S", help="leave out the first seconds, instead of the warm-up that is found"
-    )
+    parser = command("drd calibrate noise", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    add("log", type=Path, nargs="?", metavar="LOG", help="CSV file, or folder with fog.csv")
+    add("--output", type=Path, default=Path("noise"), metavar="DIR", help="default: ./noise")
+    add("--live", type=Path, metavar="CONFIG", help="record the gyro of this configuration first")
+    longest_s = 7 * 86_400.0
+    text = "length of the recording (default 3600)"
+    add("--seconds", type=number(SHORTEST_S, longest_s), default=3600.0, metavar="S", help=text)
+    text = "leave out the first seconds, instead of the warm-up that is found"
+    add("--skip", type=number(0.0), metavar="S", help=text)
     return parser
-
-
-def _recorded_s(text: str) -> float:
-    value = float(text)
-    if not SHORTEST_S <= value <= 7 * 86_400.0:
-        raise argparse.ArgumentTypeError(f"from {SHORTEST_S:g} s to a week, got {text}")
-    return value
-
-
-def _skipped_s(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"0 s or more, got {text}")
-    return value
 
 
 def _write(folder: Path, result: GyroNoise) -> list[Path]:

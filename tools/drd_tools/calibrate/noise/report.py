@@ -6,12 +6,12 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from drd_tools.calibrate.noise.allan import TERMS, Array, K, N, shapes
+from drd_tools.calibrate.noise.allan import TERMS, K, N, shapes
 from drd_tools.calibrate.noise.analysis import GyroNoise, unit_of
-from drd_tools.calibrate.noise.text import DEG_H, HEADER, rows, sentences, snippet
+from drd_tools.calibrate.noise.text import DEG_H, HEADER, duration, rows, sentences, snippet
 from drd_tools.calibrate.noise.warmup import block_means
 from drd_tools.report.page import Page
-from drd_tools.report.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, picture, tidy
 
 COLORS: Final = (PURPLE, GREEN, ORANGE, VERMILION, SKY)
 
@@ -26,8 +26,7 @@ def allan_picture(file: Path, result: GyroNoise) -> None:
     parts = shapes(tau_s) * result.fit.squares
     model = np.sqrt(parts.sum(axis=1)) * DEG_H
     n, k = result.filter.angle_random_walk, result.filter.rate_random_walk
-    with styled():
-        figure = make_figure(10.0, 5.6)
+    with picture(file, 10.0, 5.6) as figure:
         axes: Any = figure.subplots()
         deviation = curve.deviation * DEG_H
         limits = np.abs(np.stack([curve.low, curve.high]) * DEG_H - deviation)
@@ -41,14 +40,12 @@ def allan_picture(file: Path, result: GyroNoise) -> None:
         axes.set_yscale("log")
         low = float(min(deviation.min(), model.min()))
         axes.set_ylim(0.4 * low, 2.0 * float(max(deviation.max(), model.max())))
-        axes.set_xlabel("averaging time / s")
-        axes.set_ylabel("Allan deviation / (deg/h)")
-        tidy(axes, f"Allan deviation of {_seconds(result.log.duration_s)} at standstill")
+        title = f"Allan deviation of {duration(result.log.duration_s)} at standstill"
+        tidy(axes, title, x="averaging time / s", y="Allan deviation / (deg/h)")
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(numticks=12))
             axis.set_minor_formatter(NullFormatter())
         axes.legend(loc="upper center")
-        figure.savefig(file, format="png")
 
 
 def warm_up_picture(file: Path, result: GyroNoise) -> None:
@@ -59,12 +56,11 @@ def warm_up_picture(file: Path, result: GyroNoise) -> None:
     whole = result.whole
     time_s, rate_rad_s, temperature_c = block_means(whole)
     minutes = time_s / 60.0
-    with styled():
-        figure = make_figure(10.0, 4.4 if temperature_c is None else 6.2)
-        ratios = (1,) if temperature_c is None else (2, 1)
+    ratios = (1,) if temperature_c is None else (2, 1)
+    with picture(file, 10.0, 4.4 if temperature_c is None else 6.2) as figure:
         panels: Any = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
         bias = panels[0]
-        bias.plot(minutes, rate_rad_s * DEG_H, ".", color=INK, ms=5, label=f"means over {_block_s(time_s):.3g} s")
+        bias.plot(minutes, rate_rad_s * DEG_H, ".", color=INK, ms=5, label=f"means over {time_s[1] - time_s[0]:.3g} s")
         if result.warm_up is not None:
             bias.plot(minutes, result.warm_up.at(time_s) * DEG_H, color=BLUE, lw=2.0, label="fitted warm-up")
             if 0.0 < result.wait_s < whole.duration_s:
@@ -73,16 +69,13 @@ def warm_up_picture(file: Path, result: GyroNoise) -> None:
             if result.left_out_s:
                 label = "left out" if axes is bias else None
                 axes.axvspan(0.0, result.left_out_s / 60.0, color=GREY, alpha=0.18, lw=0, label=label)
-        bias.set_ylabel("rate / (deg/h)")
         bias.legend(loc="best")
-        tidy(bias, "The bias over the log")
+        tidy(bias, "The bias over the log", y="rate / (deg/h)")
         if temperature_c is not None:
             panels[1].plot(minutes, temperature_c, color=VERMILION, lw=1.6)
-            panels[1].set_ylabel("temperature / degC")
-            tidy(panels[1], "The gyro's temperature", ticks=5)
+            tidy(panels[1], "The gyro's temperature", 5, y="temperature / degC")
         panels[-1].set_xlabel("time / min")
         panels[-1].set_xlim(0.0, whole.duration_s / 60.0)
-        figure.savefig(file, format="png")
 
 
 def noise_page(file: Path, result: GyroNoise, allan_png: Path, warm_up_png: Path) -> None:
@@ -109,11 +102,3 @@ def noise_page(file: Path, result: GyroNoise, allan_png: Path, warm_up_png: Path
 
 def _name(term: int) -> str:
     return f"{unit_of(term)[0]} {TERMS[term]}"
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds / 60.0:.3g} min" if seconds > 120.0 else f"{seconds:.3g} s"
-
-
-def _block_s(time_s: Array) -> float:
-    return float(time_s[1] - time_s[0])

@@ -1,7 +1,6 @@
 """The gyro's noise in words: the table and sentences of the terminal and the page, and the configuration's snippet."""
 
 import math
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final
 
@@ -38,14 +37,6 @@ def rows(result: GyroNoise) -> list[tuple[str, str, str, str, str]]:
             value, limits = "not visible", f"at most {interval.high / si:.3g}"
         made.append((name, symbol, value, limits, unit))
     return made
-
-
-def table(header: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
-    """Aligned columns for the terminal."""
-    widths = [max(len(row[i]) for row in (header, *cells)) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(f"{c:{w}}" for c, w in zip(row, widths, strict=True)).rstrip() for row in (header, *cells)
-    )
 
 
 def sentences(result: GyroNoise) -> list[str]:

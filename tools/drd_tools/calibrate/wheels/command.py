@@ -1,9 +1,8 @@
 """`drd calibrate wheels`: radii and tread from recordings with a reference, or from UMBmark's squares."""
 
-import argparse
 from pathlib import Path
 
-from drd.config.schema import ConfigError
+from drd.commands import command, number, writing
 from drd_tools.calibrate.wheels import recordings, squares
 
 DESCRIPTION = """\
@@ -37,34 +36,22 @@ Exit code: 0 done, 1 nothing could be determined, 2 bad usage or input.
 
 def main(argv: list[str]) -> int:
     """Calibrate and return the exit code. Raises ConfigError on bad input."""
-    parser = argparse.ArgumentParser(
-        prog="drd calibrate wheels",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="recordings to fit")
-    parser.add_argument(
-        "--held-out",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="RECORDING",
-        help="recordings to test the fit on; without them each recording is tested by a fit of the others",
-    )
-    parser.add_argument("--umbmark", type=Path, metavar="RETURNS.csv", help="return positions of UMBmark's squares")
-    parser.add_argument("--side", type=float, metavar="M", help="UMBmark: side of the square, m")
-    parser.add_argument("--tread", type=float, metavar="M", help="UMBmark: nominal tread that the robot drove with, m")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="folder for wheels.yaml and report.html")
+    parser = command("drd calibrate wheels", DESCRIPTION, EXAMPLES)
+    add = parser.add_argument
+    add("recordings", nargs="*", type=Path, metavar="RECORDING", help="recordings to fit")
+    text = "recordings to test the fit on; without them each recording is tested by a fit of the others"
+    add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help=text)
+    add("--umbmark", type=Path, metavar="RETURNS.csv", help="return positions of UMBmark's squares")
+    add("--side", type=number(0.02, 100.0), metavar="M", help="UMBmark: side of the square, m")
+    add("--tread", type=number(0.02, 100.0), metavar="M", help="UMBmark: nominal tread that the robot drove with, m")
+    add("--output", type=Path, metavar="DIR", help="folder for wheels.yaml and report.html")
     chosen = parser.parse_args(argv)
-    try:
+    with writing(chosen.output):
         if chosen.umbmark is not None:
             if chosen.recordings or chosen.held_out:
                 parser.error("--umbmark takes no recordings")
-            for name in ("side", "tread"):
-                value = getattr(chosen, name)
-                if value is None or not 0.02 <= value <= 100.0:
-                    parser.error(f"--umbmark needs --{name}, in m from 0.02 to 100")
+            if missing := [f"--{name}" for name in ("side", "tread") if getattr(chosen, name) is None]:
+                parser.error(f"--umbmark needs {missing[0]}, in m")
             return squares.calibrate(chosen.umbmark, chosen.side, chosen.tread, chosen.output)
         if not chosen.recordings:
             parser.error("give recordings, or --umbmark RETURNS.csv")
@@ -73,5 +60,3 @@ def main(argv: list[str]) -> int:
         if chosen.output is None:
             parser.error("--output DIR is needed")
         return recordings.calibrate(chosen.recordings, chosen.held_out, chosen.output)
-    except OSError as error:
-        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error

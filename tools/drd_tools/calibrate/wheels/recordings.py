@@ -17,13 +17,13 @@ from drd_tools.calibrate.wheels.tables import (
     FIGURE_HEADER,
     SENSOR_HEADER,
     VALUE_HEADER,
-    aligned,
     figure_rows,
     sensor_rows,
     value_rows,
 )
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.report.page import Page
+from drd_tools.report.terminal import print_table
 
 COLUMNS = 110
 SCALE_NOTE = (
@@ -102,15 +102,18 @@ def _how_tested(is_apart: bool, drives: Sequence[Drive]) -> str:
 def _print(found: Found) -> None:
     fit, drives = found.fit, found.drives
     print(_wrapped(_method(fit, drives)) + "\n")
-    print(aligned(VALUE_HEADER, value_rows(fit, found.apart, drives[0])) + "\n")
+    print_table(VALUE_HEADER, value_rows(fit, found.apart, drives[0]))
     if sensors := sensor_rows(found.lag, found.rest):
-        print(aligned(SENSOR_HEADER, sensors) + "\n")
+        print()
+        print_table(SENSOR_HEADER, sensors)
+    print()
     for sentence in [*found.notes, SCALE_NOTE]:
         print(_wrapped(sentence))
     print()
     if found.figures:
         print(_wrapped(f"{_how_tested(bool(found.tests), drives)} {FIGURE_NOTE} Nominal -> calibrated.") + "\n")
-        print(aligned(FIGURE_HEADER, figure_rows(found.figures, drives[0].nominal.tread_m)) + "\n")
+        print_table(FIGURE_HEADER, figure_rows(found.figures, drives[0].nominal.tread_m))
+        print()
     else:
         print("No held-out figure: the one recording cannot be cut into parts; give --held-out.\n")
     for sentence in found.doubts:

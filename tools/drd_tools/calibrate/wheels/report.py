@@ -10,7 +10,7 @@ from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit
 from drd_tools.calibrate.wheels.heldout import HeldOut, aligned_path
 from drd_tools.calibrate.wheels.umbmark import Returns, Umbmark
-from drd_tools.report.style import BLUE, GREY, INK, TRUE_GREY, VERMILION, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, GREY, INK, TRUE_GREY, VERMILION, legend_below, picture, short, tidy, tidy_map
 
 ROW_IN: Final = 0.28
 NAME_LETTERS: Final = 38
@@ -18,32 +18,21 @@ NAME_LETTERS: Final = 38
 
 def paths_picture(file: Path, panels: Sequence[tuple[str, Drive, WheelFit]]) -> None:
     """Paths by the nominal and the calibrated wheels, and the reference's, a panel for each drive. Raises OSError."""
-    with styled():
-        figure = make_figure(10.0, 5.4)
+    with picture(file, 10.0, 5.4) as figure:
         all_axes: Any = figure.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, drive, fit) in zip(all_axes, panels, strict=True):
             axes.plot(*drive.reference_xy_m.T, color=TRUE_GREY, linewidth=5, label="reference")
-            nominal = aligned_path(drive, drive.nominal, fit.mounting)[0]
+            nominal, calibrated = (aligned_path(drive, w, fit.mounting)[0] for w in (drive.nominal, fit.wheels))
             axes.plot(*nominal.T, color=VERMILION, linewidth=1.4, dashes=(4, 2), label="nominal wheels")
-            axes.plot(
-                *aligned_path(drive, fit.wheels, fit.mounting)[0].T,
-                color=BLUE,
-                linewidth=1.6,
-                label="calibrated wheels",
-            )
+            axes.plot(*calibrated.T, color=BLUE, linewidth=1.6, label="calibrated wheels")
             axes.plot(*drive.reference_xy_m[0], "o", color="none", markeredgecolor=INK, markersize=11, label="start")
-            axes.set_aspect("equal", adjustable="datalim")
-            axes.set_xlabel("x / m")
-            axes.set_ylabel("y / m")
-            tidy(axes, f"{title}\n{short(drive.name)}", 6)
-        figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        figure.savefig(file, format="png")
+            tidy_map(axes, f"{title}\n{short(drive.name, NAME_LETTERS)}", 6)
+        legend_below(figure, all_axes[0], 4)
 
 
 def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
     """Error of each held-out drive, before and after, in position and heading. Raises OSError."""
-    with styled():
-        figure = make_figure(10.0, 1.7 + ROW_IN * len(figures))
+    with picture(file, 10.0, 1.7 + ROW_IN * len(figures)) as figure:
         both: Any = figure.subplots(1, 2, sharey=True)
         rows = np.arange(len(figures))[::-1]
         pairs = [[(f.nominal.rms_m, f.calibrated.rms_m) for f in figures]]
@@ -59,17 +48,14 @@ def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
                 axes.set_xscale("log")
             else:
                 axes.set_xlim(left=0.0)
-            axes.set_xlabel(f"error / {unit}")
-            tidy(axes, title, 6)
-            axes.set_yticks(rows, [short(f.name) for f in figures], fontsize=8)
-        figure.legend(*both[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        figure.savefig(file, format="png")
+            tidy(axes, title, 6, x=f"error / {unit}")
+            axes.set_yticks(rows, [short(f.name, NAME_LETTERS) for f in figures], fontsize=8)
+        legend_below(figure, both[0], 2)
 
 
 def returns_picture(file: Path, returns: Returns, result: Umbmark) -> None:
     """UMBmark's picture: return positions cw and ccw, their centroids, and what is left of them. Raises OSError."""
-    with styled():
-        figure = make_figure(7.5, 6.0)
+    with picture(file, 7.5, 6.0) as figure:
         axes: Any = figure.subplots()
         axes.axhline(0.0, color=GREY, linewidth=0.8)
         axes.axvline(0.0, color=GREY, linewidth=0.8)
@@ -82,14 +68,5 @@ def returns_picture(file: Path, returns: Returns, result: Umbmark) -> None:
             style: Any = {"color": "white", "markeredgecolor": color, "markersize": 5, "linestyle": "none"}
             axes.plot(*corrected_m.T, marker, **style, label=f"{name}, less what the calibration explains")
             axes.plot(*zip((0.0, 0.0), runs_m.mean(axis=0), strict=True), color=color, linewidth=1.0, dashes=(3, 3))
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x / m")
-        axes.set_ylabel("y / m")
-        tidy(axes, "Return-position errors (large marks: centroids)")
-        figure.legend(loc="outside lower center", ncols=2)
-        figure.savefig(file, format="png")
-
-
-def short(name: str) -> str:
-    """A name that fits a picture; its end is what tells recordings apart."""
-    return name if len(name) <= NAME_LETTERS else "..." + name[3 - NAME_LETTERS :]
+        tidy_map(axes, "Return-position errors (large marks: centroids)")
+        legend_below(figure, axes, 2)

@@ -10,7 +10,6 @@ from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
 from drd_tools.calibrate.wheels.report import returns_picture
-from drd_tools.calibrate.wheels.tables import aligned
 from drd_tools.calibrate.wheels.umbmark import (
     Array,
     Estimate,
@@ -23,6 +22,7 @@ from drd_tools.calibrate.wheels.umbmark import (
     runs_problem,
 )
 from drd_tools.report.page import Page
+from drd_tools.report.terminal import print_table
 
 HEADER = ("value", "estimate", "sigma", "meaning")
 MISFIT_SIGMA = 3.0
@@ -39,8 +39,8 @@ def calibrate(file: Path, side_m: float, tread_m: float, output: Path | None) ->
     notes = [text for text in (runs_problem(returns), *significance(result), *misfit(result, returns)) if text]
     figure = held_out_sentence(before_m, after_m)
     print(f"{len(returns.cw_m)} squares cw, {len(returns.ccw_m)} ccw, side {side_m:g} m, nominal tread {tread_m:g} m\n")
-    print(aligned(HEADER[:3], [row[:3] for row in rows(result)]) + "\n")
-    print("\n".join([*notes, figure]))
+    print_table(HEADER[:3], [row[:3] for row in rows(result)])
+    print("", *notes, figure, sep="\n")
     if output is not None:
         _write(file, output, returns, result, notes, figure)
     return 0

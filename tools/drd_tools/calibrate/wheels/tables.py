@@ -85,15 +85,3 @@ def _figure_row(name: str, path_m: float, nominal: Error, calibrated: Error, tre
         pair(2, heading_deg),
         pair(0, [100 * abs(h) / path_m for h in heading_deg]) if moved else "-",
     ]
-
-
-def aligned(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for the terminal: the first column to the left, the others to the right."""
-    table = [list(header), *map(list, rows)]
-    widths = [max(len(row[k]) for row in table) for k in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in table
-    )

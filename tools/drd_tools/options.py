@@ -1,0 +1,52 @@
+"""Options that several commands of the workshop share, for `parents` of their parsers."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from drd.commands import number, whole
+
+
+def _parent() -> tuple[argparse.ArgumentParser, Any]:
+    parser = argparse.ArgumentParser(add_help=False)
+    return parser, parser.add_argument
+
+
+def kept() -> argparse.ArgumentParser:
+    """--output and --draw, of commands that keep their results: see report/saved.py."""
+    parser, add = _parent()
+    add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
+    add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
+    return parser
+
+
+def model() -> argparse.ArgumentParser:
+    """--model, for recording folders."""
+    parser, add = _parent()
+    text = "model file: keys of robot.yaml that replace the folder's, and effects"
+    add("--model", type=Path, metavar="FILE", help=text)
+    return parser
+
+
+def replayed() -> argparse.ArgumentParser:
+    """--config, --calibration and --model: what replaces the recording's own."""
+    parser, add = _parent()
+    text = "daemon configuration or a part; what it states replaces the recording's"
+    add("--config", type=Path, metavar="FILE", help=text)
+    add("--calibration", type=Path, metavar="FILE", help="calibration of the gyro (drd calibrate gyro)")
+    return argparse.ArgumentParser(add_help=False, parents=[parser, model()])
+
+
+def reference_sigma() -> argparse.ArgumentParser:
+    """--reference-sigma, two numbers."""
+    parser, add = _parent()
+    text = "standard deviations of the reference's coordinates and heading (default: robot.yaml's)"
+    add("--reference-sigma", nargs=2, type=number(0.0), metavar=("M", "DEG"), help=text)
+    return parser
+
+
+def seed(what: str, default: int = 0) -> argparse.ArgumentParser:
+    """--seed N, which draws other `what`."""
+    parser, add = _parent()
+    add("--seed", type=whole(0), default=default, metavar="N", help=f"other {what} (default {default})")
+    return parser

@@ -1,0 +1,20 @@
+"""Tables for the terminal."""
+
+from collections.abc import Collection, Sequence
+
+
+def columns(rows: Sequence[Sequence[str]], text: Collection[int] = (0,), indent: str = "  ") -> list[str]:
+    """Lines in columns as wide as their widest cell: those of `text` to the left, others, figures, to the right.
+
+    The header is a row like others; rows shorter than the first leave their last columns empty.
+    """
+    widths = [max(len(row[k]) for row in rows if k < len(row)) for k in range(len(rows[0]))] if rows else []
+    return [
+        (indent + "  ".join(f"{c:{'<' if k in text else '>'}{widths[k]}}" for k, c in enumerate(row))).rstrip()
+        for row in rows
+    ]
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], text: Collection[int] = (0,)) -> None:
+    """Print a header and its rows; see `columns`."""
+    print(*columns([header, *rows], text), sep="\n")
