@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.importing.examine import GyroRates, ReferencePoses, WheelTravel
+from drd_tools.importing.examine import GyroRates, WheelTravel
+from drd_tools.recordings.folder import ReferenceLog
 
 Array = npt.NDArray[np.float64]
 RADIUS_M, TREAD_M = 0.1, 0.5
@@ -43,7 +44,7 @@ def truth(rng: np.random.Generator, seconds: float, turning: float) -> tuple[Arr
     return time_s, smooth[0], smooth[1]
 
 
-def drive(seed: int, traps: Traps) -> tuple[GyroRates, WheelTravel, ReferencePoses]:
+def drive(seed: int, traps: Traps) -> tuple[GyroRates, WheelTravel, ReferenceLog]:
     """The three streams in SI units: gyro 100 Hz, wheels 20 Hz with counts of 0.15 mm, reference 10 Hz."""
     rng = np.random.default_rng(seed)
     time_s, speed, rate = truth(rng, traps.seconds, traps.turning)
@@ -71,5 +72,5 @@ def drive(seed: int, traps: Traps) -> tuple[GyroRates, WheelTravel, ReferencePos
     x_m, y_m = (np.cumsum(speed * f(heading)) * 0.005 for f in (np.cos, np.sin))
     poses = [column[at] + rng.normal(0.0, sigma, len(time_s[at])) for column, sigma in
              ((x_m, 0.005), (y_m, 0.005), (heading, 0.002))]  # fmt: skip
-    reference = ReferencePoses(time_s[at] + traps.reference_offset_s, *poses)
+    reference = ReferenceLog(time_s[at] + traps.reference_offset_s, *poses)
     return gyro, wheels, reference

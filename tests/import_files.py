@@ -13,13 +13,14 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from drd_tools.importing.examine import GyroRates, ReferencePoses, WheelTravel
+from drd_tools.importing.examine import GyroRates, WheelTravel
+from drd_tools.recordings.folder import ReferenceLog
 
 EPOCH_NS = 1_700_000_000_000_000_000
 LATE_NS = 20_000_000  # a message is received so long after its stamp
 COUNTS = 4000.0
 ROBOT = ("--wheel-radius", str(RADIUS_M), "--tread", "0.5")
-Drive = tuple[GyroRates, WheelTravel, ReferencePoses]
+Drive = tuple[GyroRates, WheelTravel, ReferenceLog]
 
 
 def stamps_ns(time_s: Array) -> list[int]:

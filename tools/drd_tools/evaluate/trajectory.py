@@ -1,6 +1,5 @@
 """Poses and their reference: reading them, and bringing them to common times."""
 
-import hashlib
 import math
 from dataclasses import dataclass
 from itertools import product
@@ -12,7 +11,7 @@ import numpy.typing as npt
 
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
-from drd_tools.recordings.folder import POSES, Recording, read_recording, read_table
+from drd_tools.recordings.folder import POSES, Recording, continuous_rad, file_hash, read_recording, read_table
 
 Array = npt.NDArray[np.float64]
 
@@ -103,8 +102,8 @@ def read_poses(file: Path) -> Poses:
             raise ConfigError(where, f"{COVARIANCE[0]} to {COVARIANCE[-1]}", "a covariance", "a matrix with a negative eigenvalue")  # fmt: skip  # noqa: E501
     if BOUND in values and (values[BOUND] < 0.0).any():
         raise table.refuse(int(np.argmax(values[BOUND] < 0.0)), BOUND, "a radius of at least 0")
-    pose = np.column_stack([values["x_m"], values["y_m"], continuous(values["heading_deg"] * RAD_PER_DEG)])
-    return Poses(file.stem, values["time_s"], pose, covariance, values.get(BOUND), hash_of(file))
+    pose = np.column_stack([values["x_m"], values["y_m"], continuous_rad(values["heading_deg"])])
+    return Poses(file.stem, values["time_s"], pose, covariance, values.get(BOUND), file_hash(file))
 
 
 def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
@@ -115,18 +114,13 @@ def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
     return positive & (matrices[:, range(3), range(3)] >= 0.0).all(axis=1)
 
 
-def continuous(heading_rad: Array) -> Array:
-    """Without jumps of whole turns. More than a turn in all: whole turns are in the rows already."""
-    return heading_rad if np.ptp(heading_rad) > 2.0 * math.pi else np.unwrap(heading_rad)
-
-
 def read_reference(path: Path, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
     """Read a recording folder or a reference.csv. Sigmas that are given win over robot.yaml's. Raises ConfigError."""
     if not path.is_dir():
         time_s, x_m, y_m, heading_deg = read_table(path, (POSES,), rows=2).values.T
-        pose = np.column_stack([x_m, y_m, continuous(heading_deg * RAD_PER_DEG)])
+        pose = np.column_stack([x_m, y_m, continuous_rad(heading_deg)])
         sigma_rad = (heading_sigma_deg or 0.0) * RAD_PER_DEG
-        return Reference(path.stem, time_s, pose, position_sigma_m or 0.0, sigma_rad, None, hash_of(path))
+        return Reference(path.stem, time_s, pose, position_sigma_m or 0.0, sigma_rad, None, file_hash(path))
     return reference_of(read_recording(path), position_sigma_m, heading_sigma_deg)
 
 
@@ -147,11 +141,6 @@ def reference_of(recording: Recording, position_sigma_m: float | None = None, he
         (fog.time_s, fog.temperature_c) if fog is not None and fog.temperature_c is not None else None,
         next((digest for name, digest in recording.sha256.items() if name.endswith("reference.csv")), ""),
     )
-
-
-def hash_of(file: Path) -> str:
-    """SHA-256 of a file that was read just now."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:

@@ -17,16 +17,17 @@ from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
 from drd.samples import CanFrame, WheelSample
 from drd.units import NS_PER_S
-from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, aligned, in_order
+from drd_tools.importing.streams import Origin, Source, Wheels, in_order
+from drd_tools.report.terminal import columns
 
 SUFFIXES: Final = (".asc", ".blf", ".trc")
 
 
-class CanLog:
+class CanLog(Source):
     """A log of frames; `config` says how they are laid out and on what robot. Raises ConfigError."""
 
     def __init__(self, path: Path, config: Path | None, channel: str | None):
-        self._path, self._file, self._channel = path, config, channel
+        self.path, self._file, self._channel = path, config, channel
 
     def listing(self) -> list[str]:
         """Each identifier, how often it comes, and which of its bytes change."""
@@ -43,7 +44,7 @@ class CanLog:
             )
             begin, end = frame.t_ns if begin is None else begin, frame.t_ns
         if begin is None:
-            raise ConfigError(str(self._path), "", "a log with data frames", "none")
+            raise ConfigError(str(self.path), "", "a log with data frames", "none")
         seconds = (end - begin) / NS_PER_S
         rows = [["channel", "id", "frames", "Hz", "bytes", "that change"]]
         for (channel, can_id, extended), n in sorted(count.items()):
@@ -52,18 +53,10 @@ class CanLog:
             moving = ",".join(map(str, sorted(changed[name]))) or "none"
             text = f"{can_id:08X}" if extended else f"{can_id:03X}"
             rows.append([channel, text, str(n), rate, str(len(first[name])), moving])
-        words = f"drd import {self._path} --config CONFIG --wheels can --output DIR"
-        return [f"{self._path}: {count.total()} frames, {seconds:.1f} s", *aligned(rows, right=(1, 2, 3, 4)), "",
+        words = f"drd import {self.path} --config CONFIG --wheels can --output DIR"
+        return [f"{self.path}: {count.total()} frames, {seconds:.1f} s", *columns(rows, (0, 5), ""), "",
                 "CONFIG is a configuration of the daemon whose `encoders` and `robot` describe these frames:",
                 f"  {words}"]  # fmt: skip
-
-    def gyro(self, name: str) -> tuple[Gyro, Origin]:
-        """None is on the bus as the daemon knows it. Raises ConfigError always."""
-        raise ConfigError(str(self._path), "--gyro", "another file for the gyro (--gyro-file)", repr(name))
-
-    def reference(self, name: str) -> tuple[Reference, Origin]:
-        """The same."""
-        raise ConfigError(str(self._path), "--reference", "another file for it (--reference-file)", repr(name))
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """The daemon's wheel samples, as travel in m: cumulative, paired in time, wraps and losses taken care of."""
@@ -77,7 +70,7 @@ class CanLog:
         if not samples:
             seen = ", ".join(f"{n} {value}" for n, value in stream.counters.items() if value)
             ids = ", ".join(f"{can_id:X}" for can_id, _ in stream.can_ids)
-            raise ConfigError(str(self._path), "--wheels", f"frames of {ids} that make wheel samples", seen or "none")
+            raise ConfigError(str(self.path), "--wheels", f"frames of {ids} that make wheel samples", seen or "none")
         origin = Origin("can", f"{config.encoders.layout}, decoded with {self._file}", "the frames' own")
         told = ", ".join(f"{n} {value}" for n, value in stream.counters.items() if value)
         origin.notes.append(f"decoded as by the daemon: {told}")
@@ -93,7 +86,7 @@ class CanLog:
     def _frames(self) -> Iterator[tuple[str, CanFrame]]:
         """Data frames with the channel's name."""
         try:
-            with can.LogReader(self._path, **_absolute(self._path)) as reader:
+            with can.LogReader(self.path, **_absolute(self.path)) as reader:
                 for message in tqdm(reader, "frames", unit=" frames", disable=None, leave=False, delay=1.0):
                     if message.is_error_frame or message.is_remote_frame or not message.is_rx:
                         continue
@@ -106,10 +99,10 @@ class CanLog:
                     yield channel, CanFrame(t_ns, message.arbitration_id, message.is_extended_id, data)
         except (OSError, EOFError, ValueError, IndexError, struct.error, can.CanError, KeyError) as error:
             expected = "a CAN log (candump -L or -l, ASC, BLF, TRC)"
-            raise ConfigError(str(self._path), "", expected, f"{type(error).__name__}: {error}") from error
+            raise ConfigError(str(self.path), "", expected, f"{type(error).__name__}: {error}") from error
         except Exception as error:  # BLF's own error type is not public
             got = f"{type(error).__name__}: {error}"
-            raise ConfigError(str(self._path), "", "a CAN log that can be read", got) from error
+            raise ConfigError(str(self.path), "", "a CAN log that can be read", got) from error
 
 
 def _absolute(path: Path) -> dict[str, bool]:

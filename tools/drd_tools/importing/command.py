@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
+from drd.commands import writing
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
-from drd.units import NS_PER_S
+from drd.units import DEG_PER_RAD, NS_PER_S
 from drd_tools.importing.checks import OK, WRONG, Finding
 from drd_tools.importing.convert import EncoderRows, encoder_rows, for_checks, gyro_rad_s, seconds
 from drd_tools.importing.examine import examine
@@ -20,16 +22,8 @@ from drd_tools.importing.sources import open_source
 from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
 from drd_tools.importing.text_table import TextTable
-from drd_tools.importing.write import (
-    SAID,
-    nominal_of,
-    prepare,
-    write_encoders,
-    write_fog,
-    write_reference,
-    write_robot,
-    write_said,
-)
+from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_csv, write_robot, write_said
+from drd_tools.recordings.folder import POSES
 
 
 @dataclass
@@ -98,16 +92,7 @@ def read(chosen: argparse.Namespace, names: list[str]) -> Imported:
         made.applied["gyro_scale"] = chosen.gyro_scale
     made.gyro_unit = chosen.gyro_unit or "rad_s"
     _overlap(made)
-    made.nominal = nominal_of(
-        chosen.robot,
-        chosen.config,
-        made.wheels,
-        name=chosen.name or chosen.output.resolve().name,
-        radius_m=chosen.wheel_radius,
-        tread_m=chosen.tread,
-        counts_per_revolution=chosen.counts_per_revolution,
-        standstill_s=chosen.standstill,
-    )
+    made.nominal = nominal_of(chosen, made.wheels)
     if made.wheels is not None:
         assert made.nominal is not None
         made.rows = encoder_rows(made.wheels, made.nominal).changed(swap=chosen.swap == "yes", reverse=chosen.reverse)
@@ -147,26 +132,25 @@ def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[P
     """The folder's files; returns their paths. Raises ConfigError."""
     folder: Path = chosen.output
     prepare(folder)
-    zero_ns, files = _zero_ns(made), []
-    try:
+    zero_ns, rows = _zero_ns(made), made.rows
+    with writing(folder):
         if made.nominal is not None:
             rates_hz = {name: origin.rate_hz for name, origin in made.origins.items()}
             write_robot(folder / "robot.yaml", made.nominal, rates_hz)
-            files.append(folder / "robot.yaml")
-        if made.rows is not None:
-            write_encoders(folder / "encoders.csv", seconds(made.rows.time_ns, zero_ns), made.rows)
-            files.append(folder / "encoders.csv")
+        if rows is not None:
+            header, form = (COUNTS, "%.0f") if rows.are_counts else (SPEEDS, "%.9g")
+            write_csv(folder / "encoders.csv", header, [seconds(rows.time_ns, zero_ns), rows.left, rows.right], form)
         if made.gyro is not None:
-            time_s = seconds(made.gyro.time_ns, zero_ns)
-            write_fog(folder / "fog.csv", time_s, _rate_rad_s(made), made.gyro.temperature_c)
-            files.append(folder / "fog.csv")
-        if made.reference is not None:
-            write_reference(folder / "reference.csv", seconds(made.reference.time_ns, zero_ns), made.reference)
-            files.append(folder / "reference.csv")
+            columns = [seconds(made.gyro.time_ns, zero_ns), _rate_rad_s(made) * DEG_PER_RAD]
+            warm = made.gyro.temperature_c
+            columns += [] if warm is None else [warm]
+            write_csv(folder / "fog.csv", RATE if warm is None else RATE_AND_TEMPERATURE, columns)
+        if (poses := made.reference) is not None:
+            heading_deg = np.unwrap(poses.heading_rad) * DEG_PER_RAD
+            columns = [seconds(poses.time_ns, zero_ns), poses.x_m, poses.y_m, heading_deg]
+            write_csv(folder / "reference.csv", POSES, columns)
         write_said(folder / SAID, made.inputs, argv, made.origins, made.applied, made.findings, zero_ns)
-    except OSError as error:
-        raise ConfigError(str(folder), "--output", "a folder to write to", str(error.strerror)) from error
-    return [*files, folder / SAID]
+    return [folder / name for name in MADE if (folder / name).exists()]
 
 
 def after(made: Imported, max_lag_s: float) -> Match | None:

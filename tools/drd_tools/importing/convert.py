@@ -8,8 +8,9 @@ import numpy as np
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
-from drd_tools.importing.examine import GyroRates, ReferencePoses, WheelTravel
+from drd_tools.importing.examine import GyroRates, WheelTravel
 from drd_tools.importing.streams import Array, Gyro, Reference, Times, Wheels
+from drd_tools.recordings.folder import ReferenceLog
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
@@ -98,7 +99,7 @@ def seconds(time_ns: Times, zero_ns: int) -> Array:
 def for_checks(
     gyro: Gyro | None, gyro_unit: str, rows: EncoderRows | None, nominal: Nominal | None, reference: Reference | None,
     zero_ns: int,
-) -> tuple[GyroRates | None, WheelTravel | None, ReferencePoses | None]:  # fmt: skip
+) -> tuple[GyroRates | None, WheelTravel | None, ReferenceLog | None]:  # fmt: skip
     """The three streams in SI units on one clock, signs and sides as they came."""
     rates = travel = poses = None
     if gyro is not None:
@@ -111,5 +112,5 @@ def for_checks(
         travel = WheelTravel(seconds(rows.time_ns, zero_ns), left, right, nominal.tread_m)
     if reference is not None:
         heading = np.unwrap(reference.heading_rad)
-        poses = ReferencePoses(seconds(reference.time_ns, zero_ns), reference.x_m, reference.y_m, heading)
+        poses = ReferenceLog(seconds(reference.time_ns, zero_ns), reference.x_m, reference.y_m, heading)
     return rates, travel, poses

@@ -18,6 +18,7 @@ from drd_tools.importing.checks import (
 )
 from drd_tools.importing.matching import Array, Match, angle_of
 from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
+from drd_tools.recordings.folder import ReferenceLog
 
 
 @dataclass(frozen=True)
@@ -41,16 +42,6 @@ class WheelTravel:
 
 
 @dataclass(frozen=True)
-class ReferencePoses:
-    """Poses, shape (n,) each; the heading is continuous."""
-
-    time_s: Array
-    x_m: Array
-    y_m: Array
-    heading_rad: Array
-
-
-@dataclass(frozen=True)
 class Examined:
     """The findings, and the axis on which those of sign, unit and clock rest (None: no gyro, or no axis known)."""
 
@@ -61,7 +52,7 @@ class Examined:
 def examine(
     gyro: GyroRates | None,
     wheels: WheelTravel | None,
-    reference: ReferencePoses | None,
+    reference: ReferenceLog | None,
     *,
     axis: str | None,
     sign: int,
@@ -156,7 +147,7 @@ def _wheels(
     return [odd] if odd is not None else [check_sides(seen, mean_m_s)]
 
 
-def _forward(wheels: WheelTravel | None, reference: ReferencePoses | None) -> float | None:
+def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> float | None:
     if wheels is None or reference is None:
         return None
     poses = (reference.time_s, reference.x_m, reference.y_m, reference.heading_rad)
@@ -171,4 +162,4 @@ def _turned_round(found: Match | None) -> Match | None:
     """The same match with the delay of the other one of the two: the gyro's clock is the one that is kept."""
     if found is None:
         return None
-    return Match(**{**vars(found), "lag_s": -found.lag_s})
+    return replace(found, lag_s=-found.lag_s)

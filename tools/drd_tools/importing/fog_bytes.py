@@ -9,27 +9,27 @@ from drd.config.file import load_config
 from drd.config.schema import ConfigError
 from drd.fog import make_protocol
 from drd.units import NS_PER_S
-from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels, in_order
+from drd_tools.importing.streams import Gyro, Origin, Source, in_order
 
 CHUNK = 1 << 16
 
 
-class FogBytes:
+class FogBytes(Source):
     """A file of bytes without times: each packet's place in its count gives them, at the configured rate.
 
     `config`: whose `fog` section describes the packets. Raises ConfigError.
     """
 
     def __init__(self, path: Path, config: Path | None):
-        self._path, self._config = path, config
+        self.path, self._config = path, config
 
     def listing(self) -> list[str]:
         """What can be done with such a file."""
         return [
-            f"{self._path}: {self._path.stat().st_size} bytes",
+            f"{self.path}: {self.path.stat().st_size} bytes",
             "",
             "raw bytes of a gyro, if CONFIG's `fog` section describes them:",
-            f"  drd import {self._path} --config CONFIG --gyro fog --output DIR",
+            f"  drd import {self.path} --config CONFIG --gyro fog --output DIR",
         ]
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
@@ -42,7 +42,7 @@ class FogBytes:
         if fog.protocol == "none":
             raise ConfigError(str(self._config), "fog.protocol", "the gyro's protocol", "'none'")
         protocol = make_protocol(fog)
-        data = self._path.read_bytes()
+        data = self.path.read_bytes()
         readings = []
         for begin in tqdm(range(0, len(data), CHUNK), "bytes", disable=None, leave=False, delay=1.0):
             readings += protocol.feed(data[begin : begin + CHUNK])
@@ -56,7 +56,7 @@ class FogBytes:
         valid = np.array([r.valid for r in readings], dtype=bool)
         if valid.sum() < 2:
             seen = ", ".join(f"{n} {value}" for n, value in protocol.counters.items())
-            raise ConfigError(str(self._path), "fog.protocol", f"valid packets of {fog.protocol}", seen)
+            raise ConfigError(str(self.path), "fog.protocol", f"valid packets of {fog.protocol}", seen)
         spans = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
         interval_s = np.where(spans, steps, 1) / fog.rate_hz
         value = np.array([r.value for r in readings]) / np.where([r.is_angle for r in readings], interval_s, 1.0)
@@ -69,11 +69,3 @@ class FogBytes:
         time_ns = np.round(np.cumsum(steps)[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
         known = temperature_c if np.isfinite(temperature_c).all() else None
         return in_order(Gyro(time_ns, value[valid][:, None], ("",), None, known), origin)
-
-    def wheels(self, name: str) -> tuple[Wheels, Origin]:
-        """None. Raises ConfigError always."""
-        raise ConfigError(str(self._path), "--wheels", "another file for the wheels (--wheels-file)", repr(name))
-
-    def reference(self, name: str) -> tuple[Reference, Origin]:
-        """None. Raises ConfigError always."""
-        raise ConfigError(str(self._path), "--reference", "another file for it (--reference-file)", repr(name))

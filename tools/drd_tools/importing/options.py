@@ -1,13 +1,15 @@
 """The command line of `drd import`."""
 
 import argparse
-import math
 from pathlib import Path
+from typing import Final
 
+from drd.commands import command, number, whole
 from drd_tools.importing.streams import GYRO_UNITS, WHEEL_UNITS
 
 PROG = "drd import"
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+POSITIVE: Final = number(0.0, above=True)
 DESCRIPTION = """\
 Make a recording folder, as `drd replay` and the calibrations read it, from another system's recording, and check it for
 the usual traps: which gyro axis is the vertical one, signs, sides swapped, degrees for radians, clocks that differ.
@@ -38,9 +40,7 @@ exit codes: 0 done, 2 bad usage or input, or data that cannot tell what was aske
 
 def parser() -> argparse.ArgumentParser:
     """All options."""
-    made = argparse.ArgumentParser(
-        prog=PROG, description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    made = command(PROG, DESCRIPTION, EPILOG)
     made.add_argument("file", type=Path, metavar="FILE", help="what to import; alone: list what it holds")
     made.add_argument("--output", type=Path, metavar="DIR", help="the recording folder to make")
     _add_streams(made)
@@ -75,35 +75,35 @@ def _add_meanings(made: argparse.ArgumentParser) -> None:
     add("--reverse", choices=("left", "right", "both"), help="turn the sign of wheels round, after --swap")
     text = "the gyro's values; rad and deg: angle since the row before (default rad_s for topics)"
     add("--gyro-unit", choices=GYRO_UNITS, help=text)
-    add("--gyro-scale", type=_positive, default=1.0, metavar="F", help="factor on the gyro's values (default 1)")
+    add("--gyro-scale", type=POSITIVE, default=1.0, metavar="F", help="factor on the gyro's values (default 1)")
     text = "of two columns or fields; counts, rad and m: cumulative; twist: speed in m/s and yaw rate in rad/s"
     add("--wheels-unit", choices=WHEEL_UNITS, help=text)
-    add("--modulus", type=_whole, metavar="COUNTS", help="count at which the counters start again")
+    add("--modulus", type=whole(4), metavar="COUNTS", help="count at which the counters start again")
     add("--heading-unit", choices=("deg", "rad"), help="of a table's reference")
     text = "unit of a table's times: s (default), ms, us, ns, or a number of seconds"
     add("--time-unit", type=_time_unit, default=1.0, metavar="UNIT", help=text)
     for name in ("wheels", "reference"):
         text = f"add this to the {name}' times" if name == "wheels" else f"add this to the {name}'s times"
         add(f"--shift-{name}", type=_shift, default=0.0, metavar="S", help=f"{text}, s; or auto")
-    add("--max-lag", type=_positive, default=2.0, metavar="S", help="look for clock offsets up to this, s (default 2)")
+    add("--max-lag", type=POSITIVE, default=2.0, metavar="S", help="look for clock offsets up to this, s (default 2)")
 
 
 def _add_robot(made: argparse.ArgumentParser) -> None:
     add = made.add_argument_group("the robot (robot.yaml)").add_argument
     add("--robot", type=Path, metavar="FILE", help="a robot.yaml; the options below replace its values")
-    add("--wheel-radius", type=_positive, metavar="M", help="rolling radius, m")
-    add("--tread", type=_positive, metavar="M", help="distance between left and right wheels, m")
-    add("--counts-per-revolution", type=_positive, metavar="N", help="counts of one turn of the wheel")
-    add("--standstill", type=_not_negative, metavar="S", help="how long the robot stands at first, s")
+    add("--wheel-radius", type=POSITIVE, metavar="M", help="rolling radius, m")
+    add("--tread", type=POSITIVE, metavar="M", help="distance between left and right wheels, m")
+    add("--counts-per-revolution", type=POSITIVE, metavar="N", help="counts of one turn of the wheel")
+    add("--standstill", type=number(0.0), metavar="S", help="how long the robot stands at first, s")
     add("--name", help="default: the output folder's")
 
 
 def _time_unit(text: str) -> float:
-    return TIME_UNITS[text] if text in TIME_UNITS else _positive(text)
+    return TIME_UNITS[text] if text in TIME_UNITS else POSITIVE(text)
 
 
 def _shift(text: str) -> float | str:
-    return text if text == "auto" else _finite(text)
+    return text if text == "auto" else number()(text)
 
 
 def _joints(text: str) -> tuple[str, str]:
@@ -111,33 +111,3 @@ def _joints(text: str) -> tuple[str, str]:
     if not (left and colon and right) or ":" in right:
         raise argparse.ArgumentTypeError(f"expected LEFT:RIGHT, got {text!r}")
     return left, right
-
-
-def _finite(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = _finite(text)
-    if value < 0.0:
-        raise argparse.ArgumentTypeError(f"expected 0 or more, got {text!r}")
-    return value
-
-
-def _whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 4:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 4, got {text!r}")
-    return int(text)

@@ -23,14 +23,15 @@ from drd_tools.importing.ros_messages import (
     pose_of,
     proposal,
 )
-from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Times, Wheels, aligned, in_order
+from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Source, Times, Wheels, in_order
+from drd_tools.report.terminal import columns
 
 VECTORS: Final = {IMU: "angular_velocity", "geometry_msgs/msg/Vector3Stamped": "vector"}
 # Counters start again where their type does.
 MODULI: Final = {f"std_msgs/msg/{kind}": 2**bits for bits in (8, 16, 32) for kind in (f"Int{bits}", f"UInt{bits}")}
 
 
-class RosSource:
+class RosSource(Source):
     """A bag file, a bag's folder, or an MCAP file. Raises ConfigError.
 
     `joints`: names of the left and of the right ones. `pose`: take wheels from an odometry's poses, not its speeds.
@@ -38,7 +39,7 @@ class RosSource:
 
     def __init__(self, path: Path, stamps: str, wheel_unit: str | None, joints: tuple[str, str] | None, *, pose: bool):
         self._bag, self._unit, self._joints, self._pose = Bag(path, stamps), wheel_unit, joints, pose
-        self._where = str(path)
+        self.path, self._where = path, str(path)
 
     def listing(self) -> list[str]:
         """The topics, and a proposal. Rates are means over the whole recording."""
@@ -47,7 +48,7 @@ class RosSource:
         for topic, kind in sorted(bag.types.items()):
             rate = f"{bag.counts[topic] / bag.seconds:.1f}" if bag.seconds > 0.0 else "-"
             rows.append([topic, kind, str(bag.counts[topic]), rate])
-        return [f"{bag.path}: {bag.seconds:.1f} s", *aligned(rows, right=(2, 3)), *proposal(bag.types, bag.path)]
+        return [f"{bag.path}: {bag.seconds:.1f} s", *columns(rows, (0, 1), ""), *proposal(bag.types, bag.path)]
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
         """An Imu's or Vector3Stamped's topic, or TOPIC:FIELD with one number."""

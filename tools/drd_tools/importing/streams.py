@@ -1,11 +1,13 @@
 """What a source gives: time series of gyro, wheels and reference in its own units, and where they are from."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+from drd.config.schema import ConfigError
 
 Array = npt.NDArray[np.float64]
 Times = npt.NDArray[np.int64]
@@ -72,24 +74,30 @@ class Origin:
     notes: list[str] = field(default_factory=list)
 
 
-class Source(Protocol):
+class Source:
     """An opened file. All of these raise ConfigError where the file does not hold what is asked for."""
+
+    path: Path
 
     def listing(self) -> list[str]:
         """What the file holds, as lines for people, the last ones a proposal."""
-        ...
+        raise NotImplementedError
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
         """The rate stream of this name."""
-        ...
+        raise self._none("gyro", name)
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """The wheels' stream of this name."""
-        ...
+        raise self._none("wheels", name)
 
     def reference(self, name: str) -> tuple[Reference, Origin]:
         """The poses of this name."""
-        ...
+        raise self._none("reference", name)
+
+    def _none(self, stream: str, name: str) -> ConfigError:
+        expected = f"another file for the {stream} (--{stream}-file)"
+        return ConfigError(str(self.path), f"--{stream}", expected, repr(name))
 
 
 def in_order(values: Values, origin: Origin) -> tuple[Values, Origin]:
@@ -110,13 +118,3 @@ def in_order(values: Values, origin: Origin) -> tuple[Values, Origin]:
     if len(kept) > 1:
         origin.rate_hz = 1e9 / float(np.median(np.diff(time_ns[kept])))
     return replace(values, **changes), origin
-
-
-def aligned(lines: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
-    """Rows of cells as lines with columns under each other; those in `right` to the right."""
-    widths = [max(len(row[k]) for row in lines) for k in range(len(lines[0]))]
-    return [
-        "  ".join(f"{c:>{w}}" if k in right else f"{c:{w}}" for k, (c, w) in enumerate(zip(row, widths, strict=True)))
-        .rstrip()
-        for row in lines
-    ]  # fmt: skip

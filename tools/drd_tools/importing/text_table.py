@@ -10,7 +10,8 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
-from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Times, Wheels, aligned, in_order
+from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Source, Times, Wheels, in_order
+from drd_tools.report.terminal import columns
 
 SHOWN: Final = 40
 LATEST_S: Final = 4e9
@@ -19,7 +20,7 @@ SEPARATORS: Final = ",;\t"
 TIME_NAMES: Final = ("time_s", "time", "t", "stamp", "timestamp", "sec", "secs")
 
 
-class TextTable:
+class TextTable(Source):
     """A file of rows. Columns have the header's names, or numbers from 1. Raises ConfigError.
 
     `time`: the column of times (None: the header's), `unit_s`: how long its unit is, `wheel_unit` and `degrees`: what
@@ -36,7 +37,7 @@ class TextTable:
         degrees: bool,
         temperature: str | None = None,
     ):
-        self._path, self._unit_s, self._wheel_unit, self._degrees = path, unit_s, wheel_unit, degrees
+        self.path, self._unit_s, self._wheel_unit, self._degrees = path, unit_s, wheel_unit, degrees
         self._temperature = temperature
         lines = [(k, line) for k, line in enumerate(_lines(path), 1) if line.strip() and not line.startswith("#")]
         if not lines:
@@ -68,8 +69,8 @@ class TextTable:
                 continue
             step = np.median(np.diff(values)) if len(values) > 1 else 0.0
             rows.append([str(k + 1), name, f"{values.min():.9g}", f"{values.max():.9g}", f"{step:.6g}"])
-        words = f"drd import {self._path} --time COLUMN --time-unit s --gyro X,Y,Z --gyro-unit rad_s --output DIR"
-        return [f"{self._path}: {len(self._rows)} rows", *aligned(rows, right=(0, 2, 3, 4)), "",
+        words = f"drd import {self.path} --time COLUMN --time-unit s --gyro X,Y,Z --gyro-unit rad_s --output DIR"
+        return [f"{self.path}: {len(self._rows)} rows", *columns(rows, (1,), ""), "",
                 "name the columns by name or number:", f"  {words}"]  # fmt: skip
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
@@ -108,17 +109,17 @@ class TextTable:
         for number, row in zip(self._numbers, self._rows, strict=True):
             if k >= len(row) or not _is_number(row[k]):
                 got = repr(row[k][:40]) if k < len(row) else f"{len(row)} columns"
-                raise ConfigError(f"{self._path}:{number}", f"{option} {name}".strip(), "a finite number", got)
+                raise ConfigError(f"{self.path}:{number}", f"{option} {name}".strip(), "a finite number", got)
         raise AssertionError(name)
 
     def _times(self, name: str) -> tuple[Times, Origin]:
         column = self._time or next((n for n in self.names if n.lower() in TIME_NAMES), None)
         if column is None:
-            raise ConfigError("command line", "--time", f"the column of times in {self._path}", "nothing")
+            raise ConfigError("command line", "--time", f"the column of times in {self.path}", "nothing")
         time_s = self.column(column, "--time") * self._unit_s
         if np.abs(time_s).max() > LATEST_S:
             got = f"up to {np.abs(time_s).max():.9g} s"
-            raise ConfigError(str(self._path), "--time-unit", f"one that makes times of at most {LATEST_S:g} s", got)
+            raise ConfigError(str(self.path), "--time-unit", f"one that makes times of at most {LATEST_S:g} s", got)
         whole = np.floor(time_s)
         time_ns = whole.astype(np.int64) * NS_PER_S + np.round((time_s - whole) * NS_PER_S).astype(np.int64)
         origin = Origin(f"columns {name}", f"table, {self._width} columns", f"column {column}, {self._unit_s:g} s each")
@@ -136,7 +137,7 @@ class TextTable:
         if name.isdecimal() and 1 <= int(name) <= self._width:
             return int(name) - 1
         known = f"one of {', '.join(self.names)}, or a number" if self.names else "a number"
-        raise ConfigError(str(self._path), option, f"{known} from 1 to {self._width}", repr(name))
+        raise ConfigError(str(self.path), option, f"{known} from 1 to {self._width}", repr(name))
 
     def _cells(self, line: str) -> list[str]:
         return [cell.strip() for cell in line.split(self._separator)]

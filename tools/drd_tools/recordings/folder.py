@@ -2,8 +2,10 @@
 
 import hashlib
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -109,49 +111,84 @@ class Table:
         return ConfigError(f"{self.file}:{self.line[row]}", column, expected, got)
 
 
-def read_table(file: Path, headers: tuple[tuple[str, ...], ...], rows: int = 1) -> Table:
+def read_table(
+    file: Path,
+    headers: tuple[tuple[str, ...], ...],
+    rows: int = 1,
+    *,
+    among: bool = False,
+    cells: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
+    rising: bool | None = True,
+) -> Table:
     """Read a CSV file of numbers that has one of `headers`, the first column a rising time, and at least `rows` rows.
 
+    `among`: the columns stand in any order, others among them. `cells`: how a column's cells are read that are not
+    plain numbers; raises ValueError with what is expected. `rising`: False: times may repeat; None: there are none.
     Empty lines, and lines with # before the header, are skipped. Raises ConfigError with file, line and column.
     """
     lines = _lines(file)
     first = next((k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
-    expected = " or ".join(",".join(h) for h in headers)
+    expected = " or ".join(",".join(h) for h in headers) + " (in any order, commas between them)" * among
     if first is None:
         raise ConfigError(str(file), "", f"the header {expected}", "an empty file")
-    header = tuple(cell.strip() for cell in lines[first].split(","))
-    if header not in headers:
-        raise ConfigError(f"{file}:{first + 1}", "header", expected, repr(lines[first].strip()[:80]))
+    names = tuple(cell.strip() for cell in lines[first].split(","))
+    fits = (lambda h: all(names.count(name) == 1 for name in h)) if among else (lambda h: h == names)
+    header = next(filter(fits, headers), ())
+    if not header:
+        hint = " (1 rad/s is 57.29578 deg/s)" if "rate_rad_s" in names else ""
+        raise ConfigError(f"{file}:{first + 1}", "header", expected, repr(lines[first].strip()[:80]) + hint)
     numbered = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
     if len(numbered) < rows:
         raise ConfigError(str(file), "", f"at least {rows} rows of numbers", str(len(numbered)))
+    places = {name: names.index(name) for name in header}
+    wanted = list(places.values()) if among else None
+    readers: dict[int | str, Callable[[str], float]] = {places[n]: cells[n] for n in header if n in cells}
     try:
-        values = np.loadtxt([line for _, line in numbered], delimiter=",", ndmin=2, comments=None)
+        bare = [line for _, line in numbered]
+        values = np.loadtxt(bare, delimiter=",", ndmin=2, comments=None, usecols=wanted, converters=readers or None)
     except ValueError:
         values = np.full((1, 1), np.nan)
-    if values.shape[1] != len(header) or not np.isfinite(values).all():
-        _blame(file, numbered, header)
+    plain = [k for k, name in enumerate(header) if name not in cells]
+    if values.shape[1] != len(header) or not np.isfinite(values[:, plain]).all():
+        _blame(file, numbered, places, cells, None if among else len(names))
     table = Table(file, header, values, [number for number, _ in numbered])
-    stuck = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
-    if stuck.size:
+    step = np.diff(values[:, 0])
+    stuck = np.flatnonzero(step <= 0.0 if rising else step < 0.0)
+    if rising is not None and stuck.size:
         raise table.refuse(int(stuck[0]) + 1, header[0], f"a time after {values[stuck[0], 0]:.12g}")
     return table
 
 
-def _blame(file: Path, numbered: list[tuple[int, str]], header: tuple[str, ...]) -> None:
-    """Find the first cell that is not a finite number, and raise the error that names it."""
+def _blame(
+    file: Path,
+    numbered: list[tuple[int, str]],
+    places: Mapping[str, int],
+    readers: Mapping[str, Callable[[str], float]],
+    width: int | None,
+) -> None:
+    """Find the first cell that cannot be read, or the row of another `width`, and raise the error that names it."""
     for number, line in numbered:
-        cells = line.split(",")
-        if len(cells) != len(header):
-            raise ConfigError(f"{file}:{number}", "", f"{len(header)} columns", str(len(cells)))
-        for name, cell in zip(header, cells, strict=True):
+        row = [cell.strip() for cell in line.split(",")]
+        if width is not None and len(row) != width:
+            raise ConfigError(f"{file}:{number}", "", f"{width} columns", str(len(row)))
+        for name, place in places.items():
+            cell = row[place] if place < len(row) else ""
             try:
-                is_number = "_" not in cell and math.isfinite(float(cell))
-            except ValueError:
-                is_number = False
-            if not is_number:
-                raise ConfigError(f"{file}:{number}", name, "a finite number", repr(cell.strip()[:40]))
+                readers.get(name, finite)(cell)
+            except ValueError as error:
+                raise ConfigError(f"{file}:{number}", name, str(error), repr(cell[:40])) from error
     raise ConfigError(str(file), "", "a table of numbers", "something else")
+
+
+def finite(cell: str) -> float:
+    """A plain number. Raises ValueError."""
+    try:
+        value = math.nan if "_" in cell else float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError("a finite number")
+    return value
 
 
 def _lines(file: Path) -> list[str]:
@@ -165,7 +202,8 @@ def _lines(file: Path) -> list[str]:
 def file_hash(file: Path) -> str:
     """SHA-256 in hex. Raises ConfigError."""
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise ConfigError(str(file), "", "a readable file", str(error.strerror)) from error
 

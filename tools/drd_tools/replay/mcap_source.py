@@ -1,7 +1,6 @@
 """Replay of the daemon's recording: the same calls of the same pipeline, in the same order."""
 
 import binascii
-import hashlib
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +22,7 @@ from drd.samples import CanFrame, Pose, Reason, Validity
 from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
+from drd_tools.recordings.folder import file_hash
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
 from drd_tools.replay.result import BITS, Replayed
 
@@ -68,7 +68,7 @@ def replay_mcap(
         zero_ns=int(began) if began.isdecimal() else 0,
         samples={"gyro": counters["fog"].get("samples", 0), "wheels": counters["encoders"]["samples"]},
         counters=counters,
-        inputs={part.path.name: _sha256(part.path) for part in parts} | _inputs(config, calibration, model),
+        inputs={part.path.name: file_hash(part.path) for part in parts} | _inputs(config, calibration, model),
         notes=[
             *_missing(parts, missing, replay.lost),
             *replay.notes,
@@ -230,9 +230,4 @@ def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> li
 
 
 def _inputs(*files: Path | None) -> dict[str, str]:
-    return {str(file): _sha256(file) for file in files if file is not None}
-
-
-def _sha256(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return {str(file): file_hash(file) for file in files if file is not None}

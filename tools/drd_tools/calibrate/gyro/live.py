@@ -8,6 +8,7 @@ from typing import Final
 
 from tqdm import tqdm
 
+from drd.commands import writing
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
@@ -37,11 +38,9 @@ def record_steps(config_file: Path, folder: Path, rates_deg_s: Sequence[float], 
     if not rates_deg_s or not all(map(math.isfinite, rates_deg_s)) or not (math.isfinite(seconds) and seconds > 0):
         got = f"{list(rates_deg_s)} and {seconds:g} s"
         raise ConfigError("table", "", "at least one finite rate and a time above 0", got)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         taken = sorted(folder.glob("step_*.csv"))
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder that can be written", str(error.strerror)) from error
     if taken:
         raise ConfigError(str(folder), "", "a folder without earlier steps", taken[0].name)
     print(f"{len(rates_deg_s)} steps of {seconds:g} s from {config.fog.port}; rates are counter-clockwise positive.")

@@ -1,8 +1,5 @@
 """Rate-table recordings: read, and refused where they cannot be what they claim to be."""
 
-import csv
-import hashlib
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +11,7 @@ from scipy.stats import theilslopes
 
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.gyro.data_sets import SETTLE_S, Array, DataSets, data_sets_of_samples, joined
+from drd_tools.recordings.folder import file_hash, finite, read_table
 
 COLUMNS: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")
 TURNS_DEG_S: Final = 1.0  # a table whose rate varies less never turned
@@ -51,51 +49,16 @@ def files_in(paths: Iterable[Path]) -> list[Path]:
 
 def read_rate_table(file: Path) -> RateTable:
     """Columns may stand in any order, others are ignored. Raises ConfigError with file, line and column."""
-    try:
-        content = file.read_bytes()
-        text = content.decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error.strerror) if isinstance(error, OSError) else str(error)
-        raise ConfigError(str(file), "file", "a readable CSV file", got) from error
-    header, _, body = text.partition("\n")
-    names = [name.strip() for name in header.split(",")]
-    if not text.strip():
-        raise ConfigError(str(file), "file", f"the columns {', '.join(COLUMNS)}", "an empty file")
-    for name in COLUMNS:
-        if names.count(name) != 1:
-            got = f"{names.count(name)} of it in the first line, {header.strip()[:80]!r}"
-            raise ConfigError(f"{file}:1", name, "one column of this name (commas separate columns)", got)
-    places = [names.index(name) for name in COLUMNS]
-    try:
-        columns = np.loadtxt(io.StringIO(body), delimiter=",", usecols=places, ndmin=2).T if body.strip() else None
-    except ValueError:
-        columns = None
-    if columns is None or not np.isfinite(columns).all() or (np.diff(columns[0]) <= 0.0).any():
-        raise _fault(file, body, places)
-    return RateTable(file, columns[0], columns[1], columns[2], columns[3], hashlib.sha256(content).hexdigest())
+    table = read_table(file, (COLUMNS,), among=True, cells={"temperature_c": _temperature_c})
+    time_s, table_rate_deg_s, rate_deg_s, temperature_c = table.values.T
+    return RateTable(file, time_s, table_rate_deg_s, rate_deg_s, temperature_c, file_hash(file))
 
 
-def _fault(file: Path, body: str, places: Sequence[int]) -> ConfigError:
-    """The first thing wrong in a table that could not be read."""
-    last_s = -math.inf
-    for number, row in enumerate(csv.reader(io.StringIO(body)), start=2):
-        if not row:
-            continue
-        for name, place in zip(COLUMNS, places, strict=True):
-            cell = row[place].strip() if place < len(row) else ""
-            try:
-                value = float(cell)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                hint = " (of a gyro without a sensor, a thermometer's)" if name == "temperature_c" else ""
-                got = repr(cell) if cell else "nothing"
-                return ConfigError(f"{file}:{number}", name, f"a finite number{hint}", got)
-            if name == "time_s":
-                if value <= last_s:
-                    return ConfigError(f"{file}:{number}", name, f"a time after {last_s:g} s", f"{value:g} s")
-                last_s = value
-    return ConfigError(str(file), "file", "rows of numbers below the header", "none")
+def _temperature_c(cell: str) -> float:
+    try:
+        return finite(cell)
+    except ValueError as error:
+        raise ValueError(f"{error} (of a gyro without a sensor, a thermometer's)") from error
 
 
 def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:

@@ -1,21 +1,21 @@
 """A log of a gyro at standstill: read from CSV, checked, made evenly spaced, and refused where the gyro moved."""
 
-import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
+from drd_tools.recordings.folder import file_hash, read_table
 
 Array = npt.NDArray[np.float64]
 
 FILE_NAME: Final = "fog.csv"
-COLUMNS: Final = "time_s, rate_deg_s[, temperature_c]"
 SHORTEST_S: Final = 100.0
 # Neighbours whose distance is averaged, so that samples that came in bundles do not hide the period.
 SPACING: Final = 100
@@ -72,54 +72,13 @@ class StaticLog:
 def read_static_log(path: Path) -> StaticLog:
     """Read a CSV file, or fog.csv in a recording's folder. Raises ConfigError, also where the gyro moved."""
     file = path / FILE_NAME if path.is_dir() else path
-    try:
-        data = file.read_bytes()
-        header, table = _table(file, data.decode("utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error.strerror) if isinstance(error, OSError) else str(error)
-        raise ConfigError(str(file), "", f"a readable CSV file ({COLUMNS})", got) from error
-    time_s, rate_deg_s = table[:, 0], table[:, 1]
-    temperature_c = table[:, 2] if "temperature_c" in header else None
-    log = even(str(file), hashlib.sha256(data).hexdigest(), time_s, rate_deg_s, temperature_c)
+    # A gyro that sends its temperature now and then leaves empty cells.
+    cells = {"temperature_c": lambda cell: float(cell.strip() or "nan")}
+    table = read_table(file, (RATE_AND_TEMPERATURE, RATE), 2, among=True, cells=cells, rising=False)
+    time_s, rate_deg_s, *rest = table.values.T
+    log = even(str(file), file_hash(file), time_s, rate_deg_s, rest[0] if rest else None)
     check_standstill(log)
     return log
-
-
-def _table(file: Path, text: str) -> tuple[list[str], Array]:
-    """Header and the columns time, rate and, where there is one, temperature; shape (n, 2 or 3)."""
-    header_line, _, body = text.partition("\n")
-    header = [name.strip() for name in header_line.split(",")]
-    for name in ("time_s", "rate_deg_s"):
-        if header.count(name) != 1:
-            hint = " (convert it: 1 rad/s is 57.29578 deg/s)" if "rate_rad_s" in header and name != "time_s" else ""
-            raise ConfigError(f"{file}:1", "", f"the columns {COLUMNS}", f"{header_line.strip()[:80]!r}{hint}")
-    wanted = [header.index(name) for name in ("time_s", "rate_deg_s", "temperature_c") if name in header]
-    # A gyro that sends its temperature now and then leaves empty cells.
-    converters: Any = {wanted[2]: lambda cell: float(cell.strip() or "nan")} if len(wanted) == 3 else None
-    lines = [line for line in body.splitlines() if line.strip()]
-    if len(lines) < 2:
-        raise ConfigError(str(file), "", f"at least {SHORTEST_S:g} s of samples", f"{len(lines)} rows")
-    try:
-        table = np.loadtxt(lines, delimiter=",", usecols=wanted, ndmin=2, converters=converters, encoding="utf-8")
-    except ValueError as error:
-        raise ConfigError(str(file), "", "numbers in each row below the header", _first_line(error)) from error
-    _check_values(file, table)
-    return header, table
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0].rstrip(".;") + " (rows counted below the header)"
-
-
-def _check_values(file: Path, table: Array) -> None:
-    for column, name in enumerate(("time_s", "rate_deg_s")):
-        bad = np.flatnonzero(~np.isfinite(table[:, column]))
-        if len(bad):
-            raise ConfigError(f"{file}:{bad[0] + 2}", name, "a finite number", str(table[bad[0], column]))
-    backward = np.flatnonzero(np.diff(table[:, 0]) < 0.0)
-    if len(backward):
-        before, after = table[backward[0], 0], table[backward[0] + 1, 0]
-        raise ConfigError(f"{file}:{backward[0] + 3}", "time_s", "rising times", f"{after:g} after {before:g}")
 
 
 def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c: Array | None) -> StaticLog:

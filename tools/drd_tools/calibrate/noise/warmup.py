@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
+from scipy.stats import linregress
 
 from drd_tools.calibrate.noise.allan import TINY, B, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import flicker_density
@@ -125,13 +126,9 @@ def temperature_slope(log: StaticLog) -> Slope | None:
     _, rate_rad_s, temperature_c = block_means(log)
     if temperature_c is None or np.ptp(temperature_c) < LEAST_CHANGE_C:
         return None
-    x, y = temperature_c - temperature_c.mean(), rate_rad_s - rate_rad_s.mean()
-    slope = float(x @ y / (x @ x))
-    rest = float(((y - slope * x) ** 2).sum()) / (len(x) - 2)
-    norm = math.sqrt(float((x @ x) * (y @ y)))
-    correlation = float(x @ y) / norm if norm > 0.0 else 0.0
+    line = linregress(temperature_c, rate_rad_s)
     low, high = float(temperature_c.min()), float(temperature_c.max())
-    return Slope(slope, math.sqrt(rest / float(x @ x)), correlation, (low, high))
+    return Slope(float(line.slope), float(line.stderr), float(line.rvalue), (low, high))
 
 
 def left_out_s(warm_up: WarmUp, instability_rad_s: float, duration_s: float) -> float:

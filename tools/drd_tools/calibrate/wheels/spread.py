@@ -2,19 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 from tqdm import tqdm
 
 from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
 
 Array = npt.NDArray[np.float64]
-
-# Halvings of the interval that holds the spread: 2^-40 of its length is left.
-HALVINGS: Final = 40
 
 
 def spread(values: Array, variances: Array) -> float:
@@ -32,13 +29,10 @@ def spread(values: Array, variances: Array) -> float:
         mean = float(weights @ values / weights.sum())
         return float(weights @ (values - mean) ** 2) - (count - 1)
 
-    low, high = 0.0, float(np.ptp(values)) ** 2
-    if excess(low) <= 0.0:
+    if excess(0.0) <= 0.0:
         return 0.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return math.sqrt(0.5 * (low + high))
+    high = float(np.ptp(values)) ** 2
+    return math.sqrt(brentq(excess, 0.0, high, xtol=1e-12 * high))
 
 
 def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, float]:

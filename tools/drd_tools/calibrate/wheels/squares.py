@@ -1,6 +1,5 @@
 """UMBmark as a user sees it: reads, computes, prints, writes."""
 
-import hashlib
 import math
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from drd_tools.calibrate.wheels.umbmark import (
     read_returns,
     runs_problem,
 )
+from drd_tools.recordings.folder import file_hash
 from drd_tools.report.page import Page
 from drd_tools.report.terminal import print_table
 
@@ -121,8 +121,7 @@ def held_out_sentence(before_m: Array, after_m: Array) -> str:
 
 def _write(file: Path, output: Path, returns: Returns, result: Umbmark, notes: list[str], figure: str) -> None:
     output.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    source = f"{file.name}: {digest[:16]} (SHA-256)"
+    source = f"{file.name}: {file_hash(file)[:16]} (SHA-256)"
     sigma_b = result.tread_m.sigma / result.tread_m.value
     initial = {"wheel_scale": WHEEL_SCALE, "tread": MEASURED_TREAD if math.isnan(sigma_b) else sigma_b}
     write_snippet(

@@ -4,7 +4,6 @@ J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Er
 Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes, see (41).
 """
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from drd.config.schema import ConfigError
+from drd_tools.recordings.folder import read_table
 
 Array = npt.NDArray[np.float64]
 
@@ -65,40 +64,16 @@ class Umbmark:
 
 def read_returns(file: Path) -> Returns:
     """Read direction (cw or ccw), x_m, y_m. Raises ConfigError with file, line and column."""
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error.strerror) if isinstance(error, OSError) else str(error)
-        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
-    found: dict[str, list[tuple[float, float]]] = {"cw": [], "ccw": []}
-    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
-    if not numbered:
-        raise ConfigError(str(file), "", f"the header {','.join(HEADER)}", "an empty file")
-    for k, (number, line) in enumerate(numbered):
-        cells = [cell.strip() for cell in next(csv.reader([line]))]
-        where = f"{file}:{number}"
-        if k == 0:
-            if tuple(cells) != HEADER:
-                raise ConfigError(where, "header", ",".join(HEADER), repr(line.strip()[:80]))
-            continue
-        if len(cells) != len(HEADER):
-            raise ConfigError(where, "", f"{len(HEADER)} columns", str(len(cells)))
-        if cells[0] not in found:
-            raise ConfigError(where, "direction", "cw or ccw", repr(cells[0][:40]))
-        found[cells[0]].append((_number(cells[1], where, "x_m"), _number(cells[2], where, "y_m")))
-    if not found["cw"] and not found["ccw"]:
-        raise ConfigError(str(file), "", "at least one return position", "none")
-    return Returns(np.array(found["cw"]).reshape(-1, 2), np.array(found["ccw"]).reshape(-1, 2))
+    ways, x_m, y_m = read_table(file, (HEADER,), cells={"direction": _way}, rising=None).values.T
+    cw, ccw = (np.column_stack([x_m, y_m])[ways == way] for way in (-1.0, 1.0))
+    return Returns(cw, ccw)
 
 
-def _number(text: str, where: str, column: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ConfigError(where, column, "a finite number in m", repr(text[:40]))
-    return value
+def _way(cell: str) -> float:
+    """+1 is counter-clockwise."""
+    if cell.strip() not in ("cw", "ccw"):
+        raise ValueError("cw or ccw")
+    return 1.0 if cell.strip() == "ccw" else -1.0
 
 
 def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
