@@ -4,11 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 DEMO_SECONDS ?= 30
+SOAK_HOURS ?= 24
 HONESTY ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test vm-test lint bench honesty clean
+.PHONY: help setup demo test vm-test lint bench soak honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -59,7 +60,10 @@ lint: $(STAMP) ## check style, format and types
 	$(BIN)/mypy
 
 bench: $(STAMP) ## measure the filter's and the daemon's speed
-	$(BIN)/python -m drd_tools.bench
+	PYTHONPATH=tests $(BIN)/python -m bench
+
+soak: $(STAMP) ## a day of sensor data with faults through the daemon's core, in simulated time
+	PYTHONPATH=tests $(BIN)/python -m soak --hours $(SOAK_HOURS) --output out/soak
 
 # On one core HONESTY=--short takes about a minute, 40 seeds a scenario a quarter of an hour, and all of it an hour.
 honesty: $(STAMP) ## the estimator's promises on real and simulated drives, beside simpler estimators

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench.robot import Circle
+
 from drd.config.keys import Config
 from drd.config.schema import Loaded, loads
 from drd.pipeline import Pipeline
 from drd.recording.recorder import Recorder
 from drd.samples import Pose
-from drd_tools.bench.robot import Circle
 
 CONFIG = """\
 robot: {{name: my robot/1, wheel_radius_m: 0.11, tread_m: 0.6}}

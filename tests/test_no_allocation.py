@@ -1,7 +1,8 @@
 """The filter works in the memory that it was made with, and nothing in the pipeline grows with time."""
 
+from bench.allocation import filter_growth, pipeline_growth
+
 from drd.samples import Pose
-from drd_tools.bench.allocation import filter_growth, pipeline_growth
 
 CYCLES = 1500
 # Buffers of bounded length that are full at another moment, and counters that leave the cached small integers.

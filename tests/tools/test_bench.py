@@ -4,12 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from bench import latency, timing
+from bench.__main__ import BENCHMARKS, main
+from bench.cpu import usage
+from bench.report import Refused, table
 
 from drd.estimation.filter import Filter, Outcome
-from drd_tools.bench import latency, timing
-from drd_tools.bench.__main__ import BENCHMARKS, main
-from drd_tools.bench.cpu import usage
-from drd_tools.bench.report import Refused, table
 
 FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "flood": 9, "recording": 7, "replay": 3,
            "load": 15, "realtime": 19}  # fmt: skip

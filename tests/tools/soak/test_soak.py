@@ -3,14 +3,14 @@ import math
 from pathlib import Path
 
 import pytest
+from soak import __main__ as command
+from soak.faults import FAULTS
+from soak.ledger import Ledger, Row
+from soak.run import Soak, rounds_for, soak
+from soak.text import as_json, failures, table
 
 from drd.estimation import pose_maker
 from drd.samples import CanFrame
-from drd_tools.soak import __main__ as command
-from drd_tools.soak.faults import FAULTS
-from drd_tools.soak.ledger import Ledger, Row
-from drd_tools.soak.run import Soak, rounds_for, soak
-from drd_tools.soak.text import as_json, failures, table
 
 
 @pytest.fixture(scope="module")

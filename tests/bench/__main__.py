@@ -1,4 +1,4 @@
-"""`python -m drd_tools.bench`: all benchmarks in one run."""
+"""`python -m bench`: all benchmarks in one run."""
 
 import argparse
 import json
@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from drd_tools.bench import allocation, cpu, filter, flood, latency, load, rates, realtime, recording, replay
-from drd_tools.bench.report import Refused, Report, as_json, table
+from bench import allocation, cpu, filter, flood, latency, load, rates, realtime, recording, replay
+from bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "filter": filter.run,
@@ -27,7 +27,7 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run benchmarks and print them. Returns 0, or 1 where one of them refused to print a figure."""
     parser = argparse.ArgumentParser(
-        prog="python -m drd_tools.bench",
+        prog="python -m bench",
         description="Measure the daemon against yardsticks in the same run; ratios are what counts, as machines "
         "differ. Leave the machine alone meanwhile.",
     )

@@ -11,10 +11,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from drd_tools.bench.driven import Driven, delays_ms, driven
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Report
-from drd_tools.bench.timing import percentile
+from bench.driven import Driven, delays_ms, driven
+from bench.listener import listening
+from bench.report import Figure, Report
+from bench.timing import percentile
 
 # The priority of systemd/realtime.conf, and one above it for the measuring side, which must not be what is late.
 DAEMON_PRIORITY: Final = 10

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import drd
+from bench.report import Figure, Report
+from bench.robot import Circle, config_text, replay
 from drd.config.keys import Config, Noise
 from drd.config.schema import loads
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import make_noise
 from drd.pipeline import Pipeline
 from drd.samples import Pose
-from drd_tools.bench.report import Figure, Report
-from drd_tools.bench.robot import Circle, config_text, replay
 
 FILTER_STEPS: Final = 10_000
 CYCLE_S: Final = 0.1  # one gyro sample, two wheel samples

@@ -1,6 +1,5 @@
 """`drd run` as a process of its own, with its devices, which this process is: packets are written when it says so."""
 
-import signal
 import subprocess
 import sys
 import time
@@ -12,21 +11,21 @@ from typing import Final
 
 import can
 
+from bench.cpu import end, wait_until_ready
+from bench.report import Refused
+from bench.robot import Circle, config_text, free_endpoint
 from drd.config.file import load_config
 from drd.units import S_PER_NS
-from drd_tools.bench.report import Refused
-from drd_tools.bench.robot import Circle, config_text, free_endpoint
 from drd_tools.emulate.endpoints import PtyLink, can_endpoint
 
 QUARTER_S: Final = 0.025
-READY_TIMEOUT_S: Final = 30.0
 
 
 class Driven:
     """One daemon with its devices. `written_ns`: when each packet of the gyro was written."""
 
     def __init__(self, folder: Path, name: str, process: "subprocess.Popen[bytes]", endpoint: str):
-        self.name, self.process, self.endpoint, self._folder = name, process, endpoint, folder
+        self.name, self.process, self.endpoint = name, process, endpoint
         config = load_config(folder / "drd.yaml").value
         self.fog, self.bus = PtyLink(config.fog.port, "fog.port"), can_endpoint(config.encoders)
         self.written_ns: list[int] = []
@@ -46,15 +45,6 @@ class Driven:
         self.written_ns.append(time.monotonic_ns())
         self.fog.write(packet)
 
-    def wait_until_ready(self) -> None:
-        """Raises Refused where the daemon does not get ready."""
-        deadline_s = time.monotonic() + READY_TIMEOUT_S
-        while "ready robot=" not in (text := (self._folder / "log").read_text(encoding="utf-8")):
-            if self.process.poll() is not None or time.monotonic() > deadline_s:
-                raise Refused(f"{self.name}: the daemon did not become ready: {text[-500:]}")
-            self.bus.received()
-            time.sleep(0.02)
-
     def round(self) -> None:
         """0.1 s: the wheels twice, the gyro once."""
         self.turn_wheels()
@@ -66,9 +56,7 @@ class Driven:
 
     def end(self) -> None:
         """Stop the daemon in good order. Raises Refused."""
-        self.process.send_signal(signal.SIGTERM)
-        if self.process.wait(15) != 0:
-            raise Refused(f"{self.name}: the daemon ended with code {self.process.returncode}")
+        end(self.process)
 
 
 @contextmanager
@@ -91,7 +79,7 @@ def driven(folder: Path, name: str, keys: str = "", start_with: Sequence[str] = 
         for device in (robot.fog, robot.bus):
             device.open()
             stack.callback(device.close)
-        robot.wait_until_ready()
+        wait_until_ready(process, folder / "log", robot.bus.received)
         yield robot
 
 

@@ -6,13 +6,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from bench.listener import listening
+from bench.report import Figure, Refused, Report
+from bench.robot import config_text, free_endpoint
 from drd.config.file import load_config
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.robot import config_text, free_endpoint
 from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
 
@@ -20,6 +22,7 @@ POSE_KEY: Final = "bench/pose"
 READY_TIMEOUT_S: Final = 30.0
 SETTLING_S: Final = 1.0
 BYTES_PER_MIB: Final = 1 << 20
+Daemon = subprocess.Popen[bytes]
 
 
 class Usage(NamedTuple):
@@ -32,29 +35,12 @@ class Usage(NamedTuple):
 def run(quick: bool) -> Report:
     """Run the daemon for a while. Raises Refused where it does not run well."""
     measured_s = 1.0 if quick else 20.0
-    with tempfile.TemporaryDirectory() as name:
-        folder, endpoint = Path(name), free_endpoint()
-        file = folder / "drd.yaml"
-        file.write_text(config_text(folder, endpoint), encoding="utf-8")
-        drive = demo_drive(READY_TIMEOUT_S + SETTLING_S + measured_s, stand_s=0.0)
-        with (
-            Emulator(load_config(file).value, folder, drive),
-            (folder / "log").open("w+", encoding="utf-8") as log,
-            subprocess.Popen([sys.executable, "-m", "drd", "run", str(file)], stderr=log) as daemon,
-        ):
-            try:
-                wait_until_ready(daemon, folder / "log")
-                with listening((endpoint,), (POSE_KEY,)) as listener:
-                    time.sleep(SETTLING_S)
-                    start_ns, before = time.monotonic_ns(), usage(daemon.pid)
-                    time.sleep(measured_s)
-                    end_ns, after = time.monotonic_ns(), usage(daemon.pid)
-                    heard_ns = listener.arrivals_ns()[POSE_KEY]
-                daemon.send_signal(signal.SIGTERM)
-                if daemon.wait(15) != 0:
-                    raise Refused(f"cpu: the daemon ended with code {daemon.returncode}")
-            finally:
-                daemon.kill()
+    with emulated_daemon(SETTLING_S + measured_s) as (pid, endpoint), listening((endpoint,), (POSE_KEY,)) as listener:
+        time.sleep(SETTLING_S)
+        start_ns, before = time.monotonic_ns(), usage(pid)
+        time.sleep(measured_s)
+        end_ns, after = time.monotonic_ns(), usage(pid)
+        heard_ns = listener.arrivals_ns()[POSE_KEY]
     elapsed_s = (end_ns - start_ns) / 1e9
     poses = sum(start_ns <= t_ns < end_ns for t_ns in heard_ns)
     if poses < 0.8 * 20.0 * elapsed_s:
@@ -80,10 +66,38 @@ def usage(pid: int) -> Usage:
     return Usage(ticks / os.sysconf("SC_CLK_TCK"), int(fields[24 - 3]) * os.sysconf("SC_PAGE_SIZE"))
 
 
-def wait_until_ready(daemon: "subprocess.Popen[bytes]", log: Path) -> None:
+@contextmanager
+def emulated_daemon(seconds: float) -> Iterator[tuple[int, str]]:
+    """`drd run` as a process, its robot emulated by this one: its number and its end point. Raises Refused."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, endpoint = Path(name), free_endpoint()
+        file = folder / "drd.yaml"
+        file.write_text(config_text(folder, endpoint), encoding="utf-8")
+        with (
+            Emulator(load_config(file).value, folder, demo_drive(READY_TIMEOUT_S + seconds, stand_s=0.0)),
+            (folder / "log").open("w+", encoding="utf-8") as log,
+            subprocess.Popen([sys.executable, "-m", "drd", "run", str(file)], stderr=log) as daemon,
+        ):
+            try:
+                wait_until_ready(daemon, folder / "log")
+                yield daemon.pid, endpoint
+                end(daemon)
+            finally:
+                daemon.kill()
+
+
+def wait_until_ready(daemon: Daemon, log: Path, meanwhile: Callable[[], object] = lambda: None) -> None:
     """Until the daemon's log says so. Raises Refused."""
     deadline_s = time.monotonic() + READY_TIMEOUT_S
     while "ready robot=" not in (text := log.read_text(encoding="utf-8")):
         if daemon.poll() is not None or time.monotonic() > deadline_s:
             raise Refused(f"the daemon did not become ready: {text[-500:]}")
-        time.sleep(0.05)
+        meanwhile()
+        time.sleep(0.02)
+
+
+def end(daemon: Daemon) -> None:
+    """Stop it in good order. Raises Refused."""
+    daemon.send_signal(signal.SIGTERM)
+    if daemon.wait(15) != 0:
+        raise Refused(f"the daemon ended with code {daemon.returncode}")

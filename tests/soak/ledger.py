@@ -10,7 +10,7 @@ from drd.config.keys import Config
 from drd.fog.dsp17xx import BODY, FRAME_BYTES, HEADER, crc32_mpeg2
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd.units import S_PER_NS
-from drd_tools.soak.faults import BOOT_UP_ID, EMERGENCY_ID, LEFT_ID, RIGHT_ID
+from soak.faults import BOOT_UP_ID, EMERGENCY_ID, LEFT_ID, RIGHT_ID
 
 MARGIN_COUNTS: Final = 3
 SIDES: Final = {LEFT_ID: "left", RIGHT_ID: "right"}

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from bench.cpu import BYTES_PER_MIB, usage
 from tqdm import tqdm
 
 from drd.config.keys import Config
@@ -17,10 +18,9 @@ from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose, Validity
 from drd.units import RAD_PER_DEG, S_PER_NS
-from drd_tools.bench.cpu import BYTES_PER_MIB
-from drd_tools.soak.faults import FAULTS, Fault
-from drd_tools.soak.ledger import Ledger, Row
-from drd_tools.soak.world import EPOCH_NS, LAP_S, STAND_S, STEP_S, Arrival, World, monotonic_ns
+from soak.faults import FAULTS, Fault
+from soak.ledger import Ledger, Row
+from soak.world import EPOCH_NS, LAP_S, STAND_S, STEP_S, Arrival, World, monotonic_ns
 
 CONFIG: Final = """\
 robot: {name: soak, wheel_radius_m: 0.11, tread_m: 0.6}
@@ -111,7 +111,7 @@ class _Run:
             if (lap + 1) % len(FAULTS) == 0:
                 gc.collect()
                 result.blocks.append(sys.getallocatedblocks())
-                result.resident_mib.append(resident_mib())
+                result.resident_mib.append(usage(os.getpid()).resident_bytes / BYTES_PER_MIB)
         result.seconds, result.took_s = self._world.now_s, time.perf_counter() - began_s
         result.rows = list(self._ledger.rows(self._pipeline.counters(), self._poses))
         return result
@@ -235,12 +235,6 @@ class _Run:
 USUAL: Final = frozenset(
     ("frames", "samples", "poses", "accepted", "left_wraps", "right_wraps", "unpaired", "bias_measured")
 )
-
-
-def resident_mib() -> float:
-    """Memory of this process."""
-    fields = Path("/proc/self/statm").read_text(encoding="ascii").split()
-    return int(fields[1]) * os.sysconf("SC_PAGE_SIZE") / BYTES_PER_MIB
 
 
 def rounds_for(hours: float) -> int:

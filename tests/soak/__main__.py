@@ -1,21 +1,21 @@
-"""`python -m drd_tools.soak`: hours of sensor data with faults through the daemon's core, as fast as it goes."""
+"""`python -m soak`: hours of sensor data with faults through the daemon's core, as fast as it goes."""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from drd_tools.soak.run import rounds_for, soak
-from drd_tools.soak.text import as_json, failures, table
+from soak.run import rounds_for, soak
+from soak.text import as_json, failures, table
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run it and print the table. Returns 0, or 1 where something was not shown."""
     parser = argparse.ArgumentParser(
-        prog="python -m drd_tools.soak",
+        prog="python -m soak",
         description="The daemon's core (drd.pipeline) is fed with emulated sensors' bytes and frames in simulated "
         "time.  Each lap of 2 minutes has one fault; the faults come in turn. Every pose is held against the truth, "
         "every counter against what was sent, memory at the end against memory after the first round.",
-        epilog="example: python -m drd_tools.soak --hours 24 --output out/soak",
+        epilog="example: make soak SOAK_HOURS=24",
     )
     parser.add_argument("--hours", type=float, default=24.0, help="of simulated time, in whole rounds [default 24]")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="takes soak.txt and soak.json")

@@ -4,13 +4,13 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
+from bench.report import Figure, Refused, Report
+from bench.robot import Circle, config_text, replay
+from bench.timing import seconds
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.robot import Circle, config_text, replay
-from drd_tools.bench.timing import seconds
 
 
 def run(quick: bool) -> Report:

@@ -8,11 +8,11 @@ from typing import Final
 
 from tqdm import tqdm
 
-from drd_tools.bench.cpu import BYTES_PER_MIB, usage
-from drd_tools.bench.driven import delays_ms, driven
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Report
-from drd_tools.bench.timing import percentile
+from bench.cpu import BYTES_PER_MIB, usage
+from bench.driven import delays_ms, driven
+from bench.listener import listening
+from bench.report import Figure, Report
+from bench.timing import percentile
 
 SETTLING_ROUNDS: Final = 20
 ROUNDS_PER_S: Final = 10

@@ -5,8 +5,8 @@ import time
 from pathlib import Path
 from statistics import median
 
+from bench.report import Figure, Refused, Report
 from drd.config.schema import Loaded
-from drd_tools.bench.report import Figure, Refused, Report
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap

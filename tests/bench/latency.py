@@ -12,6 +12,10 @@ from typing import Any, Final
 
 import zenoh
 
+from bench.listener import listening
+from bench.report import Figure, Refused, Report
+from bench.robot import Circle, config_text, free_endpoint
+from bench.timing import percentile
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.output.cdr import OdometryEncoder
@@ -22,10 +26,6 @@ from drd.pipeline import Pipeline
 from drd.ports.serial_port import SerialPort
 from drd.samples import Pose
 from drd.units import NS_PER_S, S_PER_NS
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.robot import Circle, config_text, free_endpoint
-from drd_tools.bench.timing import percentile
 from drd_tools.emulate.endpoints import PtyLink
 
 DRD_KEY, BARE_KEY = "bench/pose", "bare/pose"

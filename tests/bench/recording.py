@@ -5,12 +5,12 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from drd_tools.bench.cpu import usage
-from drd_tools.bench.driven import QUARTER_S, Driven, driven
-from drd_tools.bench.latency import latencies_us
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.timing import percentile
+from bench.cpu import usage
+from bench.driven import QUARTER_S, Driven, driven
+from bench.latency import latencies_us
+from bench.listener import listening
+from bench.report import Figure, Refused, Report
+from bench.timing import percentile
 from drd_tools.recordings.mcap_file import open_mcap
 
 ALONE, RECORDED = "alone", "recorded"

@@ -14,7 +14,7 @@ from drd.units import NS_PER_S
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.drive import Drive, Motion, demo_drive
 from drd_tools.emulate.sensors import Gyro, GyroErrors, WheelErrors, Wheels
-from drd_tools.soak.faults import FAULTS, Fault, Site
+from soak.faults import FAULTS, Fault, Site
 
 STEP_S: Final = 0.05
 LAP_S: Final = 120.0

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any, Final
 
-from drd_tools.soak.run import Found, Soak
-from drd_tools.soak.world import LAP_S
+from drd_tools.report.terminal import columns
+from soak.run import Found, Soak
+from soak.world import LAP_S
 
 # A share of 1 % of all poses may lie beyond a bound that holds 99 %; neighbours go wrong together, so it scatters.
 BEYOND_LIMIT: Final = 0.02
@@ -16,15 +17,8 @@ BEYOND_LIMIT: Final = 0.02
 BLOCKS_LIMIT: Final = 3000
 RESIDENT_LIMIT_MIB: Final = 3.0
 HEADINGS: Final = (
-    "fault",
-    "times",
-    "for s",
-    "detected after s",
-    "(limit)",
-    "named",
-    "recovered after s",
-    "error/bound",
-)
+    "fault", "times", "for s", "detected after s", "(limit)", "named", "recovered after s", "error/bound",
+)  # fmt: skip
 
 
 def failures(soak: Soak) -> list[str]:
@@ -59,14 +53,7 @@ def resident_grown_mib(soak: Soak) -> float | None:
 
 def table(soak: Soak) -> str:
     """All of it."""
-    rows = [HEADINGS, *map(_row, soak.found)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADINGS))]
-    left = (0, 5)
-    lines = [
-        "  ".join(c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
-        for row in rows
-    ]
-    return "\n".join([*(line.rstrip() for line in lines), "", *_sentences(soak)])
+    return "\n".join([*columns([HEADINGS, *map(_row, soak.found)], text=(0, 5), indent=""), "", *_sentences(soak)])
 
 
 def _row(f: Found) -> Sequence[str]:
@@ -75,16 +62,8 @@ def _row(f: Found) -> Sequence[str]:
     named = ", ".join(name for name in fault.named if name in f.also) or ("nothing" if fault.named else "-")
     worst = "-" if not f.worst else f"{f.worst:.2f}" + ("*" if fault.unseen else "")
     detected = _times(f.detected_s) if fault.named else "-"
-    return (
-        fault.name,
-        str(len(f.detected_s)),
-        f"{fault.seconds:g}",
-        detected,
-        limit,
-        named,
-        _times(f.recovered_s),
-        worst,
-    )
+    times, seconds, recovered = str(len(f.detected_s)), f"{fault.seconds:g}", _times(f.recovered_s)
+    return fault.name, times, seconds, detected, limit, named, recovered, worst
 
 
 def _times(seconds: Sequence[float]) -> str:

@@ -8,6 +8,8 @@ from typing import Any, Final
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from bench.report import Figure, Refused, Report
+from bench.timing import compare
 from drd.config.keys import Noise
 from drd.estimation.filter import (
     BB,
@@ -24,8 +26,6 @@ from drd.estimation.filter import (
     Sigmas,
 )
 from drd.estimation.noise import make_noise
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.timing import compare
 
 TREAD_M: Final = 0.6
 STEP_S: Final = 0.05

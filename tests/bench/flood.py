@@ -2,28 +2,21 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from pathlib import Path
 from statistics import mean, median
 from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from drd.config.file import load_config
+from bench.cpu import emulated_daemon
+from bench.listener import ENVIRONMENT, listening
+from bench.report import Figure, Refused, Report
 from drd.output.session import isolated_config
 from drd.units import NS_PER_MS
-from drd_tools.bench.cpu import READY_TIMEOUT_S, wait_until_ready
-from drd_tools.bench.listener import listening
-from drd_tools.bench.report import Figure, Refused, Report
-from drd_tools.bench.robot import config_text, free_endpoint
-from drd_tools.emulate.drive import demo_drive
-from drd_tools.emulate.hardware import Emulator
 
 POSE_KEY: Final = "bench/pose"
 SETTLING_S: Final = 1.5
@@ -51,23 +44,8 @@ class Phase(NamedTuple):
 def run(quick: bool) -> Report:
     """Flood a daemon that another process's emulated robot feeds. Raises Refused where a pose is missing."""
     phase_s, rounds, kinds = (1.5, 1, ("busy", "malformed")) if quick else (5.0, 3, tuple(FLOODS))
-    with tempfile.TemporaryDirectory() as name:
-        folder, endpoint = Path(name), free_endpoint()
-        file = folder / "drd.yaml"
-        file.write_text(config_text(folder, endpoint), encoding="utf-8")
-        total_s = READY_TIMEOUT_S + rounds * (len(kinds) + 1) * (phase_s + 2 * SETTLING_S + 5.0)
-        with (
-            Emulator(load_config(file).value, folder, demo_drive(total_s, stand_s=0.0)),
-            (folder / "log").open("w+", encoding="utf-8") as log,
-            subprocess.Popen([sys.executable, "-m", "drd", "run", str(file)], stderr=log) as daemon,
-        ):
-            try:
-                wait_until_ready(daemon, folder / "log")
-                phases = _phases(endpoint, ("", *kinds) * rounds, phase_s)
-                daemon.send_signal(signal.SIGTERM)
-                daemon.wait(15)
-            finally:
-                daemon.kill()
+    with emulated_daemon(rounds * (len(kinds) + 1) * (phase_s + 2 * SETTLING_S + 5.0)) as (_, endpoint):
+        phases = _phases(endpoint, ("", *kinds) * rounds, phase_s)
     return Report(
         "flood: input's arrival to pose published, and time between poses (nominally 50 ms); medians of "
         f"{rounds} times {phase_s:g} s",
@@ -124,8 +102,9 @@ def _flood(kind: str, endpoint: str, seconds: float) -> int:
     if not kind:
         time.sleep(seconds)
         return 0
-    command = [sys.executable, "-m", "drd_tools.bench.flood", kind, endpoint, str(seconds)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + 20.0, check=True)
+    command = [sys.executable, "-m", "bench.flood", kind, endpoint, str(seconds)]
+    limit_s = seconds + 20.0
+    done = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=True, env=ENVIRONMENT)
     return int(done.stdout)
 
 

@@ -1,6 +1,7 @@
 """A subscriber in a process of its own, so that what is published really travels: notes when samples arrive."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -10,9 +11,11 @@ from typing import Any, Final
 
 import zenoh
 
+from bench.report import Refused
 from drd.output.session import isolated_config
-from drd_tools.bench.report import Refused
 
+# A process of its own finds this package as this one does.
+ENVIRONMENT: Final = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
 # Until the publishers know of the subscription.
 SUBSCRIPTION_S: Final = 0.3
 
@@ -33,8 +36,9 @@ class Listener:
 @contextmanager
 def listening(endpoints: Sequence[str], keys: Sequence[str]) -> Iterator[Listener]:
     """Subscribe to `keys` at these Zenoh end points, which must be open already. Raises Refused if that fails."""
-    command = [sys.executable, "-m", "drd_tools.bench.listener", ",".join(endpoints), *keys]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", "bench.listener", ",".join(endpoints), *keys]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=ENVIRONMENT) as process:
         try:
             assert process.stdout is not None
             if process.stdout.readline() != "ready\n":

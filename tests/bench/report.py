@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
+from drd_tools.report.terminal import columns
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -34,12 +36,8 @@ class Refused(Exception):  # noqa: N818  # an outcome: there is no honest figure
 
 def table(report: Report) -> str:
     """The report as aligned text."""
-    width = max(len(f.name) for f in report.figures)
-    lines = [report.title, f"  {report.reading}"]
-    for f in report.figures:
-        ratio = "" if f.ratio is None else f"   x {f.ratio:.2f}"
-        lines.append(f"  {f.name:{width}}  {f.value:12.4g} {f.unit:10}{ratio}".rstrip())
-    return "\n".join(lines)
+    rows = [(f.name, f"{f.value:.4g}", f.unit, "" if f.ratio is None else f"x {f.ratio:.2f}") for f in report.figures]
+    return "\n".join([report.title, f"  {report.reading}", *columns(rows, text=(0, 2))])
 
 
 def as_json(reports: Mapping[str, Report], quick: bool) -> dict[str, Any]:
