@@ -7,6 +7,7 @@ from drd_tools.evaluate.consistency import PARTS, Nees, together
 from drd_tools.evaluate.metrics import Relative
 from drd_tools.evaluate.results import Run
 from drd_tools.limit import text as limit_text
+from drd_tools.report.terminal import metres
 
 SUMMARY_HEADER: Final = (
     "run", "path / m", "end / m", "return / m", "ATE / m", "heading ATE / deg", "drift / %", "heading drift / deg/h",
@@ -50,8 +51,8 @@ def sentences(run: Run) -> Iterator[str]:
     yield from _end(run)
     a = run.absolute
     yield (
-        f"Absolute trajectory error: {_m(a.position_rmse_m)} rmse{_limit(run, 'position_rms_m')}, "
-        f"{_m(a.position_mean_m)} mean, {_m(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg "
+        f"Absolute trajectory error: {metres(a.position_rmse_m)} rmse{_limit(run, 'position_rms_m')}, "
+        f"{metres(a.position_mean_m)} mean, {metres(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg "
         f"rmse{_limit(run, 'heading_rms_deg')}, "
         f"{a.heading_max_deg:.3g} deg at most."
     )
@@ -77,7 +78,7 @@ def _limit(run: Run, name: str) -> str:
         return ""
     value = float(getattr(run.limit, name))
     unit = "%" if name == "drift_percent" else "deg"
-    return f" (limit {_m(value) if name.endswith('_m') else f'{value:.2g} {unit}'})"
+    return f" (limit {metres(value) if name.endswith('_m') else f'{value:.2g} {unit}'})"
 
 
 def _basis(run: Run) -> Iterator[str]:
@@ -97,16 +98,17 @@ def _end(run: Run) -> Iterator[str]:
     e = run.end
     share = "" if e.share_of_path is None else f", {100.0 * e.share_of_path:.3g} % of the path"
     yield (
-        f"Error at the end ({e.time_s:.1f} s): {_m(e.position_m)}{_limit(run, 'end_m')}{share} (along "
-        f"{_m(e.along_m, '+')}, to the left {_m(e.cross_m, '+')}), heading {e.heading_deg:+.3g} "
+        f"Error at the end ({e.time_s:.1f} s): {metres(e.position_m)}{_limit(run, 'end_m')}{share} (along "
+        f"{metres(e.along_m, '+')}, to the left {metres(e.cross_m, '+')}), heading {e.heading_deg:+.3g} "
         f"deg{_limit(run, 'end_deg')}."
     )
     if e.return_m is None or e.return_heading_deg is None:
-        yield f"Return position error: none, as the path ends {_m(e.reference_to_start_m)} from its start."
+        yield f"Return position error: none, as the path ends {metres(e.reference_to_start_m)} from its start."
     else:
         yield (
-            f"Return position error (closed path, ends {_m(e.reference_to_start_m)} from its start): {_m(e.return_m)}, "
-            f"heading {e.return_heading_deg:+.3g} deg, counted from the start whatever the alignment."
+            f"Return position error (closed path, ends {metres(e.reference_to_start_m)} from its start): "
+            f"{metres(e.return_m)}, heading {e.return_heading_deg:+.3g} deg, counted from the start whatever the "
+            "alignment."
         )
 
 
@@ -165,8 +167,3 @@ def nees_together(runs: Sequence[Run]) -> list[Nees]:
         if len(parts) > 1:
             found.append(together(parts))
     return found
-
-
-def _m(value_m: float, sign: str = "") -> str:
-    """A length with its unit: mm below 10 cm."""
-    return f"{1000.0 * value_m:{sign}.3g} mm" if abs(value_m) < 0.1 else f"{value_m:{sign}.3g} m"

@@ -7,6 +7,7 @@ from typing import Final
 from drd_tools.explain.results import Actual, Explanation, Line, Part
 from drd_tools.limit import text as limit_text
 from drd_tools.limit.causes import HELP
+from drd_tools.report.terminal import metres
 
 HEADER: Final = (
     "cause", "along / m", "across / m", "position / m", "% of var.", "heading / deg", "% of var.",
@@ -197,9 +198,3 @@ def delay_sentence(e: Explanation) -> str:
         f"{metres(d.across_m, '+')} to the left and {d.heading_deg:+.2g} deg at the end, at most "
         f"{metres(d.largest_m)} and {d.largest_deg:.2g} deg on the way; other delays in proportion."
     )
-
-
-def metres(value_m: float, sign: str = "") -> str:
-    """A length with its unit: mm below 10 cm."""
-    value_m = value_m if abs(value_m) > 5e-7 else 0.0  # no "-0 mm"
-    return f"{1000.0 * value_m:{sign}.3g} mm" if abs(value_m) < 0.0995 else f"{value_m:{sign}.2f} m"

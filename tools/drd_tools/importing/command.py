@@ -22,8 +22,8 @@ from drd_tools.importing.sources import open_source
 from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
 from drd_tools.importing.text_table import TextTable
-from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_csv, write_robot, write_said
-from drd_tools.recordings.folder import POSES
+from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_robot, write_said
+from drd_tools.recordings.folder import POSES, write_table
 
 
 @dataclass
@@ -133,22 +133,25 @@ def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[P
     folder: Path = chosen.output
     prepare(folder)
     zero_ns, rows = _zero_ns(made), made.rows
+    header: tuple[str, ...]
     with writing(folder):
         if made.nominal is not None:
             rates_hz = {name: origin.rate_hz for name, origin in made.origins.items()}
             write_robot(folder / "robot.yaml", made.nominal, rates_hz)
         if rows is not None:
-            header, form = (COUNTS, "%.0f") if rows.are_counts else (SPEEDS, "%.9g")
-            write_csv(folder / "encoders.csv", header, [seconds(rows.time_ns, zero_ns), rows.left, rows.right], form)
+            header, form = (COUNTS, "%.9f,%.0f,%.0f") if rows.are_counts else (SPEEDS, "%.9f,%.9g,%.9g")
+            columns = [seconds(rows.time_ns, zero_ns), rows.left, rows.right]
+            write_table(folder / "encoders.csv", header, np.column_stack(columns), form)
         if made.gyro is not None:
             columns = [seconds(made.gyro.time_ns, zero_ns), _rate_rad_s(made) * DEG_PER_RAD]
             warm = made.gyro.temperature_c
             columns += [] if warm is None else [warm]
-            write_csv(folder / "fog.csv", RATE if warm is None else RATE_AND_TEMPERATURE, columns)
+            header, form = (RATE, "%.9f,%.9g") if warm is None else (RATE_AND_TEMPERATURE, "%.9f,%.9g,%.6g")
+            write_table(folder / "fog.csv", header, np.column_stack(columns), form)
         if (poses := made.reference) is not None:
             heading_deg = np.unwrap(poses.heading_rad) * DEG_PER_RAD
             columns = [seconds(poses.time_ns, zero_ns), poses.x_m, poses.y_m, heading_deg]
-            write_csv(folder / "reference.csv", POSES, columns)
+            write_table(folder / "reference.csv", POSES, np.column_stack(columns), "%.9f,%.9g,%.9g,%.9g")
         write_said(folder / SAID, made.inputs, argv, made.origins, made.applied, made.findings, zero_ns)
     return [folder / name for name in MADE if (folder / name).exists()]
 

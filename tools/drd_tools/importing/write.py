@@ -16,7 +16,7 @@ from drd.config.file import load_config
 from drd.config.nominal import Nominal, Wheel, load_nominal
 from drd.config.schema import ConfigError
 from drd_tools.importing.checks import Finding
-from drd_tools.importing.streams import Array, Origin, Wheels
+from drd_tools.importing.streams import Origin, Wheels
 from drd_tools.recordings.folder import file_hash
 
 FORMAT: Final = "drd-import/1"
@@ -81,12 +81,6 @@ def write_robot(file: Path, nominal: Nominal, rates_hz: dict[str, float | None])
     content = dataclasses.asdict(replace(nominal, fog=fog, encoders=encoders))
     head = "# The robot as stated to drd import; null: not stated. rate_hz is measured where it was not stated.\n"
     file.write_text(head + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-
-
-def write_csv(file: Path, header: tuple[str, ...], columns: Sequence[Array], form: str = "%.9g") -> None:
-    """A recording's file: the times to the nanosecond, other columns in `form`. Raises OSError."""
-    forms = ["%.9f", *[form] * (len(header) - 1)]
-    np.savetxt(file, np.column_stack(columns), forms, ",", header=",".join(header), comments="", encoding="utf-8")
 
 
 def write_said(

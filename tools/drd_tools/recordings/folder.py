@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +17,8 @@ from drd.config.schema import ConfigError, Loaded
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
+# Rows that are turned into text at once.
+CHUNK: Final = 4096
 POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
 
 
@@ -178,6 +180,14 @@ def _blame(
             except ValueError as error:
                 raise ConfigError(f"{file}:{number}", name, str(error), repr(cell[:40])) from error
     raise ConfigError(str(file), "", "a table of numbers", "something else")
+
+
+def write_table(file: Path, header: Sequence[str], rows: Array, form: str) -> None:
+    """Write a CSV file of numbers, shape (n, columns), each row as `form` says. Raises OSError."""
+    with file.open("w", encoding="utf-8", newline="") as out:
+        out.write(",".join(header) + "\n")
+        for part in np.split(rows, range(CHUNK, len(rows), CHUNK)):
+            out.write(f"{form}\n" * len(part) % tuple(part.ravel().tolist()))
 
 
 def finite(cell: str) -> float:

@@ -24,7 +24,7 @@ from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.folder import file_hash
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
-from drd_tools.replay.result import BITS, Replayed
+from drd_tools.replay.result import Replayed, packed
 
 NUMBERS: Final = 1 << 32
 SET_POSE: Final = ("x_m", "y_m", "heading_rad", "sigma_m", "sigma_rad")
@@ -212,10 +212,7 @@ def _number(value: float | None) -> float:
 
 def bits(pose: Pose) -> tuple[bytes, Validity, tuple[Reason, ...]]:
     """Equal for two poses only if they agree in every bit."""
-    p = pose
-    rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
-    numbers = (p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
-    return BITS.pack(p.t_ns, p.sequence, *numbers), p.validity, p.reasons
+    return packed(pose), pose.validity, pose.reasons
 
 
 def _missing(parts: Sequence[McapFile], missing: Sequence[int], lost: int) -> list[str]:

@@ -17,6 +17,7 @@ from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
 from drd.samples import Pose, Reason
 from drd.units import DEG_PER_RAD, S_PER_NS
+from drd_tools.recordings.folder import write_table
 
 FORMAT: Final = "drd-replay/1"
 COLUMNS: Final = (
@@ -25,8 +26,6 @@ COLUMNS: Final = (
 )  # fmt: skip
 # t_ns, sequence; x, y, heading, speed, rate, their two sigmas; the covariance's six; the bound.
 BITS: Final = struct.Struct("<2q14d")
-# Rows that are turned into text at once.
-CHUNK: Final = 4096
 
 
 class Start(NamedTuple):
@@ -86,23 +85,14 @@ def digest(poses: Sequence[Pose]) -> str:
         if line is None:
             texts = [p.validity.value, *(str(value) for reason in p.reasons for value in reason)]
             line = lines[key] = ("\x1f".join(texts) + "\n").encode()
-        sha.update(
-            BITS.pack(
-                p.t_ns,
-                p.sequence,
-                p.x_m,
-                p.y_m,
-                p.heading_rad,
-                p.speed_m_s,
-                p.rate_rad_s,
-                p.speed_sigma_m_s,
-                p.rate_sigma_rad_s,
-                *p.covariance,
-                p.position_bound_m,
-            )
-            + line
-        )
+        sha.update(packed(p) + line)
     return sha.hexdigest()
+
+
+def packed(p: Pose) -> bytes:
+    """All of its numbers, bit for bit."""
+    rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
+    return BITS.pack(p.t_ns, p.sequence, p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
 
 
 def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -146,12 +136,7 @@ def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: di
     """
     rows = table(replayed, start)
     rows[:, 3] *= DEG_PER_RAD
-    form = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 6 + "\n"
-    with file.open("w", encoding="utf-8", newline="") as out:
-        out.write(",".join(COLUMNS) + "\n")
-        for begin in range(0, len(rows), CHUNK):
-            part = rows[begin : begin + CHUNK]
-            out.write(form * len(part) % tuple(part.ravel().tolist()))
+    write_table(file, COLUMNS, rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 6)
     beside = file.with_suffix(".json")
     beside.write_text(json.dumps(provenance(replayed, start) | (extra or {}), indent=1) + "\n", encoding="utf-8")
     return beside

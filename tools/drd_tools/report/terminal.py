@@ -1,4 +1,4 @@
-"""Tables for the terminal."""
+"""Tables and lengths for the terminal."""
 
 from collections.abc import Collection, Sequence
 
@@ -18,3 +18,9 @@ def columns(rows: Sequence[Sequence[str]], text: Collection[int] = (0,), indent:
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], text: Collection[int] = (0,)) -> None:
     """Print a header and its rows; see `columns`."""
     print(*columns([header, *rows], text), sep="\n")
+
+
+def metres(value_m: float, sign: str = "") -> str:
+    """A length with its unit: mm below 10 cm."""
+    value_m = value_m if abs(value_m) > 5e-7 else 0.0  # no "-0 mm"
+    return f"{1000.0 * value_m:{sign}.3g} mm" if abs(value_m) < 0.0995 else f"{value_m:{sign}.3g} m"

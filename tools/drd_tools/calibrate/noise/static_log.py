@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import median_abs_deviation
 
 from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
@@ -177,7 +178,7 @@ def motion(log: StaticLog) -> tuple[float, float, float] | None:
     half = min(DRIFT_BLOCKS, blocks) // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(means, half, mode="reflect"), 2 * half + 1)
     off = np.abs(means - np.median(windows, axis=1))
-    scatter = _robust_sigma(np.diff(rate_deg_s)) / math.sqrt(2.0)
+    scatter = float(median_abs_deviation(np.diff(rate_deg_s), scale="normal")) / math.sqrt(2.0)
     steps = np.abs(np.diff(np.unique(rate_deg_s)))
     resolution = float(steps[steps > 1e-9].min(initial=np.inf))
     expected = max(scatter, resolution if math.isfinite(resolution) else 0.0) / math.sqrt(size)
@@ -187,8 +188,3 @@ def motion(log: StaticLog) -> tuple[float, float, float] | None:
     if not len(late):
         return None
     return log.begins_s + float(late[0]) * size * log.interval_s, float(off[late[0]]), limit
-
-
-def _robust_sigma(values: Array) -> float:
-    """Standard deviation of the bulk, by the median absolute deviation."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
