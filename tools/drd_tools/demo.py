@@ -101,7 +101,7 @@ def main(argv: list[str]) -> int:
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = command("drd demo", DESCRIPTION, EPILOG, [seed("noise of the sensors", 1)])
+    parser = command("drd demo", DESCRIPTION, EPILOG, [seed("the sensors' noise", 1)])
     add = parser.add_argument
     file, text = shipped_config("demo.yaml"), "configuration (default: %(default)s)"
     add("--config", type=Path, default=file, metavar="CONFIG", help=text)

@@ -46,7 +46,7 @@ def reference_sigma() -> argparse.ArgumentParser:
 
 
 def seed(what: str, default: int = 0) -> argparse.ArgumentParser:
-    """--seed N, which draws other `what`."""
+    """--seed N, by which `what` is drawn."""
     parser, add = _parent()
-    add("--seed", type=whole(0), default=default, metavar="N", help=f"other {what} (default {default})")
+    add("--seed", type=whole(0), default=default, metavar="N", help=f"seed of {what} (default {default})")
     return parser

@@ -64,7 +64,7 @@ def _read(path: Path, replacing: Path | None) -> Recording:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parents = [model(), seed("simulated noise"), kept()]
+    parents = [model(), seed("the simulated noise"), kept()]
     parser = command("drd compare", DESCRIPTION, EXAMPLES, parents)
     parser.add_argument("recording", nargs="?", type=Path, metavar="RECORDING", help="recording folder or .mcap file")
     return parser

@@ -13,14 +13,7 @@ from drd_tools.calibrate.wheels.fit import WheelFit, check_one_robot, fit_wheels
 from drd_tools.calibrate.wheels.found import Found, find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.calibrate.wheels.report import held_out_picture, paths_picture
-from drd_tools.calibrate.wheels.tables import (
-    FIGURE_HEADER,
-    SENSOR_HEADER,
-    VALUE_HEADER,
-    figure_rows,
-    sensor_rows,
-    value_rows,
-)
+from drd_tools.calibrate.wheels.tables import held_out_table, value_tables
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.report.page import Page
 from drd_tools.report.terminal import print_table
@@ -102,17 +95,15 @@ def _how_tested(is_apart: bool, drives: Sequence[Drive]) -> str:
 def _print(found: Found) -> None:
     fit, drives = found.fit, found.drives
     print(_wrapped(_method(fit, drives)) + "\n")
-    print_table(VALUE_HEADER, value_rows(fit, found.apart, drives[0]))
-    if sensors := sensor_rows(found.lag, found.rest):
+    for table in value_tables(found):
+        print_table(*table)
         print()
-        print_table(SENSOR_HEADER, sensors)
-    print()
     for sentence in [*found.notes, SCALE_NOTE]:
         print(_wrapped(sentence))
     print()
     if found.figures:
         print(_wrapped(f"{_how_tested(bool(found.tests), drives)} {FIGURE_NOTE} Nominal -> calibrated.") + "\n")
-        print_table(FIGURE_HEADER, figure_rows(found.figures, drives[0].nominal.tread_m))
+        print_table(*held_out_table(found))
         print()
     else:
         print("No held-out figure: the one recording cannot be cut into parts; give --held-out.\n")
@@ -148,16 +139,15 @@ def _write_report(output: Path, inputs: Sequence[str], found: Found) -> None:
     paths_picture(output / "paths.png", shown)
     lines = [_method(fit, drives), *found.notes, *(f"Warning: {text}" for text in found.doubts)]
     page = Page("Wheel calibration", lines)
-    page.table(VALUE_HEADER, value_rows(fit, found.apart, drives[0]))
-    if sensors := sensor_rows(found.lag, found.rest):
-        page.table(SENSOR_HEADER, sensors)
+    for table in value_tables(found):
+        page.table(*table)
     page.text(SCALE_NOTE)
     page.heading("Held out")
     if figures:
         held_out_picture(output / "held_out.png", figures)
         page.text(f"{_how_tested(bool(found.tests), drives)} {FIGURE_NOTE}")
         page.picture(output / "held_out.png", "Errors of the recordings that were held out, nominal and calibrated.")
-        page.table(FIGURE_HEADER, figure_rows(figures, drives[0].nominal.tread_m), "nominal -> calibrated")
+        page.table(*held_out_table(found), "nominal -> calibrated")
     else:
         page.text("The one recording cannot be cut into parts.")
     page.heading("Paths")

@@ -1,22 +1,30 @@
 """Tables of the wheel calibration, as text for the terminal and the report."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit
-from drd_tools.calibrate.wheels.heldout import Error, HeldOut
+from drd_tools.calibrate.wheels.found import Found
+from drd_tools.calibrate.wheels.heldout import Error
 from drd_tools.calibrate.wheels.lag import Lag
 from drd_tools.calibrate.wheels.rest import Rest
 
-VALUE_HEADER: Final = ("value", "nominal", "calibrated", "sigma", "between recordings", "change")
-SENSOR_HEADER: Final = ("sensors", "found", "sigma", "between recordings")
-FIGURE_HEADER: Final = ("held out", "path m", "end cm", "end % of path", "rms cm", "heading deg", "deg per 100 m")
+_VALUES: Final = ("value", "nominal", "calibrated", "sigma", "between recordings", "change")
+_SENSORS: Final = ("sensors", "found", "sigma", "between recordings")
+_HELD_OUT: Final = ("held out", "path m", "end cm", "end % of path", "rms cm", "heading deg", "deg per 100 m")
 
 
-def value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[list[str]]:
+def value_tables(found: Found) -> Iterator[tuple[Sequence[str], list[list[str]]]]:
+    """Header and rows: the wheels' values, and what was found of the sensors."""
+    yield _VALUES, _value_rows(found.fit, found.apart, found.drives[0])
+    if rows := _sensor_rows(found.lag, found.rest):
+        yield _SENSORS, rows
+
+
+def _value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[list[str]]:
     """The three values, as text. `apart`: their spread between recordings, relative, nan where it is not known."""
     radii = fit.determined[0] and fit.determined[1]
     old, new = drive.nominal, fit.wheels
@@ -38,7 +46,7 @@ def value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[list
     return rows
 
 
-def sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
+def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
     """What else was found of the sensors, as text; what was not determined is left out."""
     rows = []
     if lag is not None and lag.determined:
@@ -56,8 +64,9 @@ def sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
     return rows
 
 
-def figure_rows(figures: Sequence[HeldOut], tread_m: float) -> list[list[str]]:
-    """Held-out figures as text, nominal -> calibrated, and over all of them."""
+def held_out_table(found: Found) -> tuple[Sequence[str], list[list[str]]]:
+    """Header and rows: held-out figures, nominal -> calibrated, and over all of them."""
+    figures, tread_m = found.figures, found.drives[0].nominal.tread_m
     rows = [_figure_row(f.name, f.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
     count = len(figures)
     if count > 1:
@@ -66,7 +75,7 @@ def figure_rows(figures: Sequence[HeldOut], tread_m: float) -> list[list[str]]:
             sums = [sum(abs(getattr(e, n)) for e in errors) for n in ("end_m", "end_heading_rad")]
             means.append(Error(sums[0] / count, math.sqrt(sum(e.rms_m**2 for e in errors) / count), sums[1] / count))
         rows.append(_figure_row("all (mean)", sum(f.path_m for f in figures) / count, means[0], means[1], tread_m))
-    return rows
+    return _HELD_OUT, rows
 
 
 def _figure_row(name: str, path_m: float, nominal: Error, calibrated: Error, tread_m: float) -> list[str]:
