@@ -31,7 +31,7 @@ COMMANDS = {
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
     "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),
     "import": Command("drd_tools.importing.command", "make a recording of a ROS bag, CAN log or table", "tools"),
-    "simulate": Command("drd_tools.simulate.command", "simulate a drive and record it", "tools"),
+    "simulate": Command("drd_tools.simulate_command", "simulate a drive and record it", "tools"),
     "replay": Command("drd_tools.replay.command", "estimate again from a recording", "tools"),
     "evaluate": Command("drd_tools.evaluate.command", "judge poses against a reference", "tools"),
     "explain": Command("drd_tools.explain.command", "the error budget of the pose, by cause", "tools"),

@@ -13,8 +13,8 @@ from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import Loaded
 from drd.output.session import isolated_config
-from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
+from drd_tools.simulate.missions import demo_drive
 
 CONFIG = """\
 robot: {{name: test, wheel_radius_m: 0.11, tread_m: 0.6}}

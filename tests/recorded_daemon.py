@@ -5,9 +5,9 @@ from pathlib import Path
 from drd.config.keys import Config
 from drd.config.schema import Loaded
 from drd.units import DEG_PER_RAD
+from drd_tools.emulate.raw import write_mcap
 from drd_tools.recordings.daemon_log import reference_file
 from drd_tools.replay.nominal import configuration
-from drd_tools.simulate.raw import write_mcap
 from drd_tools.simulate.simulator import Simulated
 
 

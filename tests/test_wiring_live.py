@@ -12,8 +12,8 @@ from harness import CONFIG
 
 from drd.cli import main
 from drd.config.file import load_config
-from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
+from drd_tools.simulate.missions import demo_drive
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from bench.listener import listening
 from bench.report import Figure, Refused, Report
 from bench.robot import config_text, free_endpoint
 from drd.config.file import load_config
-from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator
+from drd_tools.simulate.missions import demo_drive
 
 POSE_KEY: Final = "bench/pose"
 READY_TIMEOUT_S: Final = 30.0

@@ -7,13 +7,13 @@ from statistics import median
 
 from bench.report import Figure, Refused, Report
 from drd.config.schema import Loaded
+from drd_tools.emulate.raw import write_mcap
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive
-from drd_tools.simulate.raw import write_mcap
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth

@@ -12,8 +12,9 @@ from drd.config.keys import Config
 from drd.samples import CanFrame
 from drd.units import NS_PER_S
 from drd_tools.emulate import encoder_frames, fog_packets
-from drd_tools.emulate.drive import Drive, Motion, demo_drive
-from drd_tools.emulate.sensors import Gyro, GyroErrors, WheelErrors, Wheels
+from drd_tools.emulate.sensors import SensorErrors, Sensors
+from drd_tools.simulate.missions import demo_drive
+from drd_tools.simulate.truth import Place, make_truth
 from soak.faults import FAULTS, Fault, Site
 
 STEP_S: Final = 0.05
@@ -32,32 +33,28 @@ def monotonic_ns(t_s: float) -> int:
     return EPOCH_NS + round(t_s * NS_PER_S)
 
 
-class Laps(Drive):
+class Laps:
     """The same closed drive again and again, each lap from where the last one ended."""
 
     def __init__(self, count: int):
-        lap = demo_drive(LAP_S, stand_s=STAND_S)
-        self.table, self.duration_s, self.length_m = lap.table, lap.duration_s, lap.length_m
-        end = super().at(self.duration_s)
-        self._starts = [(0.0, 0.0, 0.0)]
+        self._lap = make_truth(demo_drive(LAP_S, stand_s=STAND_S))
+        self.duration_s = self._lap.duration_s
+        self._starts, end = [Place(0.0, 0.0, 0.0, 0.0)], self._lap.at(self.duration_s)
         for _ in range(count + 1):
-            x, y, h = self._starts[-1]
-            c, s = math.cos(h), math.sin(h)
-            self._starts.append((x + c * end.x_m - s * end.y_m, y + s * end.x_m + c * end.y_m, h + end.heading_rad))
+            self._starts.append(_after(self._starts[-1], end))
 
-    def at(self, t_s: float) -> Motion:
-        """Where the robot is and how it moves."""
+    def at(self, t_s: float) -> Place:
+        """Where the robot is."""
         lap = int(t_s // self.duration_s)
-        m = super().at(t_s - lap * self.duration_s)
-        x, y, h = self._starts[lap]
-        c, s = math.cos(h), math.sin(h)
-        x_m, y_m = x + c * m.x_m - s * m.y_m, y + s * m.x_m + c * m.y_m
-        return m._replace(x_m=x_m, y_m=y_m, heading_rad=h + m.heading_rad)
+        return _after(self._starts[lap], self._lap.at(t_s - lap * self.duration_s))
 
-    def travel_m(self, t_s: float) -> float:
-        """Length of the way driven until then."""
-        lap = int(t_s // self.duration_s)
-        return lap * self.length_m + super().travel_m(t_s - lap * self.duration_s)
+
+def _after(start: Place, then: Place) -> Place:
+    """Where `then`, which is seen from the origin, is from `start`."""
+    x, y, heading, way = start
+    c, s = math.cos(heading), math.sin(heading)
+    x, y = x + c * then.x_m - s * then.y_m, y + s * then.x_m + c * then.y_m
+    return Place(x, y, heading + then.heading_rad, way + then.way_m)
 
 
 class Arrival(NamedTuple):
@@ -80,9 +77,8 @@ class World:
         self._fog = fog_packets.make_encoder(config.fog)
         self._bus = encoder_frames.make_encoder(config.encoders, config.robot, Path())
         # The bias stays as it was measured: a warm-up is what a model is for.
-        errors = GyroErrors(warm_up_c=0.0)
-        self._gyro, self._celsius = Gyro(self.drive, errors, seed), errors.temperature_c
-        self._wheels = Wheels(self.drive, config.robot, WheelErrors(), seed)
+        errors = SensorErrors(warm_up_c=0.0)
+        self._sensors, self._celsius = Sensors(self.drive, config.robot, errors, seed), errors.temperature_c
         self._period_s = 1.0 / config.fog.rate_hz / (1.0 + errors.clock_error_percent / 100.0)
         self.packets, self._steps, self._orders = 0, 0, itertools.count()
         self._way: list[Arrival] = []
@@ -132,7 +128,7 @@ class World:
 
     def _send_packet(self, end_s: float) -> None:
         start_s, self.packets = self.packets * self._period_s, self.packets + 1
-        rate, celsius = self._fault.rate(self._gyro.mean_rate_rad_s(start_s, end_s), self._celsius, self._site)
+        rate, celsius = self._fault.rate(self._sensors.rate_rad_s(start_s, end_s), self._celsius, self._site)
         packet = self._fog.encode(rate, end_s - start_s, celsius, self._fault.valid)
         arrival_s = end_s + GYRO_DELAY_S + self.random.exponential(JITTER_S)
         for later_s, data in self._fault.packet(packet, self._site):
@@ -142,7 +138,7 @@ class World:
                 self._send(self._line_s, half)
 
     def _send_frames(self, t_s: float) -> None:
-        self._true_m = left_m, right_m = self._wheels.travel_at_m(t_s)
+        self._true_m = left_m, right_m = self._sensors.travel_m(t_s)
         left_m, right_m = left_m + self._offset_m[0], right_m + self._offset_m[1]
         self._shown_m = self._fault.travel(left_m, right_m, self._site)
         messages = self._bus.encode(*self._shown_m)

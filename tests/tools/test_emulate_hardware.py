@@ -19,13 +19,14 @@ from drd.fog.ecore import EcoreParser
 from drd.fog.stream import FogStream
 from drd.samples import CanFrame, FogReading, GyroSample, Side, WheelReading
 from drd.units import RAD_PER_DEG
-from drd_tools.emulate.drive import Drive
 from drd_tools.emulate.hardware import Emulator
-from drd_tools.emulate.sensors import SensorErrors
+from drd_tools.emulate.sensors import PERFECT, SensorErrors
+from drd_tools.simulate.missions import Drive
+from drd_tools.simulate.route import STEP_S, Steps
 
 PATIENCE_S = 20.0
 # 1 m/s ahead and 0.5 rad/s to the left, for 20 s.
-CIRCLE = Drive(np.ones(20_001), np.full(20_001, 0.5))
+CIRCLE = Drive(Steps(np.full(10_000, STEP_S), np.full(10_000, 0.5 * STEP_S)), 0)
 RATE_LSB_RAD_S = 100 / 32768 * RAD_PER_DEG
 NEXT_CHANNEL = itertools.count()
 
@@ -51,7 +52,7 @@ class Bench:
 
     def __init__(self, folder: Path, config: Config, drive: Drive = CIRCLE):
         self.config = config
-        self.emulator = Emulator(config, folder, drive, SensorErrors.none())
+        self.emulator = Emulator(config, folder, drive, PERFECT)
         self.parser = EcoreParser(self.config.fog)
         self.packets_read = 0
         self.bus = can.Bus(interface="virtual", channel=config.encoders.channel, ignore_config=True)
@@ -130,7 +131,7 @@ def test_the_gyro_reports_the_turn_in_its_own_sign_with_its_temperature(bench: B
 
 def test_each_packet_holds_the_mean_rate_of_its_own_interval(tmp_path: Path) -> None:
     config = make_config(tmp_path / "fog", "virtual", "mean rate")
-    spinning_up = Drive(np.zeros(2001), np.linspace(0.0, 1.0, 2001))  # 0.5 rad/s^2
+    spinning_up = Drive(Steps(np.zeros(1000), np.linspace(0.0, 1.0, 2001)[1::2] * STEP_S), 0)  # 0.5 rad/s^2
     bench = Bench(tmp_path, config, spinning_up)
     bench.until(1.0)
     means = [reading.value for reading in bench.readings()]
@@ -145,7 +146,7 @@ def test_the_wheels_report_what_the_truth_says_they_counted(bench: Bench) -> Non
     assert counts[Side.RIGHT] == [expected_counts(row.right_m) for row in truth]
     assert len(truth) == 20
     for k, row in enumerate(truth, start=1):
-        motion = CIRCLE.at(0.05 * k)
+        motion = bench.emulator.path.at(0.05 * k)
         assert row.t_ns == bench.emulator.start_ns + k * 50_000_000
         assert row[1:4] == pytest.approx(motion[:3], abs=1e-9)
         assert (row.left_m, row.right_m) == pytest.approx((0.05 * k * 0.85, 0.05 * k * 1.15))
@@ -174,7 +175,7 @@ def test_the_gyro_keeps_its_own_time(tmp_path: Path) -> None:
 )
 def test_the_daemons_gyro_stream_gets_the_heading_from_every_protocol(tmp_path: Path, fog: str) -> None:
     config = make_config(tmp_path / "fog", "virtual", "protocols", fog=fog)
-    slow_clock = SensorErrors(replace(SensorErrors.none().gyro, clock_error_percent=-1.0))
+    slow_clock = replace(PERFECT, clock_error_percent=-1.0)
     emulator, stream = Emulator(config, tmp_path, CIRCLE, slow_clock), FogStream(config.fog, 10.0)
     emulator.plug_in()
     samples, now_s, give_up = list[GyroSample](), 0.0, time.monotonic() + PATIENCE_S
@@ -306,7 +307,7 @@ def test_a_slipping_wheel_counts_too_much_and_a_stuck_counter_nothing(bench: Ben
     bench.until(1.0)
     last = bench.emulator.truth[-1]
     assert (last.left_m, last.right_m) == pytest.approx((1.7, 0.0))
-    assert last.x_m == pytest.approx(CIRCLE.at(1.0).x_m)
+    assert last.x_m == pytest.approx(bench.emulator.path.at(1.0).x_m)
     assert set(bench.counts()[Side.RIGHT]) == {0}
 
 
@@ -370,7 +371,7 @@ def test_in_real_time_a_serial_port_and_an_slcan_bus_read_both_sensors(tmp_path:
         encoders="rate_hz: 100, counts_per_revolution: 1000, layout: cia406",
     )
     parser, readings, counts = EcoreParser(config.fog), list[FogReading](), list[int]()
-    with Emulator(config, tmp_path, CIRCLE, SensorErrors.none()) as emulator:
+    with Emulator(config, tmp_path, CIRCLE, PERFECT) as emulator:
         assert emulator.is_running
         with (
             serial.Serial(config.fog.port, 9600, timeout=0, exclusive=True) as port,

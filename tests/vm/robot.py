@@ -20,8 +20,8 @@ from drd.config.file import load_config
 from drd.output.session import isolated_config
 from drd.units import S_PER_NS
 from drd_tools.emulate import hardware
-from drd_tools.emulate.drive import Drive, demo_drive
 from drd_tools.emulate.hardware import Emulator
+from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 
 # Shared with the host: what stands in files there leaves the machine.
 SHARED: Final = Path("/mnt")
@@ -45,7 +45,7 @@ ORDERS: Final = "gyro.json"
 
 def drive(name: str) -> Drive:
     """The way of the robot of that name; the gyro outside goes the same."""
-    return demo_drive(300, stand_s=STAND_S) if name == "driving" else Drive(np.zeros(2), np.zeros(2))
+    return demo_drive(300, stand_s=STAND_S) if name == "driving" else make_drive("stand")
 
 
 def sh(command: str, *, may_fail: bool = False) -> str:

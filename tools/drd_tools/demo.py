@@ -21,11 +21,11 @@ from drd.commands.watch import View
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.output.session import isolated_config
-from drd_tools.emulate.drive import demo_drive
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.options import seed
 from drd_tools.report.path import path_picture
 from drd_tools.shipped import shipped_config
+from drd_tools.simulate.missions import demo_drive
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def main(argv: list[str]) -> int:
     if process.returncode != 0 or not poses:
         print(f"drd demo: the daemon ended with {process.returncode} and {len(poses)} poses", file=sys.stderr)
         return 1
-    result = evaluate(truth, poses, config, drive.length_m)
+    result = evaluate(truth, poses, config, emulator.path.length_m)
     _draw(arguments.output, result)
     print(result.sentence())
     print(f"picture: {arguments.output}")

@@ -17,16 +17,16 @@ from drd_tools.calibrate import fog_recorder
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError, SampleFile, record
 from drd_tools.calibrate.gyro import live as gyro_live
 from drd_tools.calibrate.gyro.live import doubts_about, record_steps
-from drd_tools.emulate.drive import Drive
 from drd_tools.emulate.hardware import Emulator
-from drd_tools.emulate.sensors import GyroErrors, SensorErrors
+from drd_tools.emulate.sensors import SensorErrors
+from drd_tools.simulate.missions import make_drive
 
 CONFIG = """\
 robot: {{wheel_radius_m: 0.11, tread_m: 0.6}}
 fog: {{protocol: {protocol}, port: {folder}/fog, rate_hz: 100, baud: 115200}}
 encoders: {{layout: cia406, interface: slcan, channel: {folder}/can, counts_per_revolution: 20000}}
 """
-ERRORS = SensorErrors(GyroErrors(bias_deg_s=0.02, scale_error=0.0, clock_error_percent=0.0, temperature_c=22.0))
+ERRORS = SensorErrors(bias_deg_s=0.02, scale_error=0.0, clock_error_percent=0.0, temperature_c=22.0)
 
 
 class Bench:
@@ -36,7 +36,7 @@ class Bench:
         self.file, self.folder = folder / "robot.yaml", folder / "steps"
         self.file.write_text(CONFIG.format(folder=folder, protocol=protocol))
         self.config: Config = load_config(self.file).value
-        self.emulator = Emulator(self.config, folder, Drive(np.zeros(2), np.zeros(2)), ERRORS, seed=1)
+        self.emulator = Emulator(self.config, folder, make_drive("stand"), ERRORS, seed=1)
 
 
 @pytest.fixture

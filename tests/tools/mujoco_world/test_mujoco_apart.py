@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import drd_tools.mujoco_world as package
-from drd_tools.simulate.command import main
+from drd_tools.simulate_command import main
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
 # The forms of the recording folder, the errors, and the look of pictures.

@@ -15,7 +15,7 @@ from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import Motion, drive
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.command import main as replay
-from drd_tools.simulate.command import main
+from drd_tools.simulate_command import main
 
 FILES = ("robot.yaml", "fog.csv", "encoders.csv", "reference.csv", "truth.yaml", "truth.csv")
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
-from drd_tools.paper.gyro import SimulatedGyro, correlated_along
+from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Gyro, RateTable
 
 TEMPERATURES = np.linspace(-40.0, 75.0, 400)
@@ -32,7 +32,7 @@ def test_each_gyro_is_as_bad_as_table_i_says(seed: int) -> None:
 
 def test_a_reading_has_the_noise_of_table_i() -> None:
     g = gyro(1, bias_stability_deg_s=0.0)
-    rate, temperature = g.read(np.full(20_000, 5.0), np.full(20_000, 25.0), 0.1)
+    rate, temperature = g.read(np.full(20_000, 5.0), np.full(20_000, 25.0))
     assert rate.std() == pytest.approx(5 / 3600 / np.sqrt(0.1), rel=0.05)
     assert rate.mean() - 5.0 == pytest.approx(float(g.error_deg_s(5.0, 25.0)), abs=2e-4)
     assert set(temperature.tolist()) == {25.0}
@@ -40,15 +40,8 @@ def test_a_reading_has_the_noise_of_table_i() -> None:
 
 
 def test_a_reading_never_leaves_the_full_scale() -> None:
-    rate, _ = gyro(2).read(np.array([-150.0, 150.0]), np.array([20.0, 20.0]), 0.1)
+    rate, _ = gyro(2).read(np.array([-150.0, 150.0]), np.array([20.0, 20.0]))
     assert np.abs(rate) == pytest.approx(100.0, abs=0.002)
-
-
-def test_a_correlated_sequence_forgets_along_its_way() -> None:
-    values = correlated_along(np.full(200_000, 0.1), np.random.default_rng(3))
-    assert values.std() == pytest.approx(1.0, abs=0.05)
-    assert np.mean(values[10:] * values[:-10]) == pytest.approx(np.exp(-1.0), abs=0.05)
-    assert np.ptp(correlated_along(np.zeros(50), np.random.default_rng(4))) == 0.0
 
 
 def test_the_rate_table_calibration_brings_an_order_of_magnitude_on_new_data() -> None:

@@ -6,23 +6,21 @@ import numpy as np
 import pytest
 
 from drd.config.file import load_config
-from drd.samples import GyroSample
-from drd_tools.paper.gyro import SimulatedGyro
-from drd_tools.paper.physics import Physics, Robot
-from drd_tools.paper.runs import CELLS, Climate, Laboratory, SkidSteer, run_gyro, sensor_samples, told
+from drd_tools.paper import physics as p
+from drd_tools.paper.runs import CELLS, Laboratory, Robot, run_gyro, told
 from drd_tools.paper.studies import STATES, delay_alone, sigmas_over_laps
 from drd_tools.shipped import shipped_config
 
 
 @pytest.fixture(scope="module")
 def laboratory() -> Laboratory:
-    physics = Physics()
+    physics = p.Physics()
     return Laboratory.make(told(load_config(shipped_config("pioneer-at.yaml")).value, physics), physics)
 
 
 def test_the_path_is_the_papers(laboratory: Laboratory) -> None:
     for way, turn in zip(laboratory.ways, (-2 * np.pi, 2 * np.pi), strict=True):
-        assert way.travel_m[-1] == pytest.approx(210.0, abs=0.1)
+        assert way.way_m[-1] == pytest.approx(210.0, abs=0.1)
         assert way.heading_rad[-1] == pytest.approx(turn, abs=0.01)
         assert np.hypot(way.x_m[-1], way.y_m[-1]) < 0.1
         assert 150 < way.time_s[-1] < 200
@@ -69,25 +67,36 @@ def test_runs_repeat_by_their_seed(laboratory: Laboratory) -> None:
     assert not np.array_equal(first.return_m, other.return_m)
 
 
+def robot(laboratory: Laboratory, **physics: float) -> Robot:
+    """A robot whose wheels have no errors but these."""
+    none = p.Robot(scale_sigma=0.0, tread_sigma=0.0, skid=0.0, pavement_m_per_sqrt_m=0.0, bump_per_m=0.0)
+    changed = dataclasses.replace(laboratory.physics, robot=dataclasses.replace(none, **physics))
+    return Robot(laboratory.config, changed, np.random.default_rng(1))
+
+
 def test_the_samples_are_those_of_the_drive(laboratory: Laboratory) -> None:
-    random = np.random.default_rng(1)
-    physics, way = laboratory.physics, laboratory.ways[1]
-    perfect = Robot(scale_sigma=0.0, tread_sigma=0.0, skid=0.0, pavement_m_per_sqrt_m=0.0, bump_per_m=0.0)
-    wheels, gyro = SkidSteer(laboratory.config, perfect, random), SimulatedGyro(physics.gyro, random)
-    samples = list(sensor_samples(way, gyro, wheels, Climate(physics.weather, random), 0.0, 0.05))
-    rates = [s for s in samples if isinstance(s, GyroSample)]
-    steps = [s for s in samples if not isinstance(s, GyroSample)]
-    assert [s.t_ns for s in samples] == sorted(s.t_ns for s in samples)
+    way = laboratory.ways[1]
+    rates, steps = robot(laboratory).samples(way, 1)
     assert sum(s.rate_rad_s for s in rates) * 0.1 == pytest.approx(2 * np.pi, rel=0.02)
     left, right = (sum(getattr(s, side) for s in steps) for side in ("left_m", "right_m"))
-    assert 0.5 * (left + right) == pytest.approx(way.travel_m[-1], abs=0.001)
+    assert 0.5 * (left + right) == pytest.approx(way.way_m[-1], abs=0.001)
     assert (right - left) / laboratory.config.robot.tread_m == pytest.approx(way.heading_rad[-1], abs=0.001)
 
 
+def test_the_treads_fluctuation_and_the_pavement_are_as_large_as_stated(laboratory: Laboratory) -> None:
+    way, turned, along = laboratory.ways[1], [], []
+    for seed in range(40):
+        _, steps = robot(laboratory, skid=0.02).samples(way, seed)
+        turned.append(sum(s.right_m - s.left_m for s in steps) / laboratory.config.robot.tread_m)
+        _, steps = robot(laboratory, pavement_m_per_sqrt_m=0.002).samples(way, seed)
+        along.append(sum(s.left_m for s in steps))
+    # Four corners of 6 m: 24 m / (2 x 0.5 m) independent pieces, of which a bend weighs the middle 1.5 times.
+    assert np.std(turned) == pytest.approx(0.02 * 2 * np.pi * np.sqrt(1.5 / 24), rel=0.4)
+    assert np.std(along) == pytest.approx(0.002 * np.sqrt(210.0), rel=0.4)
+
+
 def test_bumps_only_ever_add_travel(laboratory: Laboratory) -> None:
-    physics = dataclasses.replace(
-        laboratory.physics.robot, scale_sigma=0.0, tread_sigma=0.0, skid=0.0, pavement_m_per_sqrt_m=0.0
-    )
-    left, right = SkidSteer(laboratory.config, physics, np.random.default_rng(2)).read(laboratory.ways[0])
-    added = 0.5 * (left.sum() + right.sum()) - laboratory.ways[0].travel_m[-1]
+    physics = laboratory.physics.robot
+    _, steps = robot(laboratory, bump_per_m=physics.bump_per_m).samples(laboratory.ways[0], 2)
+    added = sum(0.5 * (s.left_m + s.right_m) for s in steps) - laboratory.ways[0].way_m[-1]
     assert added == pytest.approx(physics.bump_per_m * physics.bump_m * 210.0, rel=0.3)

@@ -19,12 +19,12 @@ from drd.recording.file import RecordingFile
 from drd.recording.topics import Message
 from drd.samples import GyroSample
 from drd.units import NS_PER_S
+from drd_tools.emulate.raw import START_NS, START_WALL_NS
 from drd_tools.recordings.daemon_log import read, reference_file
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.nominal import configuration
-from drd_tools.simulate.raw import START_NS, START_WALL_NS
 
 SHORT = ("slalom", 30.0)
 SCALE = selected("gyro_scale_error", k=0.003)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drd_tools.recordings.folder import read_recording
-from drd_tools.simulate.command import main
+from drd_tools.simulate_command import main
 
 MODEL = """\
 effects:

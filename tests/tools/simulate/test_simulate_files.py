@@ -15,6 +15,7 @@ from drd.config.schema import ConfigError, Loaded
 from drd.effects.catalogue import catalogue
 from drd.effects.model import make_model
 from drd.fog.stream import FogStream
+from drd_tools.emulate.raw import drive_live, write_mcap
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
@@ -22,9 +23,9 @@ from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.files import CHANGES, read_true_motion, read_truth, write_folder
 from drd_tools.simulate.missions import make_drive
-from drd_tools.simulate.raw import drive_live, write_mcap
 from drd_tools.simulate.robot import DEFAULT
-from drd_tools.simulate.simulator import Effects, Simulated, simulate
+from drd_tools.simulate.sensors import Effects
+from drd_tools.simulate.simulator import Simulated, simulate
 from drd_tools.simulate.truth import make_truth
 
 ABOUT = {"mission": "eights", "temperature": "warmup"}

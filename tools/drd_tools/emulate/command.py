@@ -14,8 +14,8 @@ from typing import Final
 
 from drd.config.file import load_config
 from drd.config.schema import ConfigError
-from drd_tools.emulate.drive import Drive, demo_drive, square_drive
 from drd_tools.emulate.hardware import Emulator, Truth
+from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 
 DESCRIPTION: Final = """\
 Emulate the gyro and the wheel encoders of a configuration, driving a path in real time, with the noise of their data
@@ -109,7 +109,7 @@ def _seconds(text: str) -> float:
 
 def _drive(arguments: argparse.Namespace) -> Drive:
     if arguments.path == "square":
-        return square_drive()
+        return make_drive("square-ccw")
     seconds = min(arguments.seconds or DEMO_S, DEMO_S)
     return demo_drive(seconds, stand_s=min(10.0, seconds / 3))
 

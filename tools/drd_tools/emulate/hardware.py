@@ -13,9 +13,10 @@ import numpy as np
 from drd.config.keys import Config
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.emulate import encoder_frames, fog_packets
-from drd_tools.emulate.drive import Drive
 from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
-from drd_tools.emulate.sensors import Gyro, SensorErrors, Wheels
+from drd_tools.emulate.sensors import SensorErrors, Sensors
+from drd_tools.simulate.missions import Drive
+from drd_tools.simulate.truth import make_truth
 
 # Commands of an SLCAN host are answered at least this often.
 POLL_S: Final = 0.01
@@ -59,7 +60,7 @@ class Emulator:
     is taken or a bus cannot be used; a bus that may be a real robot's needs `allow_real_bus`.
 
     `base`: the folder that the configuration's own paths are relative to. `seed` repeats all sensor noise.
-    `counters`: packets and frames sent, and those lost because nobody listened.
+    `path`: the true motion. `counters`: packets and frames sent, and those lost because nobody listened.
 
     The public fields below are its faults. Each may be changed at any time.
     """
@@ -100,15 +101,14 @@ class Emulator:
         }
         self.truth: deque[Truth] = deque(maxlen=TRUTH_ROWS)
         self.received: deque[can.Message] = deque(maxlen=RECEIVED_FRAMES)  # what others sent on the bus
-        self._drive = drive
-        self._gyro = Gyro(drive, errors.gyro, seed)
-        self._wheels = Wheels(drive, config.robot, errors.wheels, seed)
+        self.path = make_truth(drive)
+        self._sensors = Sensors(self.path, config.robot, errors, seed)
         self._random = np.random.default_rng([seed, 3])
         self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
         self._frames = encoder_frames.make_encoder(encoders, config.robot, base)
         self._fog_port = None if self._fog is None else PtyLink(fog.port, "fog.port")
         self._bus = can_endpoint(encoders, allow_real_bus)
-        fog_hz = fog.rate_hz * (1 + errors.gyro.clock_error_percent / 100)
+        fog_hz = fog.rate_hz * (1 + errors.clock_error_percent / 100)
         self._fog_schedule = _Schedule(1 / fog_hz, fog.latency_s)
         self._wheel_schedule = _Schedule(1 / encoders.rate_hz, encoders.latency_s)
         self._counted_m = (0.0, 0.0)
@@ -223,9 +223,9 @@ class Emulator:
         return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
 
     def _send_fog(self, encoder: fog_packets.FogEncoder, now: _Schedule) -> None:
-        rate_rad_s = self._gyro.mean_rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
+        rate_rad_s = self._sensors.rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
         rate_rad_s += self.fog_offset_deg_s * RAD_PER_DEG
-        temperature_c = self._gyro.temperature_at_c(now.sampled_s)
+        temperature_c = self._sensors.temperature_c(now.sampled_s)
         # A silent gyro goes on measuring: an integrated angle or sequence number shows it afterwards.
         packet = encoder.encode(rate_rad_s, now.period_s, temperature_c, valid=not self.fog_invalid)
         if self.fog_silent or _is_nth(now.number, self.fog_drop_every):
@@ -236,10 +236,9 @@ class Emulator:
         self._count("fog_packets", "fog_dropped", sent)
 
     def _send_wheels(self, now: _Schedule) -> None:
-        left_m, right_m = self._wheels.travel_at_m(now.sampled_s, self.left_slip, self.right_slip)
-        motion = self._drive.at(now.sampled_s)
+        left_m, right_m = self._sensors.travel_m(now.sampled_s, self.left_slip, self.right_slip)
         t_ns = self._start_ns + round(now.sampled_s * NS_PER_S)
-        self.truth.append(Truth(t_ns, motion.x_m, motion.y_m, motion.heading_rad, left_m, right_m))
+        self.truth.append(Truth(t_ns, *self.path.at(now.sampled_s)[:3], left_m, right_m))
         left_m_s, right_m_s = (
             (m - before) / now.period_s for m, before in zip((left_m, right_m), self._counted_m, strict=True)
         )

@@ -9,7 +9,6 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from tqdm import tqdm
 
 from drd.config.file import load_config
@@ -18,11 +17,11 @@ from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_er
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
-from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, Way, run_gyro, told
+from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, run_gyro, seconds_of, told
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
 from drd_tools.shipped import shipped_config
-
-Array = npt.NDArray[np.float64]
+from drd_tools.simulate.route import Array
+from drd_tools.simulate.truth import Truth
 
 # Each with fewer gyros and one run each way: enough to see which way the filter's share moves.
 OTHER_ROBOTS: Final = (
@@ -50,7 +49,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
     others = [np.mean([o.return_m for o in rest[k : k + few]], axis=(0, 1)) for k in range(0, len(rest), few)]
     time_s, sigma = sigmas_over_laps(laboratory)
     way = laboratory.ways[0]
-    seconds = way.seconds()
+    seconds = seconds_of(way)
     return Results(
         return_m=np.array([o.return_m for o in main]),
         largest_m=np.array([o.largest_m for o in main]),
@@ -74,12 +73,12 @@ def run_experiment(gyros: int, seed: int) -> Results:
     )
 
 
-def _via_points(way: Way) -> Array:
+def _via_points(way: Truth) -> Array:
     """Where the corners begin and end."""
-    quarter_m = way.travel_m[-1] / 4.0
+    quarter_m = way.way_m[-1] / 4.0
     ends = quarter_m * np.arange(1, 5)
     along = np.sort(np.concatenate([ends - CORNER_M, ends]))
-    return np.column_stack([np.interp(along, way.travel_m, v) for v in (way.x_m, way.y_m)])
+    return np.column_stack([np.interp(along, way.way_m, v) for v in (way.x_m, way.y_m)])
 
 
 def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:

@@ -4,13 +4,15 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from drd.units import DEG_PER_RAD, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+from drd.config.nominal import FogSheet
+from drd.effects.effect import ActsOn, Effect, Errors, Values
+from drd.effects.motion import Motion
+from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.paper.physics import Gyro, RateTable
-
-Array = npt.NDArray[np.float64]
-Random = np.random.Generator
+from drd_tools.simulate.conditions import Conditions, Random, wandering
+from drd_tools.simulate.route import Array
+from drd_tools.simulate.sensors import readings_deg_s
 
 TEMPERATURE_RANGE_C: Final = (-40.0, 75.0)
 FACTORY_C: Final = 25.0  # where scale factor and bias are set
@@ -21,13 +23,24 @@ TEMPERATURE_SHAPES: Final = (1.0, 0.5)
 RIPPLE: Final = 0.05  # what electronics and optics add that no low order describes, as a share of the specification
 PHASE_AT_FULL_SCALE_RAD: Final = 0.44  # 150 m of fibre on 66 mm at 820 nm
 GRID: Final = 801
+INTERVAL_S: Final = 0.1
 
 
-class SimulatedGyro:
-    """One gyro of the population. Readings are means over an interval, counter-clockwise positive, deg/s."""
+class SimulatedGyro(Effect):
+    """One gyro of the population: its error by rate and temperature, and a bias that wanders."""
+
+    id = "gyro_scale_nonlinearity"  # in its place in the catalogue's order
+    acts_on = ActsOn.GYRO
+    parameters = ()
 
     def __init__(self, physics: Gyro, random: Random):
         self._physics, self._random = physics, random
+        self.sheet = FogSheet(
+            rate_hz=1.0 / INTERVAL_S,
+            range_deg_s=physics.full_scale_deg_s,
+            angle_random_walk_deg_per_sqrt_h=physics.walk_deg_per_sqrt_h,
+            resolution_deg_s=physics.count_deg_s,
+        )
         rate = np.linspace(-1.0, 1.0, GRID)  # of full scale
         phase = PHASE_AT_FULL_SCALE_RAD * rate
         # (sin(phase + offset) - sin(offset)) / phase: an even and, by the offset, an odd part.
@@ -47,44 +60,34 @@ class SimulatedGyro:
         error: Array = scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c)
         return error
 
-    def read(self, rate_deg_s: Array, temperature_c: Array, interval_s: float) -> tuple[Array, Array]:
-        """Readings of successive intervals: rate and temperature, both of shape (n,)."""
-        p, n = self._physics, len(rate_deg_s)
-        walk = p.walk_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H * DEG_PER_RAD / math.sqrt(interval_s)
-        noise = walk * self._random.standard_normal(n)
-        wander = p.bias_stability_deg_s * correlated(n, interval_s / p.bias_correlation_s, self._random)
-        rate = rate_deg_s + self.error_deg_s(rate_deg_s, temperature_c) + noise + wander
-        limited = np.clip(rate, -p.full_scale_deg_s, p.full_scale_deg_s)
-        return _rounded(limited, p.count_deg_s), _rounded(temperature_c, p.thermometer_c)
+    def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002  # it has none
+        """What it adds on a drive; the bias wanders anew each time."""
+        error_deg_s = self.error_deg_s(DEG_PER_RAD * m.rate_rad_s, m.temperature_c) + self._wander_deg_s(m.time_s)
+        return Errors(gyro_rad_s=RAD_PER_DEG * error_deg_s)
 
-    def on_rate_table(self, table: RateTable, interval_s: float = 0.1) -> tuple[Array, Array, Array, Array]:
+    def _wander_deg_s(self, time_s: Array) -> Array:
+        p = self._physics
+        return p.bias_stability_deg_s * wandering(time_s, p.bias_correlation_s, self._random)
+
+    def read(self, rate_deg_s: Array, temperature_c: Array) -> tuple[Array, Array]:
+        """Readings of successive intervals, ccw positive: rate in deg/s and temperature, both of shape (n,)."""
+        unit_c, time_s = self._physics.thermometer_c, np.asarray(INTERVAL_S * np.arange(len(rate_deg_s)))
+        rate = rate_deg_s + self.error_deg_s(rate_deg_s, temperature_c) + self._wander_deg_s(time_s)
+        read = readings_deg_s(RAD_PER_DEG * rate, INTERVAL_S, self.sheet, Conditions(), self._random)
+        return read, unit_c * np.round(temperature_c / unit_c)
+
+    def on_rate_table(self, table: RateTable) -> tuple[Array, Array, Array, Array]:
         """A calibration's samples: time_s, table_rate_deg_s, rate_deg_s, temperature_c, each of shape (n,)."""
         limit = 0.95 * self._physics.full_scale_deg_s  # with its scale error it would clip beyond
         steps = round(limit / table.rate_step_deg_s)
         rates = np.linspace(-limit, limit, 2 * steps + 1)
         temperatures = np.linspace(table.coldest_c, table.warmest_c, round(table.temperatures))
-        samples = round(table.dwell_s / interval_s)
+        samples = round(table.dwell_s / INTERVAL_S)
         # Each dwell has a different rate than the one before, so that they can be told apart.
         true = np.tile(np.repeat(rates, samples), len(temperatures))
         temperature = np.repeat(temperatures, samples * len(rates))
-        rate, read_c = self.read(true, temperature, interval_s)
-        return np.asarray(interval_s * np.arange(len(true))), true, rate, read_c
-
-
-def correlated(n: int, step: float, random: Random) -> Array:
-    """A stationary Gauss-Markov sequence of unit variance; `step` is the sample's length in correlation lengths."""
-    return correlated_along(np.full(n, step), random)
-
-
-def correlated_along(steps: Array, random: Random) -> Array:
-    """The same for steps of different lengths, shape (n,)."""
-    keep = np.exp(-steps)
-    drive = np.sqrt(1.0 - keep**2) * random.standard_normal(len(steps))
-    values, value = np.empty(len(steps)), float(random.standard_normal())
-    for i, (a, b) in enumerate(zip(keep.tolist(), drive.tolist(), strict=True)):
-        value = a * value + b
-        values[i] = value
-    return values
+        rate, read_c = self.read(true, temperature)
+        return np.asarray(INTERVAL_S * np.arange(len(true))), true, rate, read_c
 
 
 def _mixed(shapes: tuple[Array, ...], sizes: tuple[float, ...], random: Random) -> Array:
@@ -107,7 +110,3 @@ def _over_temperature(peak_to_peak: float, random: Random) -> tuple[Array, Array
     curve = _mixed((t, t**2), TEMPERATURE_SHAPES, random)
     curve = peak_to_peak * (curve / np.ptp(curve) + _ripple(6.0 * t, random))
     return temperature, curve - np.interp(FACTORY_C, temperature, curve)
-
-
-def _rounded(values: Array, count: float) -> Array:
-    return count * np.round(values / count)

@@ -2,32 +2,34 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.batch.run import run
+from drd.batch.samples import FIRST_NS, gyro_samples, wheel_samples
 from drd.config.keys import Config
+from drd.config.nominal import EncoderSheet, Nominal, Wheel
+from drd.effects.catalogue import catalogue
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
-from drd.samples import GyroSample, Pose, WheelSample
-from drd.units import DEG_PER_RAD, NS_PER_S, RAD_PER_DEG
+from drd.samples import GyroSample, WheelSample
+from drd.units import DEG_PER_RAD, S_PER_NS
 from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
-from drd_tools.emulate.drive import Drive, square_drive
-from drd_tools.paper.gyro import SimulatedGyro, correlated_along
-from drd_tools.paper.physics import Physics, Robot, Weather
-
-Array = npt.NDArray[np.float64]
-Random = np.random.Generator
+from drd_tools.paper.gyro import SimulatedGyro
+from drd_tools.paper.physics import Physics
+from drd_tools.simulate.conditions import Conditions, Ground, Random, Reference
+from drd_tools.simulate.missions import make_drive
+from drd_tools.simulate.route import Array
+from drd_tools.simulate.simulator import simulate
+from drd_tools.simulate.temperature import warming_c
+from drd_tools.simulate.truth import Truth, make_truth
 
 RUNS_EACH_WAY: Final = 5
-WHEEL_STEP_S: Final = 0.05
-WHEEL_STEPS_PER_GYRO_STEP: Final = 2
-GYRO_STEP_S: Final = WHEEL_STEP_S * WHEEL_STEPS_PER_GYRO_STEP
 TRACE_STEP_S: Final = 1.0
 CORNER_M: Final = 6.0  # way of a quarter turn
-START_NS: Final = 1000 * NS_PER_S
+Samples = tuple[list[GyroSample], list[WheelSample]]
 
 
 class Cell(NamedTuple):
@@ -46,25 +48,15 @@ CELLS: Final = (
 )
 
 
-class Way(NamedTuple):
-    """The true drive, sampled where the encoders are: arrays of shape (n + 1,) from the start on."""
+def path(config: Config, side: str, laps: int = 1) -> Truth:
+    """The paper's, cw or ccw, after a standstill in which the gyro's bias is measured."""
+    stand_s = config.estimation.static_bias.duration_s + 1.0
+    return make_truth(make_drive(f"square-{side}", stand_s=stand_s, laps=laps), "constant")
 
-    time_s: Array
-    x_m: Array
-    y_m: Array
-    heading_rad: Array
-    travel_m: Array
 
-    @staticmethod
-    def of(drive: Drive) -> "Way":
-        """The whole drive."""
-        index = np.arange(0, len(drive.table), round(WHEEL_STEP_S * 1000))
-        x, y, heading, _, _, travel = drive.table[index].T
-        return Way(np.asarray(WHEEL_STEP_S * np.arange(len(index))), x, y, heading, travel)
-
-    def seconds(self) -> Array:
-        """Every second of the drive."""
-        return np.arange(0.0, self.time_s[-1], TRACE_STEP_S)
+def seconds_of(way: Truth) -> Array:
+    """Every second of the drive."""
+    return np.arange(0.0, way.duration_s, TRACE_STEP_S)
 
 
 class Outcome(NamedTuple):
@@ -86,14 +78,12 @@ class Laboratory:
 
     config: Config
     physics: Physics
-    ways: tuple[Way, Way]  # cw, ccw
+    ways: tuple[Truth, Truth]  # cw, ccw
 
     @staticmethod
     def make(config: Config, physics: Physics) -> "Laboratory":
         """With the paper's path."""
-        stand_s = config.estimation.static_bias.duration_s + 1.0
-        cw, ccw = (Way.of(square_drive(corner_m=CORNER_M, clockwise=cw, stand_s=stand_s)) for cw in (True, False))
-        return Laboratory(config, physics, (cw, ccw))
+        return Laboratory(config, physics, (path(config, "cw"), path(config, "ccw")))
 
 
 def run_gyro(
@@ -102,23 +92,20 @@ def run_gyro(
     """Draw a gyro and a robot, calibrate the gyro on the rate table, drive all runs."""
     random = np.random.default_rng([seed, 2001])
     physics = laboratory.physics
-    gyro = SimulatedGyro(physics.gyro, random)
-    calibration, before, after = calibrate(gyro, physics)
-    wheels = SkidSteer(laboratory.config, physics.robot, random)
-    weather = Climate(physics.weather, random)
+    robot = Robot(laboratory.config, physics, random)
+    calibration, before, after = calibrate(robot.gyro, physics)
     configs = [configured(laboratory.config, cell) for cell in cells]
     rows: list[list[Run]] = []
-    for run in range(2 * runs_each_way):
-        way = laboratory.ways[run >= runs_each_way]
-        start_s = run * physics.weather.run_period_s
-        samples = list(sensor_samples(way, gyro, wheels, weather, start_s, physics.gyro.delay_s))
+    for number in range(2 * runs_each_way):
+        way = laboratory.ways[number >= runs_each_way]
+        samples = robot.samples(way, 1000 * seed + number, number * physics.weather.run_period_s)
         rows.append(
             [
                 drive(way, samples, config, calibration if cell.calibrated else None)
                 for cell, config in zip(cells, configs, strict=True)
             ]
         )
-    columns: Any = {name: np.array([[getattr(run, name) for run in row] for row in rows]) for name in Run._fields}
+    columns: Any = {name: np.array([[getattr(one, name) for one in row] for row in rows]) for name in Run._fields}
     return Outcome(**columns, table_before_deg_s=before, table_after_deg_s=after)
 
 
@@ -156,74 +143,43 @@ def configured(config: Config, cell: Cell) -> Config:
     return dataclasses.replace(config, estimation=estimation)
 
 
-class Climate:
-    """The gyro's temperature."""
+class Robot:
+    """One of the population: what it is beyond the configuration, as effects and conditions of the simulator."""
 
-    def __init__(self, weather: Weather, random: Random):
-        self._weather = weather
-        self._ambient_c = random.uniform(weather.coldest_c, weather.warmest_c)
+    def __init__(self, config: Config, physics: Physics, random: Random):
+        p, known = physics.robot, catalogue()
+        self._config, self._weather = config, physics.weather
+        self.gyro = SimulatedGyro(physics.gyro, random)
+        left, right, tread = random.standard_normal(3).tolist()
+        self._effects = [
+            (known["wheel_radius_error"], {"left": p.scale_sigma * left, "right": p.scale_sigma * right}),
+            (known["tread_error"], {"k": p.tread_sigma * tread}),
+            (self.gyro, {}),
+            (known["gyro_latency"], {"delay": physics.gyro.delay_s}),
+        ]
+        # Of both sides, which wander by themselves, the tread feels the mean.
+        skid = math.sqrt(2.0) * p.skid
+        ground = Ground(skid=skid, skid_length_m=p.skid_length_m, bump_per_m=p.bump_per_m, bump_m=p.bump_m)
+        self._conditions = Conditions(ground=ground, reference=Reference(is_there=False))
+        self._nominal = Nominal(
+            name="paper",
+            wheel=Wheel(
+                radius_m=config.robot.wheel_radius_m, counts_per_revolution=config.encoders.counts_per_revolution
+            ),
+            tread_m=config.robot.tread_m,
+            fog=self.gyro.sheet,
+            encoders=EncoderSheet(rate_hz=config.encoders.rate_hz, slip_noise_m_per_sqrt_m=p.pavement_m_per_sqrt_m),
+        )
+        self._ambient_c = random.uniform(physics.weather.coldest_c, physics.weather.warmest_c)
 
-    def temperature_c(self, time_s: Array) -> Array:
-        """At times since the gyro was switched on."""
+    def samples(self, way: Truth, seed: int, start_s: float = 0.0) -> Samples:
+        """What the daemon gets; the gyro's samples bear the time of their arrival. `start_s`: since switching on."""
         w = self._weather
-        return np.asarray(self._ambient_c + w.self_heating_c * (1.0 - np.exp(-time_s / w.self_heating_s)))
-
-
-class SkidSteer:
-    """The robot's encoders, read through the sizes that the configuration believes."""
-
-    def __init__(self, config: Config, physics: Robot, random: Random):
-        self._physics, self._random = physics, random
-        self._tread_m = config.robot.tread_m * (1.0 + physics.tread_sigma * random.standard_normal())
-        self._scales = 1.0 + physics.scale_sigma * random.standard_normal(2)
-        self._count_m = 2.0 * math.pi * config.robot.wheel_radius_m / (config.encoders.counts_per_revolution or 4096.0)
-
-    def read(self, way: Way) -> tuple[Array, Array]:
-        """Left and right increments of a drive, m, each of shape (n,)."""
-        p, random = self._physics, self._random
-        along, turn = np.diff(way.travel_m), np.diff(way.heading_rad)
-        grip = 1.0 + p.skid * correlated_along(along / p.skid_length_m, random)
-        side = 0.5 * self._tread_m * grip * turn
-        left, right = (
-            self._counted(travel, s) for travel, s in zip((along - side, along + side), self._scales, strict=True)
-        )
-        return left, right
-
-    def _counted(self, travel_m: Array, scale: float) -> Array:
-        """Increments of one side's counter: with pavement and bumps, in whole counts."""
-        p, random, way = self._physics, self._random, np.abs(travel_m)
-        noise = p.pavement_m_per_sqrt_m * np.sqrt(way) * random.standard_normal(len(way))
-        bumps = p.bump_m * random.poisson(p.bump_per_m * way)
-        counts = np.floor(np.cumsum(scale * travel_m + noise + bumps) / self._count_m)
-        return self._count_m * np.diff(counts, prepend=0.0)
-
-
-def sensor_samples(
-    way: Way, gyro: SimulatedGyro, wheels: SkidSteer, weather: Climate, start_s: float, delay_s: float
-) -> Iterator[GyroSample | WheelSample]:
-    """What the daemon gets, in the order of arrival. The gyro's samples bear the time of their arrival."""
-    left, right = wheels.read(way)
-    heading = way.heading_rad[::WHEEL_STEPS_PER_GYRO_STEP]
-    ends = way.time_s[::WHEEL_STEPS_PER_GYRO_STEP][1:]
-    true = np.diff(heading) / GYRO_STEP_S * DEG_PER_RAD
-    rate, temperature = gyro.read(true, weather.temperature_c(start_s + ends), GYRO_STEP_S)
-    wheel_ns = START_NS + np.round(way.time_s[1:] * NS_PER_S).astype(np.int64)
-    gyro_ns = START_NS + np.round((ends + delay_s) * NS_PER_S).astype(np.int64)
-    arriving: list[GyroSample | WheelSample] = [
-        WheelSample(*row, 0.0)
-        for row in zip(wheel_ns.tolist(), [WHEEL_STEP_S] * len(left), left.tolist(), right.tolist(), strict=True)
-    ]
-    arriving += [
-        GyroSample(*row)
-        for row in zip(
-            gyro_ns.tolist(),
-            [GYRO_STEP_S] * len(rate),
-            (RAD_PER_DEG * rate).tolist(),
-            temperature.tolist(),
-            strict=True,
-        )
-    ]
-    return iter(sorted(arriving, key=lambda sample: sample.t_ns))
+        felt_c = warming_c(start_s + way.middle_s, self._ambient_c, w.self_heating_c, w.self_heating_s)
+        truth = dataclasses.replace(way, temperature_c=felt_c)
+        made = simulate(truth, self._nominal, self._effects, self._conditions, seed).recording
+        gyro, _ = gyro_samples(made.fog, self._config, FIRST_NS)
+        return gyro, wheel_samples(made.encoders, self._config, FIRST_NS)[0]
 
 
 class Run(NamedTuple):
@@ -237,23 +193,14 @@ class Run(NamedTuple):
     bound_m: float
 
 
-def fed(
-    estimator: Estimator, samples: Iterable[GyroSample | WheelSample]
-) -> Iterator[tuple[GyroSample | WheelSample, Pose | None]]:
-    """Feed the samples one after the other: each with the pose that it gave."""
-    for sample in samples:
-        yield sample, estimator.add_gyro(sample) if isinstance(sample, GyroSample) else estimator.add_wheels(sample)
-
-
-def drive(way: Way, samples: list[GyroSample | WheelSample], config: Config, calibration: Calibration | None) -> Run:
+def drive(way: Truth, samples: Samples, config: Config, calibration: Calibration | None) -> Run:
     """Feed the daemon's estimator, compare its poses with the truth."""
-    estimator = Estimator(config, calibration, publish_on="gyro")
-    poses = [pose for _, pose in fed(estimator, samples) if pose is not None]
+    poses = run(Estimator(config, calibration, publish_on="gyro"), *samples)
     t, x, y, heading = np.array([(p.t_ns, p.x_m, p.y_m, p.heading_rad) for p in poses]).T
-    t = (t - START_NS) / NS_PER_S
+    t = (t - FIRST_NS) * S_PER_NS
     error = np.hypot(x - np.interp(t, way.time_s, way.x_m), y - np.interp(t, way.time_s, way.y_m))
     heading_deg = DEG_PER_RAD * float(heading[-1] - way.heading_rad[-1])
-    seconds = way.seconds()
-    path = np.column_stack([np.interp(seconds, t, v) for v in (x, y)])
-    trace = np.interp(seconds, t, error)
-    return Run(float(error[-1]), float(error.max()), heading_deg, path, trace, poses[-1].position_bound_m)
+    seconds = seconds_of(way)
+    path_m = np.column_stack([np.interp(seconds, t, v) for v in (x, y)])
+    trace_m = np.interp(seconds, t, error)
+    return Run(float(error[-1]), float(error.max()), heading_deg, path_m, trace_m, poses[-1].position_bound_m)

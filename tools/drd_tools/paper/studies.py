@@ -2,35 +2,20 @@
 
 import dataclasses
 import math
-from typing import Final
+from collections.abc import Iterator
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.batch.run import run
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
 from drd.estimation.filter import Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
-from drd.samples import GyroSample, WheelSample
-from drd_tools.emulate.drive import square_drive
-from drd_tools.paper.gyro import SimulatedGyro
-from drd_tools.paper.physics import Gyro, Robot, Weather
-from drd_tools.paper.runs import (
-    CELLS,
-    Climate,
-    Laboratory,
-    SkidSteer,
-    Way,
-    calibrate,
-    configured,
-    drive,
-    fed,
-    sensor_samples,
-    told,
-)
-
-Array = npt.NDArray[np.float64]
+from drd_tools.paper import physics as p
+from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, path, told
+from drd_tools.simulate.route import Array
 
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
 EVERY_NS: Final = 1_000_000_000
@@ -39,17 +24,18 @@ NOTHING_RAD2: Final = 1e9  # a variance beside which every other is nothing
 
 def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tuple[Array, Array]:
     """Time in s, shape (n,), and the nine states' standard deviations, shape (n, 9), without calibration."""
-    random = np.random.default_rng([seed, 2002])
-    physics, config = laboratory.physics, laboratory.config
-    gyro, wheels = SimulatedGyro(physics.gyro, random), SkidSteer(config, physics.robot, random)
-    way = Way.of(square_drive(stand_s=config.estimation.static_bias.duration_s + 1.0, laps=laps))
-    estimator = Estimator(config, publish_on="gyro")
-    samples = list(sensor_samples(way, gyro, wheels, Climate(physics.weather, random), 0.0, physics.gyro.delay_s))
-    rows, next_ns = [], samples[0].t_ns
-    for sample, _ in fed(estimator, samples):
-        if sample.t_ns >= next_ns:
-            next_ns += EVERY_NS
-            rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
+    robot = Robot(laboratory.config, laboratory.physics, np.random.default_rng([seed, 2002]))
+    estimator, rows = Estimator(laboratory.config, publish_on="gyro"), []
+
+    def watched(samples: list[Any]) -> Iterator[Any]:
+        next_ns = samples[0].t_ns
+        for sample in samples:
+            yield sample
+            if sample.t_ns >= next_ns:
+                next_ns += EVERY_NS
+                rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
+
+    run(estimator, *robot.samples(path(laboratory.config, "ccw", laps), seed), watched)
     table = np.array(rows)
     return table[:, 0], table[:, 1 : 1 + len(STATES)]  # the paper has no lag and no sideways slip
 
@@ -60,12 +46,10 @@ def sigmas_with_and_without_comparing(laboratory: Laboratory, gyros: int = 4) ->
     """
     rows = []
     for seed in range(gyros):
-        random = np.random.default_rng([seed, 2004])
-        physics, config, way = laboratory.physics, laboratory.config, laboratory.ways[seed % 2]
-        gyro, wheels = SimulatedGyro(physics.gyro, random), SkidSteer(config, physics.robot, random)
-        calibration = calibrate(gyro, physics)[0]
-        weather = Climate(physics.weather, random)
-        samples = list(sensor_samples(way, gyro, wheels, weather, 0.0, physics.gyro.delay_s))
+        config, random = laboratory.config, np.random.default_rng([seed, 2004])
+        robot = Robot(config, laboratory.physics, random)
+        calibration = calibrate(robot.gyro, laboratory.physics)[0]
+        samples = robot.samples(laboratory.ways[seed % 2], seed)
         tracks = (make_track, _deaf)
         estimators = (Estimator(config, calibration, new_track=track, publish_on="gyro") for track in tracks)
         rows.append([_return_sigma_m(estimator, samples) for estimator in estimators])
@@ -77,9 +61,8 @@ def _deaf(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
     return make_track(config, sigmas, dataclasses.replace(noise, comparison_rad2=NOTHING_RAD2))
 
 
-def _return_sigma_m(estimator: Estimator, samples: list[GyroSample | WheelSample]) -> float:
-    for _ in fed(estimator, samples):
-        pass
+def _return_sigma_m(estimator: Estimator, samples: Samples) -> float:
+    run(estimator, *samples)
     P = estimator.filter.P
     return math.sqrt(P[X, X] + P[Y, Y])
 
@@ -88,24 +71,25 @@ def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05
     """Perfect sensors, but a gyro that is late: rows of delay in s, return error and largest error on the way in m."""
     perfect = dataclasses.replace(
         laboratory.physics,
-        gyro=Gyro(
+        gyro=p.Gyro(
             nonlinearity=0.0,
             scale_over_temperature=0.0,
             bias_over_temperature_deg_s=0.0,
             bias_stability_deg_s=0.0,
             walk_deg_per_sqrt_h=0.0,
         ),
-        weather=Weather(self_heating_c=0.0),
-        robot=Robot(scale_sigma=0.0, tread_sigma=0.0, skid=0.0, pavement_m_per_sqrt_m=0.0, bump_per_m=0.0, bump_m=0.0),
+        weather=p.Weather(self_heating_c=0.0),
+        robot=p.Robot(
+            scale_sigma=0.0, tread_sigma=0.0, skid=0.0, pavement_m_per_sqrt_m=0.0, bump_per_m=0.0, bump_m=0.0
+        ),
     )
-    random = np.random.default_rng(0)
     gyro_alone = configured(laboratory.config, CELLS[0])
     rows: list[tuple[float, ...]] = []
     for delay_s in delays_s:
-        gyro, wheels = SimulatedGyro(perfect.gyro, random), SkidSteer(gyro_alone, perfect.robot, random)
-        samples = list(sensor_samples(laboratory.ways[1], gyro, wheels, Climate(perfect.weather, random), 0.0, delay_s))
-        run = drive(laboratory.ways[1], samples, gyro_alone, None)
-        rows.append((delay_s, run.return_m, run.largest_m))
+        physics = dataclasses.replace(perfect, gyro=dataclasses.replace(perfect.gyro, delay_s=delay_s))
+        samples = Robot(gyro_alone, physics, np.random.default_rng(0)).samples(laboratory.ways[1], 0)
+        run_ = drive(laboratory.ways[1], samples, gyro_alone, None)
+        rows.append((delay_s, run_.return_m, run_.largest_m))
     return rows
 
 

@@ -16,7 +16,8 @@ from drd.units import DEG_PER_RAD
 from drd_tools.recordings.folder import POSES
 from drd_tools.simulate.robot import robot_yaml
 from drd_tools.simulate.route import Array
-from drd_tools.simulate.simulator import DECIMALS, Effects, Simulated
+from drd_tools.simulate.sensors import DECIMALS, Effects
+from drd_tools.simulate.simulator import Simulated
 
 ROBOT, ENCODERS, FOG, REFERENCE = "robot.yaml", "encoders.csv", "fog.csv", "reference.csv"
 TRUTH, TRUE_MOTION = "truth.yaml", "truth.csv"

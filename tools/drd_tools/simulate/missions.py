@@ -9,10 +9,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drd.config.schema import ConfigError
-from drd_tools.emulate.drive import EIGHT_SWING_RAD
-from drd_tools.simulate.route import RATE_HZ, Route, Steps, bend_shape
+from drd_tools.simulate.route import ACCELERATION_M_S2, LATERAL_M_S2, RATE_HZ, SMOOTHING_S, Route, Steps, bend_shape
 
 QUARTER: Final = 0.5 * math.pi
+# First zero of the Bessel function J0: a path whose heading swings this far (sine over its length) is a closed
+# figure of eight, because the mean of exp(i a sin u) over a period is J0(a).
+EIGHT_SWING_RAD: Final = 2.404825557695773
 
 
 class Mission(NamedTuple):
@@ -33,10 +35,10 @@ class Drive(NamedTuple):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x_m, y_m, heading_rad
 
 
-def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0) -> Drive:
+def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0, laps: int = 1) -> Drive:
     """A standstill of `stand_s`, then as many whole laps as fit into `seconds`, then standstill until their end.
 
-    Where not even one fits, it is cut at `seconds`. Without `seconds`: one lap. `mission` is a name of MISSIONS, or a
+    Where not even one fits, it is cut at `seconds`. Without `seconds`: `laps`. `mission` is a name of MISSIONS, or a
     file of way-points (see `read_waypoints`). Raises ConfigError.
     """
     if mission in MISSIONS:
@@ -53,15 +55,45 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
             lap(route, number)
         return route.stand(1.0).steps()
 
-    steps, laps = laps_of(1), 1
+    steps = laps_of(laps)
     if total is not None and len(steps.forward_m) < total:
         first, second = len(steps.forward_m), len(laps_of(2).forward_m)
         laps = 1 + (total - first) // (second - first)
         steps = laps_of(laps) if laps > 1 else steps
     if total is not None:
         laps = laps if len(steps.forward_m) <= total else 0
-        steps = Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
+        steps = _lasting(steps, total)
     return Drive(steps, laps, start)
+
+
+def _lasting(steps: Steps, total: int) -> Steps:
+    """Cut, or standing until the end."""
+    return Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
+
+
+def demo_drive(seconds: float, stand_s: float = 10.0) -> Drive:
+    """Figures of eight that take `seconds`, with a standstill of `stand_s` first and a short one at the end.
+
+    As many metres as fit. Where time is too short for a whole eight at a bearable yaw rate, an open, wavy path;
+    where it is too short for that as well, the robot stands.
+    """
+    lap_m, rate_limit_rad_s, shortest_m = 100.0, 0.8, 0.05
+    end_stand_s = min(2.0, 0.1 * seconds)
+    moving_s = max(0.0, seconds - stand_s - end_stand_s - SMOOTHING_S)
+    speed = min(1.5, ACCELERATION_M_S2 * moving_s / 4.0)  # at most half of the time is for ramps
+    length_m = speed * (moving_s - speed / ACCELERATION_M_S2)
+    route = Route().stand(stand_s)
+    if length_m > shortest_m:
+        _wave(route, length_m, max(1, round(length_m / lap_m)), speed, min(rate_limit_rad_s, LATERAL_M_S2 / speed))
+    return Drive(_lasting(route.stand(end_stand_s).steps(), max(1, round(seconds * RATE_HZ))), 0)
+
+
+def _wave(route: Route, length_m: float, waves: int, speed_m_s: float, limit_rad_s: float = math.inf) -> None:
+    """The heading swings as a sine over the way, so far that each wave is a closed figure of eight, or as allowed."""
+    per_m, cells = 2.0 * math.pi * waves / length_m, max(2000, round(100.0 * length_m))
+    along = (np.arange(cells) + 0.5) * length_m / cells
+    swing = min(EIGHT_SWING_RAD, limit_rad_s / (speed_m_s * per_m))
+    route.curve(length_m, swing * per_m * np.cos(per_m * along), speed_m_s)
 
 
 def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
@@ -131,10 +163,7 @@ def _square(side: float) -> Callable[[Route, int], object]:
 
 
 def _eights(route: Route, _: int) -> None:
-    # The heading swings as a sine over the way: with this amplitude the figure closes.
-    length_m, wave = 50.0, 2.0 * math.pi / 50.0
-    along = (np.arange(5000) + 0.5) * length_m / 5000
-    route.curve(length_m, EIGHT_SWING_RAD * wave * np.cos(wave * along), 1.2)
+    _wave(route, 50.0, 1, 1.2)
 
 
 def _warehouse(route: Route, number: int) -> None:

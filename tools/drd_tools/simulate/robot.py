@@ -8,7 +8,7 @@ import yaml
 
 from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel, load_nominal
 from drd.effects.model import load_model
-from drd_tools.simulate.simulator import Effects
+from drd_tools.simulate.sensors import Effects
 
 # A small skid-steer robot with a gyro as in Table I of the paper (KVH RD2100) and a good laser tracker.
 DEFAULT: Final = Nominal(

@@ -16,6 +16,11 @@ DOOR_S: Final = 150.0
 DOOR_LAG_S: Final = 120.0
 
 
+def warming_c(time_s: Array, cold_c: float, by_c: float, constant_s: float = WARM_UP_S) -> Array:
+    """A gyro that warms itself up, at times since it was switched on."""
+    return np.asarray(cold_c + by_c * (1.0 - np.exp(-time_s / constant_s)))
+
+
 class Profile(NamedTuple):
     """`curve(time_s, duration_s, a, b)` gives degC; `a` and `b` are its defaults."""
 
@@ -38,7 +43,7 @@ PROFILES: Final = {
     "constant": Profile("always A", 20.0, 20.0, lambda t, _, a, _b: np.full_like(t, a)),
     "warmup": Profile(
         "from A up by B, with a time constant of 15 min", 20.0, 10.0,
-        lambda t, _, a, b: a + b * (1.0 - np.exp(-t / WARM_UP_S)),
+        lambda t, _, a, b: warming_c(t, a, b),
     ),
     "rise": Profile("from A to B in a straight line", 15.0, 30.0, lambda t, end, a, b: a + (b - a) * t / end),
     "cycle": Profile(

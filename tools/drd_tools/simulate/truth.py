@@ -2,12 +2,23 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from drd_tools.simulate.missions import Drive
 from drd_tools.simulate.route import STEP_S, Array
 from drd_tools.simulate.temperature import temperature_c
+
+
+class Place(NamedTuple):
+    """Where the robot is, heading not wrapped, and how far it has driven: forward less backward."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    way_m: float
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,22 @@ class Truth:
     def length_m(self) -> float:
         """Of the way, forward and backward."""
         return float(np.abs(self.speed_m_s).sum() * STEP_S)
+
+    @cached_property
+    def way_m(self) -> Array:
+        """At the states: forward less backward, from 0."""
+        return np.concatenate(([0.0], np.cumsum(self.speed_m_s) * STEP_S))
+
+    @cached_property
+    def _places(self) -> Array:
+        return np.column_stack((self.x_m, self.y_m, self.heading_rad, self.way_m))
+
+    def at(self, t_s: float) -> Place:
+        """`t_s` after the start. Before it and after the end the robot stands there."""
+        position = min(max(t_s / STEP_S, 0.0), float(len(self.speed_m_s)))
+        index = min(int(position), len(self.speed_m_s) - 1)
+        before, after = self._places[index], self._places[index + 1]
+        return Place(*(before + (position - index) * (after - before)).tolist())
 
     def sliding(self, lateral_m_s: Array) -> "Truth":
         """The same drive while the body slides sideways, shape (n,)."""

@@ -16,7 +16,8 @@ from drd_tools.simulate.conditions import GROUNDS, Conditions, Reference
 from drd_tools.simulate.files import effect_rows, read_true_motion, read_truth, write_folder
 from drd_tools.simulate.missions import MISSIONS, make_drive
 from drd_tools.simulate.robot import read_robot
-from drd_tools.simulate.simulator import Effects, Simulated, simulate
+from drd_tools.simulate.sensors import Effects
+from drd_tools.simulate.simulator import Simulated, simulate
 from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
 
@@ -131,7 +132,7 @@ def _configured(simulated: Simulated, file: Path | None) -> tuple[Loaded[Config]
 
 
 def _mcap(simulated: Simulated, chosen: argparse.Namespace, began_s: float) -> int:
-    from drd_tools.simulate.raw import write_mcap  # noqa: PLC0415  # brings the daemon
+    from drd_tools.emulate.raw import write_mcap  # noqa: PLC0415  # brings the daemon
 
     config, base = _configured(simulated, chosen.config)
     poses = write_mcap(chosen.output, simulated.recording, config, base)
@@ -143,7 +144,7 @@ def _mcap(simulated: Simulated, chosen: argparse.Namespace, began_s: float) -> i
 
 
 def _live(simulated: Simulated, chosen: argparse.Namespace) -> int:
-    from drd_tools.simulate.raw import drive_live  # noqa: PLC0415  # brings the daemon
+    from drd_tools.emulate.raw import drive_live  # noqa: PLC0415  # brings the daemon
 
     config, base = _configured(simulated, chosen.live)
     for sentence in drive_live(simulated.recording, config.value, base, allow_real_bus=chosen.real_bus):
