@@ -12,6 +12,7 @@ from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import ConfigError, Loaded
 from drd_tools.replay.nominal import configuration
+from drd_tools.simulate.arguments import number, seed
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Reference
 from drd_tools.simulate.files import effect_rows, read_true_motion, read_truth, write_folder
 from drd_tools.simulate.missions import MISSIONS, make_drive
@@ -171,8 +172,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--world", choices=WORLDS, default=WORLDS[0],
         help="formulas (default), or mujoco: contact physics, see `drd simulate --world mujoco --help`")  # fmt: skip
     add("--mission", default="warehouse", metavar="NAME", help="what is driven, see below (default warehouse)")
-    add("--seconds", type=_number(1.0, 86_400.0), metavar="S", help="as many whole laps as fit (default: one lap)")
-    add("--seed", type=_seed, default=0, metavar="N", help="other noise (default 0)")
+    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help="as many whole laps as fit (default: one lap)")
+    add("--seed", type=seed, default=0, metavar="N", help="other noise (default 0)")
     add("--robot", type=Path, metavar="FILE", help="robot.yaml (default: a small skid-steer robot with an RD2100 gyro)")
     add("--model", type=Path, metavar="FILE", help="effects, and keys that replace robot.yaml's, see below")
     add("--temperature", default="warmup", metavar="NAME[:A[:B]]", help="of the gyro, see below (default warmup)")
@@ -180,10 +181,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--ground", choices=tuple(GROUNDS), default="even", help="skid-steer: centres of rotation wander; bumps")
     add("--noise", type=_factors, default=(1.0, 1.0, 1.0), metavar="F[,F,F]",
         help="factors on the noise of gyro, wheels and reference; 0: perfect sensors (counts stay whole)")  # fmt: skip
-    add("--tails", type=_number(2.1, 1e6), default=math.inf, metavar="N",
+    add("--tails", type=number(2.1, 1e6), default=math.inf, metavar="N",
         help="heavy tails: Student's t with N degrees of freedom (default: Gaussian)")  # fmt: skip
-    add("--jitter", type=_number(0.0, 1.0), default=0.0, metavar="S", help="scatter of the stamps (default 0)")
-    add("--reference-latency", type=_number(0.0, 1.0), default=0.0, metavar="S", help="age of the reference's poses")
+    add("--jitter", type=number(0.0, 1.0), default=0.0, metavar="S", help="scatter of the stamps (default 0)")
+    add("--reference-latency", type=number(0.0, 1.0), default=0.0, metavar="S", help="age of the reference's poses")
     add("--reference-lever", type=_lever, default=(0.0, 0.0), metavar="X,Y", help="point it sees: forward, left, m")
     add("--stressed", action="store_true", help="noise off the data sheets, heavy tails, late reference off the centre")
     add("--output", type=Path, metavar="DIR", help="folder for the recording, or a file that ends with .mcap")
@@ -202,25 +203,8 @@ def _world(argv: list[str]) -> str:
     return chosen
 
 
-def _number(low: float, high: float) -> Any:
-    def number(text: str) -> float:
-        value = float(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{low:g} to {high:g}, got {text}")
-        return value
-
-    return number
-
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"0 or more, got {text}")
-    return value
-
-
 def _factors(text: str) -> tuple[float, float, float]:
-    values = tuple(_number(0.0, 100.0)(part) for part in text.split(","))
+    values = tuple(number(0.0, 100.0)(part) for part in text.split(","))
     if len(values) == 1:
         values *= 3
     if len(values) != 3:
@@ -229,7 +213,7 @@ def _factors(text: str) -> tuple[float, float, float]:
 
 
 def _lever(text: str) -> tuple[float, float]:
-    values = tuple(_number(-10.0, 10.0)(part) for part in text.split(","))
+    values = tuple(number(-10.0, 10.0)(part) for part in text.split(","))
     if len(values) != 2:
         raise argparse.ArgumentTypeError(f"expected forward,left in m, got {text!r}")
     return values[0], values[1]

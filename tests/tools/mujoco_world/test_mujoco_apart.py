@@ -10,16 +10,33 @@ import drd_tools.mujoco_world as package
 from drd_tools.simulate_command import main
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
-# The forms of the recording folder, the errors, and the look of pictures.
-SHARED = {"drd.config.schema", "drd.units", "drd_tools.report.style"}
+# The forms of the recording folder, the errors, the look of pictures; and the sensors, which are those of all worlds.
+SHARED = {
+    "drd.config.nominal",
+    "drd.config.schema",
+    "drd.effects.motion",
+    "drd.units",
+    "drd_tools.recordings.folder",
+    "drd_tools.report.style",
+    "drd_tools.simulate.arguments",
+    "drd_tools.simulate.conditions",
+    "drd_tools.simulate.files",
+    "drd_tools.simulate.sensors",
+    "drd_tools.simulate.temperature",
+}
 
 
-def test_it_shares_no_physics_with_the_rest_of_the_project() -> None:
+def test_its_motion_shares_no_physics_with_the_rest_of_the_project() -> None:
     imported = {
-        node.module
+        name
         for file in SOURCES
         for node in ast.walk(ast.parse(file.read_text()))
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("drd")
+        for name in (
+            [f"{node.module}.{alias.name}" for alias in node.names]
+            if node.module == "drd_tools.simulate"
+            else [node.module]
+        )
     }
     assert {name for name in imported if not name.startswith("drd_tools.mujoco_world")} == SHARED
 

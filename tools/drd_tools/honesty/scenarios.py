@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -16,7 +15,7 @@ from drd.effects.model import Amount, Term
 from drd.estimation.estimate import initial_sigmas
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.honesty.configurations import as_simulated
-from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Random, stream
 from drd_tools.simulate.missions import Drive, make_drive
 from drd_tools.simulate.robot import DEFAULT
@@ -212,12 +211,9 @@ def true_path(simulated: Simulated) -> Reference:
     return Reference(simulated.recording.name, truth.time_s[rows], pose[rows])
 
 
-def contact_simulation(seed: int, folder: Path) -> Simulation:
-    """A skid-steer robot in MuJoCo, its load, friction and bumps drawn; the recording goes through `folder`.
-
-    Needs the package mujoco.
-    """
-    from drd_tools.mujoco_world import files, sensors, world  # noqa: PLC0415  # an optional extra
+def contact_simulation(seed: int) -> Simulation:
+    """A skid-steer robot in MuJoCo, its load, friction and bumps drawn. Needs the package mujoco."""
+    from drd_tools.mujoco_world import sensors, world  # noqa: PLC0415  # an optional extra
     from drd_tools.mujoco_world.ground import Ground  # noqa: PLC0415
     from drd_tools.mujoco_world.vehicle import Vehicle  # noqa: PLC0415
 
@@ -226,9 +222,8 @@ def contact_simulation(seed: int, folder: Path) -> Simulation:
     ground = Ground(friction=random.uniform(0.4, 1.0), bumps_per_m=random.uniform(0.0, 0.5))
     mission = CONTACT_MISSIONS[seed % len(CONTACT_MISSIONS)]
     motion = world.drive(vehicle, ground, mission, SECONDS, STAND_S, seed)
-    readings = sensors.read_sensors(motion, sensors.Reference(), seed)
-    robot = sensors.robot_yaml(vehicle, f"{MUJOCO}, seed {seed}", STAND_S)
-    files.write_folder(folder, robot, readings, motion, {"world": MUJOCO})
+    nominal = sensors.nominal_of(vehicle, f"{MUJOCO}, seed {seed}", STAND_S)
+    readings = sensors.read_sensors(motion, sensors.Reference(), seed, nominal)
     pose = np.column_stack([motion.x_m, motion.y_m, motion.heading_rad])
     every = slice(None, None, world.ROW_HZ // TRUTH_HZ)
-    return Simulation(read_recording(folder), Reference(MUJOCO, motion.time_s[every], pose[every]), mission)
+    return Simulation(readings.recording, Reference(MUJOCO, motion.time_s[every], pose[every]), mission)

@@ -19,8 +19,10 @@ BESIDE: Final = 30
 
 def judge_seed(name: str, seed: int, beside: int = BESIDE) -> Judged:
     """One drive of a scenario, or of MuJoCo's; the configurations beside the default only for seeds below `beside`."""
+    if name == MUJOCO:
+        return _contacts(seed)
     with tempfile.TemporaryDirectory() as place:
-        return _contacts(seed, Path(place)) if name == MUJOCO else _formulas(name, seed, Path(place), beside)
+        return _formulas(name, seed, Path(place), beside)
 
 
 def _formulas(name: str, seed: int, place: Path, beside: int) -> Judged:
@@ -41,8 +43,8 @@ def _formulas(name: str, seed: int, place: Path, beside: int) -> Judged:
     return Judged("simulated", name, f"seed {seed}, {one.mission}", figures, nees)
 
 
-def _contacts(seed: int, place: Path) -> Judged:
-    one = contact_simulation(seed, place)
+def _contacts(seed: int) -> Judged:
+    one = contact_simulation(seed)
     figures = all_figures(one.recording, None, Yardstick(one.true, True))
     nees = {c.DEFAULT: nees_at_end(c.estimated(one.recording).poses, one.true)}
     return Judged("simulated", MUJOCO, f"seed {seed}, {one.mission}", figures, nees)

@@ -15,11 +15,12 @@ from drd.config.schema import ConfigError
 from drd_tools.mujoco_world.ground import Ground
 from drd_tools.mujoco_world.missions import MISSIONS
 from drd_tools.mujoco_world.vehicle import Vehicle
+from drd_tools.simulate.arguments import number, seed
 
 DESCRIPTION = """\
-Drive a four-wheel skid-steer robot of 60 kg through MuJoCo's contact physics, and record what its sensors say. It
-shares no formula with the other simulated world: effective tread, slip and sideways motion are not put in, they emerge,
-are measured and printed. robot.yaml states the track and the wheel radius of the drawing.
+Drive a four-wheel skid-steer robot of 60 kg through MuJoCo's contact physics, and record what its sensors say. Its
+motion shares no formula with the other simulated world: effective tread, slip and sideways motion are not put in, they
+emerge, are measured and printed. robot.yaml states the track and the wheel radius of the drawing.
 
 The folder written is a recording as `drd replay` and `drd evaluate` take it, with the truth beside it:
   robot.yaml, fog.csv, encoders.csv, reference.csv     what is believed, and what the sensors said
@@ -60,7 +61,8 @@ def _run(chosen: argparse.Namespace) -> int:
     began_s = time.perf_counter()
     motion = world.drive(vehicle, ground, chosen.mission, chosen.seconds, STAND_S, chosen.seed)
     took_s = time.perf_counter() - began_s
-    readings = sensors.read_sensors(motion, sensors.Reference(*chosen.reference), chosen.seed)
+    nominal = sensors.nominal_of(vehicle, chosen.output.name, STAND_S)
+    readings = sensors.read_sensors(motion, sensors.Reference(*chosen.reference), chosen.seed, nominal)
     blocks = measure.make_blocks(motion, vehicle)
     found, expected = measure.manoeuvres(blocks), measure.coulomb_tread_ratio(vehicle)
     about = {
@@ -71,8 +73,7 @@ def _run(chosen: argparse.Namespace) -> int:
         "ground": asdict(ground),
         "gyro": sensors.gyro_truth(readings),
     }
-    robot = sensors.robot_yaml(vehicle, chosen.output.name, STAND_S)
-    files.write_folder(chosen.output, robot, readings, motion, files.truth_of(found, about))
+    files.write_folder(chosen.output, readings, motion, files.truth_of(found, about))
     title = f"MuJoCo: {chosen.mission}, {motion.time_s[-1]:g} s, {vehicle.total_kg:g} kg, friction {ground.friction:g}"
     title += f" and {ground.patch_friction:g}" if ground.patch_friction is not None else ""
     title += f", {ground.bumps_per_m:g} bumps per metre" if ground.bumps_per_m else ""
@@ -131,40 +132,23 @@ def _parser() -> argparse.ArgumentParser:
     add: Any = parser.add_argument
     add("--world", choices=("mujoco",), required=True, help="this world")
     add("--mission", choices=tuple(MISSIONS), default="circles", metavar="NAME", help="see below (default circles)")
-    add("--seconds", type=_number(11.0, 3600.0), metavar="S", help="cut at S, lap after lap (default: one whole lap)")
-    add("--seed", type=_seed, default=0, metavar="N", help="other noise, patches and bumps (default 0)")
-    add("--friction", type=_number(0.1, 2.0), default=0.8, metavar="MU", help="of tyre on ground (default 0.8)")
-    add("--patches", type=_number(0.1, 2.0), metavar="MU", help="one square of 2 m in three has this friction instead")
-    add("--bumps", type=_number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of way")
-    add("--payload", type=_number(0.0, 100.0), default=0.0, metavar="KG", help="stands 0.15 m behind the middle")
+    add("--seconds", type=number(11.0, 3600.0), metavar="S", help="cut at S, lap after lap (default: one whole lap)")
+    add("--seed", type=seed, default=0, metavar="N", help="other noise, patches and bumps (default 0)")
+    add("--friction", type=number(0.1, 2.0), default=0.8, metavar="MU", help="of tyre on ground (default 0.8)")
+    add("--patches", type=number(0.1, 2.0), metavar="MU", help="one square of 2 m in three has this friction instead")
+    add("--bumps", type=number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of way")
+    add("--payload", type=number(0.0, 100.0), default=0.0, metavar="KG", help="stands 0.15 m behind the middle")
     add("--reference", type=_reference, default=(0.1, True), metavar="WHEN",
         help="full (10 Hz, default), sparse:SECONDS, ends or none")  # fmt: skip
     add("--output", type=Path, required=True, metavar="DIR", help="folder for the recording")
     return parser
 
 
-def _number(low: float, high: float) -> Any:
-    def number(text: str) -> float:
-        value = float(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{low:g} to {high:g}, got {text}")
-        return value
-
-    return number
-
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"0 or more, got {text}")
-    return value
-
-
 def _reference(text: str) -> tuple[float | None, bool]:
     """Period (None: the two ends only), and whether there is a reference."""
     name, _, seconds = text.partition(":")
     if name == "sparse":
-        return _number(0.01, 1e6)(seconds), True
+        return number(0.01, 1e6)(seconds), True
     if text not in ("full", "ends", "none"):
         raise argparse.ArgumentTypeError(f"full, sparse:SECONDS, ends or none, got {text!r}")
     return (None if text == "ends" else 0.1), text != "none"

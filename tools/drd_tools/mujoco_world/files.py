@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -17,32 +16,24 @@ from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.measure import Manoeuvre
 from drd_tools.mujoco_world.sensors import Readings
 from drd_tools.mujoco_world.world import ROW_HZ, Motion
+from drd_tools.simulate.files import TRUE_MOTION, write_recording
 
 TRUTH_HZ: Final = 50
 # Speeds along the body's axes; wheel angles: mean of a side's two.
 TRUTH_HEADER: Final = "time_s,x_m,y_m,heading_deg,speed_m_s,lateral_m_s,left_wheel_rad,right_wheel_rad,friction"
 
 
-def write_folder(
-    folder: Path, robot: dict[str, Any], readings: Readings, motion: Motion, truth: dict[str, Any]
-) -> None:
+def write_folder(folder: Path, readings: Readings, motion: Motion, truth: dict[str, Any]) -> None:
     """Write robot.yaml, the sensors' files, truth.yaml and truth.csv; files of an earlier simulation are replaced.
 
     Raises ConfigError where the folder holds a recording that was not simulated, or cannot be written.
     """
+    text = "# What emerged in MuJoCo; robot.yaml is what is believed.\n" + yaml.safe_dump(truth, sort_keys=False)
+    write_recording(folder, readings.recording, text)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / "robot.yaml").exists() and not (folder / "truth.yaml").exists():
-            raise ConfigError(str(folder), "", "an empty folder, or a simulated recording", "another recording")
-        _yaml(folder / "truth.yaml", "What emerged in MuJoCo; robot.yaml is what is believed.", truth)
-        _yaml(folder / "robot.yaml", "What the robot's engineers believe: drawing and data sheets.", robot)
-        _csv(folder / "fog.csv", "time_s,rate_deg_s,temperature_c", readings.fog, "%.2f,%.6f,%.1f")
-        _csv(folder / "encoders.csv", "time_s,left_counts,right_counts", readings.encoders, "%.2f,%.0f,%.0f")
-        with suppress(FileNotFoundError):
-            (folder / "reference.csv").unlink()
-        if readings.reference is not None:
-            _csv(folder / "reference.csv", "time_s,x_m,y_m,heading_deg", readings.reference, "%.2f,%.5f,%.5f,%.4f")
-        _csv(folder / "truth.csv", TRUTH_HEADER, _true_rows(motion), "%.2f" + ",%.6f" * 8)
+        # + 0.0: no "-0"
+        rows = _true_rows(motion) + 0.0
+        np.savetxt(folder / TRUE_MOTION, rows, fmt="%.2f" + ",%.6f" * 8, header=TRUTH_HEADER, comments="")
     except OSError as error:
         raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
@@ -64,11 +55,3 @@ def _true_rows(motion: Motion) -> Array:
         m.left_rad, m.right_rad, m.friction,
     )  # fmt: skip
     return np.column_stack(columns)[:: ROW_HZ // TRUTH_HZ]
-
-
-def _csv(file: Path, header: str, rows: Array, form: str) -> None:
-    np.savetxt(file, rows + 0.0, fmt=form, header=header, comments="")  # + 0.0: no "-0"
-
-
-def _yaml(file: Path, comment: str, content: dict[str, Any]) -> None:
-    file.write_text(f"# {comment}\n" + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

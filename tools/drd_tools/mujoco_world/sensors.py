@@ -1,20 +1,20 @@
-"""What the robot's sensors and the tracker make of the motion."""
+"""What the robot's sensors and the tracker make of the motion: the other world's sensors, on what MuJoCo drives."""
 
-import math
 from dataclasses import dataclass
-from typing import Any, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from drd.units import (
-    DEG_PER_RAD,
-    RAD_PER_DEG,
-    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
-    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
-)
+from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.effects.motion import Motion as Felt
+from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import ROW_HZ, Motion, random_of
+from drd_tools.recordings.folder import Recording, ReferenceLog
+from drd_tools.simulate import conditions, sensors
+from drd_tools.simulate.temperature import warming_c
 
 FOG_HZ: Final = 10
 ENCODERS_HZ: Final = 20
@@ -32,7 +32,6 @@ COLD_C: Final = 20.0
 WARMER_C: Final = 8.0
 WARMING_S: Final = 600.0
 BIAS_DEG_S_PER_C: Final = 0.0003
-THERMOMETER_C: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -45,41 +44,80 @@ class Reference:
 
 @dataclass(frozen=True)
 class Readings:
-    """Rows of the three files, shape (n, columns), in their units; and the gyro's bias at switch-on."""
+    """A recording as if read from a folder, the rows of its three files, shape (n, columns), in their units; and the
+    gyro's bias at switch-on.
+    """
 
+    recording: Recording
     fog: Array
     encoders: Array
     reference: Array | None
     bias_deg_s: float
 
 
-def read_sensors(motion: Motion, reference: Reference, seed: int) -> Readings:
-    """Sample the motion. The same arguments give the same bits."""
-    bias_deg_s = REPEATABILITY_DEG_S * float(random_of(seed, 10).standard_normal())
-    return Readings(
-        _fog(motion, bias_deg_s, seed), _encoders(motion, seed), _poses(motion, reference, seed), bias_deg_s
+def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Nominal:
+    """What the robot's engineers believe: the drawing's track and radius, the data sheets' noise."""
+    return Nominal(
+        name=name,
+        wheel=Wheel(radius_m=vehicle.wheel_radius_m, counts_per_revolution=float(COUNTS_PER_REVOLUTION)),
+        tread_m=vehicle.track_m,
+        fog=FogSheet(
+            kind="KVH RD2100",
+            rate_hz=float(FOG_HZ),
+            range_deg_s=RANGE_DEG_S,
+            angle_random_walk_deg_per_sqrt_h=ANGLE_WALK_DEG_PER_SQRT_H,
+            bias_repeatability_deg_s=REPEATABILITY_DEG_S,
+            bias_random_walk_deg_per_h_per_sqrt_h=BIAS_WALK_DEG_PER_H_PER_SQRT_H,
+            resolution_deg_s=RESOLUTION_DEG_S,
+        ),
+        encoders=EncoderSheet(rate_hz=float(ENCODERS_HZ), slip_noise_m_per_sqrt_m=0.002),
+        reference=ReferenceSheet(position_sigma_m=POSITION_SIGMA_M, heading_sigma_deg=HEADING_SIGMA_DEG),
+        standstill_at_start_s=stand_s,
     )
 
 
-def robot_yaml(vehicle: Vehicle, name: str, stand_s: float) -> dict[str, Any]:
-    """What the robot's engineers believe: the drawing's track and radius, the data sheets' noise."""
-    return {
-        "name": name,
-        "wheel": {"radius_m": vehicle.wheel_radius_m, "counts_per_revolution": COUNTS_PER_REVOLUTION},
-        "tread_m": vehicle.track_m,
-        "fog": {
-            "kind": "KVH RD2100",
-            "rate_hz": FOG_HZ,
-            "range_deg_s": RANGE_DEG_S,
-            "angle_random_walk_deg_per_sqrt_h": ANGLE_WALK_DEG_PER_SQRT_H,
-            "bias_repeatability_deg_s": REPEATABILITY_DEG_S,
-            "bias_random_walk_deg_per_h_per_sqrt_h": BIAS_WALK_DEG_PER_H_PER_SQRT_H,
-            "resolution_deg_s": RESOLUTION_DEG_S,
-        },
-        "encoders": {"rate_hz": ENCODERS_HZ, "slip_noise_m_per_sqrt_m": 0.002},
-        "reference": {"position_sigma_m": POSITION_SIGMA_M, "heading_sigma_deg": HEADING_SIGMA_DEG},
-        "standstill_at_start_s": stand_s,
-    }
+def read_sensors(motion: Motion, reference: Reference, seed: int, nominal: Nominal | None = None) -> Readings:
+    """Sample the motion. The same arguments give the same bits. The wheels slip by themselves: no noise is added."""
+    nominal = nominal or nominal_of(Vehicle(), "mujoco", 0.0)
+    seen = conditions.Conditions(
+        wheel_noise=0.0, reference=conditions.Reference(period_s=reference.period_s, is_there=reference.is_there)
+    )
+    felt = _felt(motion, nominal)
+    bias = sensors.bias_rad_s(felt.time_s, nominal.fog, 1.0, seed)
+    felt.rate_rad_s = felt.rate_rad_s + bias + BIAS_DEG_S_PER_C * RAD_PER_DEG * (felt.temperature_c - COLD_C)
+    left, right = random_of(seed, 13).random(2).tolist()  # where between two counts a wheel stands at first
+    fog = sensors.gyro_log(felt, nominal.fog, (), seen, seed)
+    encoders = sensors.encoder_log(felt, felt, nominal, seen, seed, (left, right))
+    true = ReferenceLog(motion.time_s, motion.x_m, motion.y_m, motion.heading_rad)
+    poses = sensors.reference_log(true, nominal.reference, seen, seed)
+    return Readings(
+        Recording(Path(nominal.name), nominal, encoders, fog, poses, {}),
+        _rows(fog.time_s, fog.rate_rad_s * DEG_PER_RAD, fog.temperature_c),
+        _rows(encoders.time_s, encoders.left_counts, encoders.right_counts),
+        None if poses is None else _rows(poses.time_s, poses.x_m, poses.y_m, poses.heading_rad * DEG_PER_RAD),
+        float(bias[0]) * DEG_PER_RAD,
+    )
+
+
+def _felt(m: Motion, nominal: Nominal) -> Felt:
+    """What perfect sensors would say, as means over the rows' intervals."""
+    middle_s = 0.5 * (m.time_s[1:] + m.time_s[:-1])
+    gyro, left, right = (np.diff(angle) * ROW_HZ for angle in (m.gyro_rad, m.left_rad, m.right_rad))
+    return Felt(
+        time_s=middle_s,
+        rate_rad_s=gyro,
+        speed_m_s=m.speed_m_s[1:],
+        acceleration_m_s2=np.diff(m.speed_m_s) * ROW_HZ,
+        heading_rad=m.heading_rad[1:],
+        left_m_s=nominal.wheel.radius_m * left,
+        right_m_s=nominal.wheel.radius_m * right,
+        left_wheel_rad=m.left_rad[1:],
+        right_wheel_rad=m.right_rad[1:],
+        temperature_c=warming_c(middle_s, COLD_C, WARMER_C, WARMING_S),
+        still_c=COLD_C,
+        tread_m=nominal.tread_m,
+        end_s=float(m.time_s[-1]),
+    )
 
 
 def gyro_truth(readings: Readings) -> dict[str, float]:
@@ -91,46 +129,5 @@ def gyro_truth(readings: Readings) -> dict[str, float]:
     }
 
 
-def _fog(motion: Motion, bias_deg_s: float, seed: int) -> Array:
-    """Each row: mean of the rate over the interval that ends there."""
-    every, interval_s = ROW_HZ // FOG_HZ, 1.0 / FOG_HZ
-    time_s = motion.time_s[::every][1:]
-    n = len(time_s)
-    temperature_c = COLD_C + WARMER_C * (1.0 - np.exp(-time_s / WARMING_S))
-    white = ANGLE_WALK_DEG_PER_SQRT_H * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H / math.sqrt(interval_s)
-    walk = BIAS_WALK_DEG_PER_H_PER_SQRT_H * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H * math.sqrt(interval_s)
-    bias = bias_deg_s * RAD_PER_DEG + np.cumsum(walk * random_of(seed, 12).standard_normal(n))
-    bias += BIAS_DEG_S_PER_C * RAD_PER_DEG * (temperature_c - COLD_C)
-    rate = np.diff(motion.gyro_rad[::every]) / interval_s + bias + white * random_of(seed, 11).standard_normal(n)
-    rate_deg_s = np.clip(_rounded(rate * DEG_PER_RAD, RESOLUTION_DEG_S), -RANGE_DEG_S, RANGE_DEG_S)
-    return np.column_stack((time_s, rate_deg_s, _rounded(temperature_c, THERMOMETER_C)))
-
-
-def _encoders(motion: Motion, seed: int) -> Array:
-    every = ROW_HZ // ENCODERS_HZ
-    per_rad = COUNTS_PER_REVOLUTION / (2.0 * math.pi)
-    start = random_of(seed, 13).random(2)  # where between two counts a wheel stands at first
-    counts = [
-        np.floor(angle[::every] * per_rad + at)
-        for angle, at in zip((motion.left_rad, motion.right_rad), start, strict=True)
-    ]
-    return np.column_stack((motion.time_s[::every], *counts))
-
-
-def _poses(motion: Motion, reference: Reference, seed: int) -> Array | None:
-    if not reference.is_there:
-        return None
-    last = len(motion.time_s) - 1
-    every = last if reference.period_s is None else max(1, round(reference.period_s * ROW_HZ))
-    at = np.arange(0, last + 1, every)
-    noise = random_of(seed, 14).standard_normal((3, len(motion.time_s)))[:, at]
-    return np.column_stack((
-        motion.time_s[at],
-        motion.x_m[at] + POSITION_SIGMA_M * noise[0],
-        motion.y_m[at] + POSITION_SIGMA_M * noise[1],
-        motion.heading_rad[at] * DEG_PER_RAD + HEADING_SIGMA_DEG * noise[2],
-    ))  # fmt: skip
-
-
-def _rounded(values: Array, unit: float) -> Array:
-    return np.round(values / unit) * unit
+def _rows(*columns: Array | None) -> Array:
+    return np.column_stack([column for column in columns if column is not None])

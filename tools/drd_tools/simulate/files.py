@@ -1,7 +1,6 @@
 """The recording folder, with the truth beside it: truth.yaml and truth.csv."""
 
 import math
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +12,7 @@ from drd import __version__
 from drd.batch.logs import COUNTS, RATE_AND_TEMPERATURE, SPEEDS
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.recordings.folder import POSES
+from drd_tools.recordings.folder import POSES, Recording
 from drd_tools.simulate.robot import robot_yaml
 from drd_tools.simulate.route import Array
 from drd_tools.simulate.sensors import DECIMALS, Effects
@@ -36,20 +35,27 @@ def write_folder(simulated: Simulated, folder: Path, about: dict[str, Any], with
     Files of an earlier simulation are replaced. Raises ConfigError where the folder holds a recording that was not
     simulated, or cannot be written.
     """
+    write_recording(folder, simulated.recording, truth_yaml(simulated, about))
+    columns = _motion(simulated)
+    if without is not None:
+        columns |= _changes(simulated, without, columns["time_s"])
+    try:
+        _write(folder / TRUE_MOTION, tuple(columns), list(columns.values()))
+    except OSError as error:
+        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+
+
+def write_recording(folder: Path, recording: Recording, truth: str) -> None:
+    """Write robot.yaml and the sensors' files beside truth.yaml, the text `truth`. Raises ConfigError, see above."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / ROBOT).exists() and not (folder / TRUTH).exists():
             raise ConfigError(str(folder), "", "an empty folder, or a simulated recording", "another recording")
         for name in (FOG, REFERENCE):
-            with suppress(FileNotFoundError):
-                (folder / name).unlink()  # it may not be written again
-        (folder / TRUTH).write_text(truth_yaml(simulated, about), encoding="utf-8")
-        (folder / ROBOT).write_text(robot_yaml(simulated.recording.nominal), encoding="utf-8")
-        _write_logs(simulated, folder)
-        columns = _motion(simulated)
-        if without is not None:
-            columns |= _changes(simulated, without, columns["time_s"])
-        _write(folder / TRUE_MOTION, tuple(columns), list(columns.values()))
+            (folder / name).unlink(missing_ok=True)  # it may not be written again
+        (folder / TRUTH).write_text(truth, encoding="utf-8")
+        (folder / ROBOT).write_text(robot_yaml(recording.nominal), encoding="utf-8")
+        _write_logs(recording, folder)
     except OSError as error:
         raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
@@ -95,8 +101,8 @@ def _plain(value: Any) -> Any:
     return "gaussian" if isinstance(value, float) and math.isinf(value) else value
 
 
-def _write_logs(simulated: Simulated, folder: Path) -> None:
-    log, fog, reference = simulated.recording.encoders, simulated.recording.fog, simulated.recording.reference
+def _write_logs(recording: Recording, folder: Path) -> None:
+    log, fog, reference = recording.encoders, recording.fog, recording.reference
     if log.left_counts is not None and log.right_counts is not None:
         _write(folder / ENCODERS, COUNTS, [log.time_s, log.left_counts, log.right_counts], "%.0f")
     elif log.left_rad_s is not None and log.right_rad_s is not None:
