@@ -40,7 +40,7 @@ LONGEST_README = 9000
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 # Rows of README.md's table of missing physics, and of FIGURES.md, which a trial writes.
 QUOTED = {
-    "nothing is missing, yet something is reported": "nothing is missing, something is claimed",
+    "nothing is missing, yet something is reported": "nothing is missing, something is reported",
     "one effect, d = 12: its name comes first": "single d=12: the right name first",
     "one effect, d = 12: its class comes first": (
         "single d=12: the right name, or one that the drive cannot tell from it"

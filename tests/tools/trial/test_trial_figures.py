@@ -13,6 +13,6 @@ def test_the_readme_quotes_the_page() -> None:
     assert end
     origin, *rows = [line for line in block.splitlines() if line]
     assert origin.startswith("Made by `drd trial`, seed ")
-    assert any(row.startswith("| nothing is missing, something is claimed |") for row in rows)
+    assert any(row.startswith("| nothing is missing, something is reported |") for row in rows)
     page = (TRIAL / "FIGURES.md").read_text(encoding="utf-8")
     assert [line for line in page.splitlines() if line][1 : 2 + len(rows)] == [origin, *rows]

@@ -17,7 +17,7 @@ from drd_tools.simulate.truth import make_truth
 from drd_tools.trial import contacts
 from drd_tools.trial.baselines import PACKAGES, baselines, regress
 from drd_tools.trial.overlay import overlaid
-from drd_tools.trial.size import eventful, sized, visibility
+from drd_tools.trial.size import Whitener, eventful
 from drd_tools.trial.unknown import HIDDEN, PREFIX
 
 
@@ -26,24 +26,28 @@ def null() -> Simulated:
     return simulate(make_truth(make_drive("warehouse", 150.0), "cycle"), DEFAULT, (), Conditions(), 3)
 
 
+def whitener(null: Simulated) -> Whitener:
+    return Whitener(Problem(gather(null.recording)), null.motion)
+
+
 def scaled(null: Simulated, name: str, d: float) -> Simulated:
     effect = catalogue()[name]
-    values = sized(Problem(gather(null.recording)), null.motion, effect, d, np.random.default_rng(0))
+    values = whitener(null).sized(effect, d, np.random.default_rng(0))
     assert values is not None
     return simulate(null.truth, DEFAULT, [(effect, values)], Conditions(), 3)
 
 
 @pytest.mark.parametrize("name", list(HIDDEN))
-def test_hidden_physics_is_in_no_catalogue_and_can_be_as_visible_as_asked_for(name: str, null: Simulated) -> None:
+def test_hidden_physics_is_in_no_catalogue_and_has_the_detectability_asked_for(name: str, null: Simulated) -> None:
     effect = HIDDEN[name]
     assert name.startswith(PREFIX)
     assert name not in catalogue()
-    problem = Problem(gather(null.recording))
-    values = sized(problem, null.motion, effect, 20.0, np.random.default_rng(1))
+    seen = whitener(null)
+    values = seen.sized(effect, 20.0, np.random.default_rng(1))
     assert values is not None
-    assert visibility(problem, effect, values) == pytest.approx(20.0, rel=0.03)
+    assert seen.detectability(effect, values) == pytest.approx(20.0, rel=0.03)
     with_it = gather(overlaid(null.recording, null.motion, [(effect, values)]))
-    changed = Problem(with_it).data - problem.data
+    changed = Problem(with_it).data - seen.problem.data
     assert np.linalg.norm(changed) > 10.0
 
 
@@ -70,7 +74,7 @@ def test_what_destroys_readings_is_drawn_where_the_robot_moves(name: str, null: 
     effect = catalogue()[name]
     values = eventful(null.motion, effect, np.random.default_rng(2))
     assert values is not None
-    assert visibility(Problem(gather(null.recording)), effect, values) > 4.0  # 8 nats
+    assert whitener(null).detectability(effect, values) > 4.0  # 8 nats
 
 
 def test_the_regression_of_other_methods_sees_an_effect_where_it_is(null: Simulated) -> None:

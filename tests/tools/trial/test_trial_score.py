@@ -1,40 +1,16 @@
 """Scores against made-up records."""
 
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trial_records import SCALE, TREAD, amount, finding, record
 
 from drd_tools.trial.figures import Figures, markdown
+from drd_tools.trial.results import Mismatch, NotMade, OtherDrive, Row, TrueEffect
 from drd_tools.trial.score import of_names, score, wilson
-from drd_tools.trial.text import told
-
-SCALE = {"effect": "gyro_scale_error", "parameters": {"k": 0.001}, "visibility": 25.0}
-TREAD = {"effect": "tread_error", "parameters": {"k": 0.02}, "visibility": 25.0}
-
-
-def finding(
-    effect: str,
-    status: str = "confirmed",
-    also_fits: tuple[str, ...] = (),
-    window: tuple[float, float] = (0.0, 100.0),
-    **parameters: Any,
-) -> dict[str, Any]:
-    return {
-        "effect": effect, "status": status, "also_fits": list(also_fits), "parameters": parameters, "driver": "time",
-        "windows": [list(window)],
-        "evidence": {"gain_nats": 100.0, "family_wise_p": 0.001, "e_value": 1e9},
-    }  # fmt: skip
-
-
-def record(verdict: str, truth: list[Any], *findings: dict[str, Any], kind: str = "single") -> dict[str, Any]:
-    return {"case": "a", "kind": kind, "effects": truth, "verdict": verdict, "findings": list(findings)}
-
-
-def amount(value: float, std: float) -> dict[str, Any]:
-    return {"value": value, "std": std, "unit": "1"}
+from drd_tools.trial.text import text
 
 
 def test_the_right_name_with_its_parameter() -> None:
@@ -51,14 +27,14 @@ def test_a_90_percent_interval_is_1_645_deviations_to_each_side(value: float, in
 
 
 def test_an_angle_is_wrong_by_the_short_way() -> None:
-    truth = {"effect": "gyro_heading_dependent_bias", "parameters": {"b": 0.01, "phase": 0.01}}
-    told_phase = {"value": 2.0 * math.pi - 0.01, "std": 0.02, "unit": "rad"}
-    s = score(record("explained", [truth], finding("gyro_heading_dependent_bias", phase=told_phase)))
+    truth = TrueEffect(effect="gyro_heading_dependent_bias", parameters={"b": 0.01, "phase": 0.01})
+    phase = amount(2.0 * math.pi - 0.01, 0.02)
+    s = score(record("explained", [truth], finding("gyro_heading_dependent_bias", phase=phase)))
     assert [(i.parameter, i.inside) for i in s.intervals] == [("phase", True)]
 
 
 def test_parameters_that_were_not_estimated_do_not_count() -> None:
-    truth = {"effect": "gyro_scale_temperature", "parameters": {"k": 1e-4, "T0": 20.0}}
+    truth = TrueEffect(effect="gyro_scale_temperature", parameters={"k": 1e-4, "T0": 20.0})
     said = finding("gyro_scale_temperature", k=amount(1e-4, 0.0), T0=amount(25.0, 1.0))
     assert score(record("explained", [truth], said)).intervals == ()
 
@@ -85,10 +61,10 @@ def test_a_second_false_name_spoils_the_set_but_not_the_first_name() -> None:
 
 def test_nulls() -> None:
     silent = score(record("nothing_missing", []))
-    assert (silent.verdict, silent.claims, silent.exact) == (True, False, True)
+    assert (silent.verdict, silent.reports, silent.exact) == (True, False, True)
     suspect = score(record("explained", [], finding("gyro_lag", "suspected")))
-    assert (suspect.verdict, suspect.claims, suspect.sure_claims) == (False, True, False)
-    assert score(record("unknown", [], finding("unknown", "supported"))).sure_claims
+    assert (suspect.verdict, suspect.reports, suspect.sure_reports) == (False, True, False)
+    assert score(record("unknown", [], finding("unknown", "supported"))).sure_reports
 
 
 def test_a_diagnosis_that_failed_is_never_right() -> None:
@@ -121,7 +97,7 @@ def test_wilson_holds_the_share_and_is_symmetric(n: int, part: float) -> None:
     [((20.0, 40.0), 1.0), ((20.0, 30.0), 0.5), ((10.0, 50.0), 0.5), ((30.0, 50.0), 1.0 / 3.0), ((50.0, 60.0), 0.0)],
 )
 def test_windows_overlap_by_intersection_over_union(window: tuple[float, float], overlap: float) -> None:
-    slip = {"effect": "surface_slip", "parameters": {"t0": 20.0, "t1": 40.0, "left": 0.01, "right": 0.01}}
+    slip = TrueEffect(effect="surface_slip", parameters={"t0": 20.0, "t1": 40.0, "left": 0.01, "right": 0.01})
     s = score(record("explained", [slip], finding("surface_slip", window=window)))
     ((name, found),) = s.windows
     assert name == "surface_slip"
@@ -129,13 +105,13 @@ def test_windows_overlap_by_intersection_over_union(window: tuple[float, float],
 
 
 def test_a_step_lasts_until_the_end_and_what_has_no_window_has_no_overlap() -> None:
-    step = {"effect": "gyro_bias_step", "parameters": {"b": 0.01, "t0": 20.0}}
+    step = TrueEffect(effect="gyro_bias_step", parameters={"b": 0.01, "t0": 20.0})
     ((_, overlap),) = score(record("explained", [step], finding("gyro_bias_step", window=(60.0, 100.0)))).windows
     assert overlap == pytest.approx(0.5)
     assert score(record("explained", [SCALE], finding("gyro_scale_error"))).windows == ()
 
 
-HIDDEN = {"effect": "unknown_bias_tide", "parameters": {"k": 0.01}}
+HIDDEN = TrueEffect(effect="unknown_bias_tide", parameters={"k": 0.01})
 
 
 def test_what_is_in_no_catalogue_is_flagged_or_misnamed_or_silent() -> None:
@@ -167,47 +143,48 @@ def test_false_names_are_counted_by_class_and_unknown_is_no_name() -> None:
 def test_another_drive(
     residual: tuple[float, ...], path_m: tuple[float, ...], share: float | None, worse: bool | None, worse_path: bool
 ) -> None:
-    other = {
-        "rows": 900,
-        "residual": dict(zip(("before", "after", "oracle"), residual, strict=True)),
-        "path_m": dict(zip(("before", "after"), path_m, strict=True)),
-    }
-    s = score({**record("explained", [SCALE], finding("gyro_scale_error")), "held_out": other})
+    one = record("explained", [SCALE], finding("gyro_scale_error"))
+    one.held_out = OtherDrive(900, Mismatch(*residual), Mismatch(*path_m))
+    s = score(one)
     assert (s.share, s.worse, s.worse_path) == (None if share is None else pytest.approx(share), worse, worse_path)
     assert score(record("explained", [SCALE], finding("gyro_scale_error"))).worse is None
 
 
 def test_other_methods_are_judged_alike() -> None:
-    one = record("explained", [SCALE])
-    assert of_names(one, ["gyro_scale_error"]).exact
-    two = of_names(one, ["gyro_scale_error", "gyro_lag"])
+    one, null = record("explained", [SCALE]), record("nothing_missing", [])
+    one.baselines = {"lasso": ["gyro_scale_error"], "BIC": ["gyro_scale_error", "gyro_lag"]}
+    null.baselines = {"lasso": []}
+    assert of_names(one, "lasso").exact
+    two = of_names(one, "BIC")
     assert (two.top_1, two.exact, two.false_named) == (True, False, 1)
-    assert not of_names(record("nothing_missing", []), []).claims
+    assert not of_names(null, "lasso").reports
 
 
 def test_the_text_has_the_figures_and_what_was_confused() -> None:
-    records = [
+    false_alarm = record("explained", [], finding("tyre_deflation", side="left"), kind="null")
+    false_alarm.baselines = {"BIC": []}
+    records: list[Row] = [
         record("explained", [SCALE], finding("gyro_lag", tau=amount(0.03, 0.01)), kind="single d=20"),
         record("explained", [SCALE], finding("gyro_scale_error", k=amount(0.002, 0.0001)), kind="single d=20"),
         record("nothing_missing", [], kind="null"),
-        record("explained", [], finding("tyre_deflation", side="left"), kind="null") | {"baselines": {"BIC": []}},
+        false_alarm,
         record("nothing_missing", [HIDDEN], kind="unknown d=20"),
-        {"case": "b", "kind": "single d=20", "effects": [], "not_made": "b: none of 30 drives"},
+        NotMade("b", "single d=20", "b: none of 30 drives"),
     ]
     figures = Figures(records)
-    text = told(figures, ["--seed", "3"])
-    rows = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
+    told = text(figures, ["--seed", "3"])
+    rows = {line.split()[0]: line.split() for line in told.splitlines() if line.strip()}
     assert rows["null"][1:4] == ["1", "1.00", "-"]  # beside the other methods: one of both
-    assert "False claims: 1" in text
-    assert "Confused: 1" in text
-    assert "not flagged: 1" in text
-    assert "gyro_lag (tau 0.03 +- 0.01) confirmed" in text
-    assert "tyre_deflation (side left)" in text
-    assert "+10.0" in text  # sigmas of the scale
-    assert "b: none of 30 drives" in text
-    assert "drd trial --seed 3 --only CASE" in text
+    assert "False alarms: 1" in told
+    assert "Confused: 1" in told
+    assert "not flagged: 1" in told
+    assert "gyro_lag (tau 0.03 +- 0.01) confirmed" in told
+    assert "tyre_deflation (side left)" in told
+    assert "+10.0" in told  # sigmas of the scale
+    assert "b: none of 30 drives" in told
+    assert "drd trial --seed 3 --only CASE" in told
     quoted = markdown(figures.quoted()).splitlines()
-    assert quoted[2] == "| nothing is missing, something is claimed | 2 | 0.50 (0.09..0.91) | 0.00 of 1 |"
+    assert quoted[2] == "| nothing is missing, something is reported | 2 | 0.50 (0.09..0.91) | 0.00 of 1 |"
     assert "| in no catalogue: flagged as unknown | 1 | 0.00 (0.00..0.79) | - |" in quoted
 
 

@@ -12,13 +12,14 @@ from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, contacts
 from drd_tools.trial.figures import Figures
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
-from drd_tools.trial.run import Record, calls, read_answers, run
-from drd_tools.trial.store import Head, Store
-from drd_tools.trial.text import PROGRAM, told
+from drd_tools.trial.results import Head, Row, Store, read_answers
+from drd_tools.trial.run import calls
+from drd_tools.trial.text import PROGRAM, failures, text
+from drd_tools.trial.workers import completed
 
 DESCRIPTION = """\
 Run the diagnosis blind on recordings whose answer is known, and score it: share of recordings in which nothing is
-missing and something is claimed, names right first and as a set, names wrong even as a class, unknown physics flagged
+missing and something is reported, names right first and as a set, names wrong even as a class, unknown physics flagged
 and misnamed, overlap of windows, truth within the 90 % intervals, and what the correction is worth on another drive of
 the same robot beside an oracle that knows the truth; with 95 % Wilson intervals, and beside sparse regressions of the
 same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]').
@@ -26,7 +27,8 @@ same library (lasso, E-SINDy, BIC; those whose packages are installed: pip insta
 Cases are drawn by seed, each from its name and the seed alone:
   null-plain-*, null-stressed-*    nothing is missing; stressed: noise 30 % off its sheets, heavy tails, reference late,
                                    off the centre and askew
-  EFFECT-d8-*, -d12-*, -d20-*      one effect of the catalogue, so visible; EFFECT-event-*: one that destroys readings
+  EFFECT-d8-*, -d12-*, -d20-*      one effect of the catalogue, of that detectability; EFFECT-event-*: one that
+                                   destroys readings
   pair-*, triple-*                 two and three effects, each with d = 20
   unknown_*-d20-*                  physics that is in no catalogue
   null-KIND-*, any-KIND-*          nothing, or any effect with d = 20; KIND: sparse (a pose a minute), ends (at the
@@ -53,12 +55,12 @@ def main(argv: list[str]) -> int:
     parser = _parser()
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
-        return _told(chosen.draw, chosen.quote)
+        return _drawn(chosen.draw, chosen.quote)
     if chosen.output is None or not (chosen.folder or chosen.each or chosen.large):
         parser.error("give --output DIR with --each N, --large or --folder DIR, or --draw DIR")
     try:
         _run(chosen)
-        return _told(chosen.output, chosen.quote)
+        return _drawn(chosen.output, chosen.quote)
     except OSError as error:
         raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
 
@@ -66,7 +68,7 @@ def main(argv: list[str]) -> int:
 def _run(chosen: argparse.Namespace) -> None:
     only = tuple(chosen.only)
     answers = [] if chosen.folder is None else read_answers(chosen.folder)
-    answers = [a for a in answers if any(fnmatchcase(a["case"], pattern) for pattern in only)]
+    answers = [a for a in answers if any(fnmatchcase(a.case, pattern) for pattern in only)]
     Reference.parse(chosen.reference)
     low, high = chosen.minutes
     if not 0.5 <= low <= high <= 600.0:
@@ -79,25 +81,16 @@ def _run(chosen: argparse.Namespace) -> None:
     if not answers and not drawn:
         raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(only))
     names = _methods(chosen.baselines)
+    folder = None if chosen.folder is None else str(chosen.folder)
+    head = Head(seed=chosen.seed, minutes=(low, high), reference=chosen.reference, folder=folder, baselines=list(names))
     store = Store(chosen.output)
-    done = {r["case"] for r in store.begin(_head(chosen, names))}
-    answers, drawn = [a for a in answers if a["case"] not in done], [d for d in drawn if d.name not in done]
+    done = {row.case for row in store.begin(head)}
+    answers, drawn = [a for a in answers if a.case not in done], [d for d in drawn if d.name not in done]
     if done:
         print(f"{len(done)} cases are there already, {len(answers) + len(drawn)} are to do", file=sys.stderr)
     beside = LARGE_BESIDE if chosen.large else 1
-    for record in run(calls(chosen.folder, answers, drawn, names, beside), chosen.jobs):
-        store.add(record)
-
-
-def _head(chosen: argparse.Namespace, names: Sequence[str]) -> Head:
-    """What makes cases the same cases."""
-    return {
-        "seed": chosen.seed,
-        "minutes": list(chosen.minutes),
-        "reference": chosen.reference,
-        "folder": None if chosen.folder is None else str(chosen.folder),
-        "baselines": list(names),
-    }
+    for row in completed(calls(chosen.folder, answers, drawn, names, beside), chosen.jobs):
+        store.add(row)
 
 
 def _methods(wanted: bool) -> tuple[str, ...]:
@@ -108,15 +101,16 @@ def _methods(wanted: bool) -> tuple[str, ...]:
     return names
 
 
-def _told(folder: Path, quoting: Path | None) -> int:
+def _drawn(folder: Path, quoting: Path | None) -> int:
     """Print and draw what the folder holds; quote it."""
-    from drd_tools.trial.page import quote, write_page  # noqa: PLC0415  # matplotlib is slow
+    from drd_tools.trial.page import Content, origin, quote, write_page  # noqa: PLC0415  # matplotlib is slow
 
-    head, records = Store(folder).read()
-    figures = Figures(records)
-    again = _again(head, records)
-    print(told(figures, again))
-    files = write_page(figures, again, head, folder)
+    head, rows = Store(folder).read()
+    figures, again = Figures(rows), _again(head, rows)
+    title = "Failures, and how to make each alone"
+    content = Content(origin(figures, head), figures.tables(), title, failures(figures, again), figures)
+    print(text(figures, again))
+    files = write_page(content, folder)
     if quoting is not None:
         quote(figures, head, quoting)
         files.append(quoting)
@@ -124,13 +118,13 @@ def _told(folder: Path, quoting: Path | None) -> int:
     return 0
 
 
-def _again(head: Head, records: Sequence[Record]) -> list[str]:
+def _again(head: Head, rows: Sequence[Row]) -> list[str]:
     """Arguments with which each of the cases is drawn again."""
-    low, high = head["minutes"]
-    numbers = [int(n) for r in records if (n := str(r["case"]).rpartition("-")[2]).isdigit()]
-    made = ["--seed", str(head["seed"]), "--minutes", f"{low:g}", f"{high:g}", "--reference", head["reference"]]
+    low, high = head.minutes
+    numbers = [int(n) for row in rows if (n := row.case.rpartition("-")[2]).isdigit()]
+    made = ["--seed", str(head.seed), "--minutes", f"{low:g}", f"{high:g}", "--reference", head.reference]
     made += ["--each", str(max(numbers) + 1)] if numbers else []
-    return made + (["--folder", head["folder"]] if head["folder"] else [])
+    return made + (["--folder", head.folder] if head.folder else [])
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -143,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     add: Any = parser.add_argument
     size = parser.add_mutually_exclusive_group()
     many: Any = size.add_argument
-    many("--each", type=_count, default=0, metavar="N", help="N cases of each kind, effect and visibility")
+    many("--each", type=_count, default=0, metavar="N", help="N cases of each kind, effect and detectability")
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--seed", type=_count, default=0, metavar="S", help="other cases (default 0)")
@@ -162,7 +156,7 @@ def _parser() -> argparse.ArgumentParser:
 def _sizes() -> str:
     p = LARGE
     return (
-        f"{2 * p.nulls} nulls, {p.singles} drives of each effect at each visibility, {2 * p.sets} sets, {p.unknowns} "
+        f"{2 * p.nulls} nulls, {p.singles} drives of each effect at each d, {2 * p.sets} sets, {p.unknowns} "
         f"of each unknown cause, {p.variants} with and without an effect for each other reference, {p.contacts} in "
         f"MuJoCo; the other methods on one in {LARGE_BESIDE}"
     )

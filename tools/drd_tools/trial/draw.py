@@ -1,14 +1,16 @@
-"""Cases drawn by seed: a drive, its conditions, and effects as visible as is asked for."""
+"""Cases drawn by seed: a drive, its conditions, and effects of the detectability that is asked for."""
 
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final
 
+import msgspec
 import numpy as np
+from msgspec import UnsetType
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Effect
+from drd.effects.effect import Effect, Values
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.observe.evidence import gather
@@ -24,14 +26,15 @@ from drd_tools.simulate.truth import make_truth
 from drd_tools.trial import contacts
 from drd_tools.trial.overlay import Effects, overlaid
 from drd_tools.trial.plan import CONTACTS, STRESSED, Drawing, reversible
-from drd_tools.trial.size import Random, Values, eventful, nearest, sized, visibility
+from drd_tools.trial.results import Answer, Run, Stress, TrueEffect
+from drd_tools.trial.size import Random, Whitener, eventful, set_rivals
 from drd_tools.trial.unknown import HIDDEN
 
 TRIES: Final = 30  # drives, until one shows an effect of a plausible size so well
 UNLIKE_NATS: Final = 20.0  # by which what is in no catalogue must do better than the nearest name, without noise
 LATE_S: Final = 0.005
 SIDEWAYS_M: Final = 0.05
-YAW_RAD: Final = 0.5 * RAD_PER_DEG
+YAW_DEG: Final = 0.5
 TAILS: Final = 4.0
 FRICTION: Final = (0.8, 1.0)
 CONTACTS_MINUTES: Final = 4.0  # at most: contact physics takes its time
@@ -39,25 +42,15 @@ CONTACTS_MINUTES: Final = 4.0  # at most: contact physics takes its time
 
 @dataclass(frozen=True)
 class Case:
-    """A recording and its answer, in the form of answers.json with the drive beside it.
+    """A recording and its answer.
 
     `again()`: another drive of the same robot with the same effects, with a full reference.
     """
 
     recording: Recording
     effects: Effects
-    answer: dict[str, Any]
+    answer: Answer
     again: Callable[[], Recording]
-
-
-class Run(NamedTuple):
-    """One drive of a robot. The temperature is the other world's own in MuJoCo, the friction only there."""
-
-    mission: str
-    temperature: str
-    seconds: float
-    seed: int
-    friction: float
 
 
 def make(drawing: Drawing) -> Case:
@@ -73,15 +66,14 @@ def make(drawing: Drawing) -> Case:
 def _made(drawing: Drawing, random: Random) -> Case | None:
     """One try; None where an effect would be implausible."""
     names = drawing.effects
-    if drawing.visibility and not names:
+    if drawing.detectability and not names:
         names = (reversible()[int(random.integers(len(reversible())))],)
     run, other = (_run(drawing, names, random) for _ in range(2))
-    other = other._replace(seconds=run.seconds)  # windows of time are in it, too
-    conditions, yaw_rad = Conditions(reference=Reference.parse(drawing.reference)), 0.0
-    answer: dict[str, Any] = {"case": drawing.name, "kind": drawing.kind, "effects": [], "drive": run._asdict()}
+    other = msgspec.structs.replace(other, seconds=run.seconds)  # windows of time are in it, too
+    conditions, answer = Conditions(reference=Reference.parse(drawing.reference)), _answer(drawing, run)
     if drawing.kind == STRESSED:
-        conditions, yaw_rad = _stressed(conditions, random)
-        answer["stress"] = _plain(conditions, yaw_rad)
+        answer.stress = _stress(random)
+        conditions = _stressed(conditions, answer.stress)
 
     def record(one: Run, effects: Effects, conditions: Conditions) -> tuple[Recording, Motion]:
         make_one = _in_contacts if drawing.world == CONTACTS else _simulated
@@ -93,23 +85,27 @@ def _made(drawing: Drawing, random: Random) -> Case | None:
     recording, motion = record(run, (), conditions)
     found: list[tuple[Effect, Values]] = []
     if not names:
-        return Case(_turned(recording, yaw_rad), (), answer, again)
-    problem = Problem(gather(recording))
+        return Case(_turned(recording, answer.stress), (), answer, again)
+    whitener = Whitener(Problem(gather(recording)), motion)
     for effect in (_effect(name) for name in names):
-        values = (
-            sized(problem, motion, effect, drawing.visibility, random)
-            if drawing.visibility
-            else eventful(motion, effect, random)
-        )
+        d = drawing.detectability
+        values = whitener.sized(effect, d, random) if d else eventful(motion, effect, random)
         if values is None:
             return None
         found.append((effect, values))
-    answer["effects"] = effect_rows(found)
-    for row, (effect, values), rival in zip(answer["effects"], found, nearest(problem, found), strict=True):
-        row.update(visibility=visibility(problem, effect, values), **rival)
-    if names[0] in HIDDEN and answer["effects"][0]["margin_nats"] < UNLIKE_NATS:
+    answer.effects = [
+        TrueEffect(**row, detectability=whitener.detectability(*pair))
+        for row, pair in zip(effect_rows(found), found, strict=True)
+    ]
+    set_rivals(whitener.problem, found, answer.effects)
+    margin = answer.effects[0].margin_nats
+    if names[0] in HIDDEN and isinstance(margin, float) and margin < UNLIKE_NATS:
         return None  # on this drive a name says it all
     return Case(record(run, found, conditions)[0], found, answer, again)
+
+
+def _answer(drawing: Drawing, run: Run) -> Answer:
+    return Answer(case=drawing.name, kind=drawing.kind, effects=[], drive=run)
 
 
 def _effect(name: str) -> Effect:
@@ -146,35 +142,27 @@ def _in_contacts(run: Run, effects: Effects, conditions: Conditions, name: str) 
     return recording, driven.motion
 
 
-def _stressed(conditions: Conditions, random: Random) -> tuple[Conditions, float]:
-    """Nothing is missing, yet noise, reference and tails are worse than on paper; and the reference's yaw, rad."""
+def _stress(random: Random) -> Stress:
+    """Noise, reference and tails that are worse than on paper."""
     gyro, wheels, reference = random.uniform(0.7, 1.3, 3).tolist()
-    late = replace(
-        conditions.reference,
-        latency_s=float(random.uniform(0.0, LATE_S)),
-        lever_m=(0.0, float(random.uniform(-SIDEWAYS_M, SIDEWAYS_M))),
+    latency_s, sideways_m = float(random.uniform(0.0, LATE_S)), float(random.uniform(-SIDEWAYS_M, SIDEWAYS_M))
+    return Stress(gyro, wheels, reference, TAILS, latency_s, sideways_m, float(random.uniform(-YAW_DEG, YAW_DEG)))
+
+
+def _stressed(conditions: Conditions, stress: Stress) -> Conditions:
+    return replace(
+        conditions,
+        gyro_noise=stress.gyro_noise,
+        wheel_noise=stress.wheel_noise,
+        reference_noise=stress.reference_noise,
+        tails=stress.tails,
+        reference=replace(conditions.reference, latency_s=stress.latency_s, lever_m=(0.0, stress.sideways_m)),
     )
-    made = replace(
-        conditions, gyro_noise=gyro, wheel_noise=wheels, reference_noise=reference, tails=TAILS, reference=late
-    )
-    return made, float(random.uniform(-YAW_RAD, YAW_RAD))
 
 
-def _plain(conditions: Conditions, yaw_rad: float) -> dict[str, float]:
-    return {
-        "gyro_noise": conditions.gyro_noise,
-        "wheel_noise": conditions.wheel_noise,
-        "reference_noise": conditions.reference_noise,
-        "tails": conditions.tails,
-        "latency_s": conditions.reference.latency_s,
-        "sideways_m": conditions.reference.lever_m[1],
-        "yaw_deg": yaw_rad / RAD_PER_DEG,
-    }
-
-
-def _turned(recording: Recording, yaw_rad: float) -> Recording:
-    """With a reference that is mounted askew."""
-    if recording.reference is None or not yaw_rad:
+def _turned(recording: Recording, stress: Stress | UnsetType) -> Recording:
+    """The recording with a reference that is mounted askew."""
+    log = recording.reference
+    if log is None or not isinstance(stress, Stress):
         return recording
-    log = replace(recording.reference, heading_rad=recording.reference.heading_rad + yaw_rad)
-    return replace(recording, reference=log)
+    return replace(recording, reference=replace(log, heading_rad=log.heading_rad + stress.yaw_deg * RAD_PER_DEG))

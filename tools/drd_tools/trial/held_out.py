@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import drd
+from drd.effects.effect import Effect, Values
 from drd.effects.model import Amount, Term
 from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.conclude import outcome
@@ -23,38 +23,31 @@ from drd_tools.recordings.folder import Recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import table
 from drd_tools.trial.overlay import Effects
+from drd_tools.trial.results import Mismatch, OtherDrive
 from drd_tools.trial.unknown import HIDDEN
 
 Array = npt.NDArray[np.float64]
 _Ranged = tuple[Selected, Ranges]
 
 
-def judged(result: Analysis, truth: Effects, other: Recording) -> dict[str, Any]:
+def judged(result: Analysis, truth: Effects, other: Recording) -> OtherDrive:
     """`other`'s mismatch before, with what was found, and with what is true (the oracle), all with values as they are.
 
-    `residual`: squared whitened innovations, the reference's own nuisances fitted. `path_m`: rms distance of the
-    dead-reckoned path from the reference; with hidden physics there is no oracle for it.
+    In the residual the reference's own nuisances are fitted. With hidden physics there is no oracle of the path.
     """
     problem = Problem(gather(other))
     home = result.conclusion.found.problem.sensitivities.motion
     selection = [(selected, seen(home, selected)) for selected in named(result.conclusion.causes)]
     true: list[_Ranged] = [(Selected(effect, values, ()), {}) for effect, values in truth]
     before = _squares(problem, ())
-    found: dict[str, Any] = {
-        "rows": len(problem.data),
-        "residual": {
-            "before": before,
-            "after": _corrected(problem, selection) if selection else before,
-            "oracle": _corrected(problem, true) if true else before,
-        },
-    }
+    after, oracle = (_corrected(problem, chosen) if chosen else before for chosen in (selection, true))
     recording = result.recording
     model = outcome.model_of(outcome.terms_of(result.conclusion), recording, recording.name, drd.__version__).terms
-    path_m = {"before": _path_m(other, ())}
-    path_m["after"] = _path_m(other, model) if model else path_m["before"]
+    before_m = _path_m(other, ())
+    path_m = Mismatch(before_m, _path_m(other, model) if model else before_m)
     if not any(effect.id in HIDDEN for effect, _ in truth):
-        path_m["oracle"] = _path_m(other, [_term(*pair) for pair in truth]) if truth else path_m["before"]
-    return {**found, "path_m": path_m}
+        path_m.oracle = _path_m(other, [_term(*pair) for pair in truth]) if truth else before_m
+    return OtherDrive(len(problem.data), Mismatch(before, after, oracle), path_m)
 
 
 def _corrected(problem: Problem, selection: Sequence[_Ranged]) -> float:
@@ -72,7 +65,7 @@ def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
     return problem.along(within(problem.sensitivities.motion, seen)).effect_rows([selected])
 
 
-def _term(effect: Any, values: Any) -> Term:
+def _term(effect: Effect, values: Values) -> Term:
     return Term(
         effect,
         {q.name: v if isinstance(v := values[q.name], str) else Amount(float(v) / q.si) for q in effect.parameters},

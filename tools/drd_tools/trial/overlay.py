@@ -1,9 +1,16 @@
-"""Effects put onto a recording that exists already, whatever world it comes from."""
+"""Effects put onto a recording that exists already, whatever world it comes from.
 
+`overlaid`: along a true motion that is known. `planted`: into the raw rows of real sensors, along the motion that they
+recorded themselves: `recorded_motion`. The sensors' noise is the recording's own, and effects act on it as on the rest.
+"""
+
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from drd.effects.effect import Effect, Values
 from drd.effects.motion import Array, Motion
@@ -11,45 +18,135 @@ from drd_tools.recordings.folder import Recording
 
 Effects = Sequence[tuple[Effect, Values]]
 
+SPEED_SMOOTHING_S: Final = 0.2  # whole counts, and speeds that a drive holds, are no acceleration
+STANDSTILL_S: Final = 1.0  # at least
+
 
 def overlaid(recording: Recording, motion: Motion, effects: Effects) -> Recording:
     """The recording with `effects` (values in SI) along its true `motion`.
 
-    Each effect takes the motion as it is: of several together, second-order terms are left out. The sensors' noise is
-    the recording's own; counts are rounded again, rates are not. Raises ValueError where encoders.csv has no counts.
+    Each effect takes the motion as it is: of several together, second-order terms are left out. Counts are rounded
+    again, rates are not.
     """
-    log, nominal = recording.encoders, recording.nominal
-    if log.left_counts is None or log.right_counts is None or nominal.wheel.counts_per_revolution is None:
-        raise ValueError("effects are put onto counts only")
     errors = [effect.error(motion, values) for effect, values in effects]
-    count_m = 2.0 * np.pi * nominal.wheel.radius_m / nominal.wheel.counts_per_revolution
 
     def gained(rates: Sequence[Array | float], at_s: Array) -> Array:
-        return _gained(motion, sum(rates, np.zeros_like(motion.time_s)), at_s)
+        """Integral of the rates from the motion's start to each time."""
+        steps = np.gradient(motion.time_s)
+        ends = np.concatenate([[motion.time_s[0] - 0.5 * steps[0]], motion.time_s + 0.5 * steps])
+        total = sum(rates, np.zeros_like(motion.time_s))
+        return np.asarray(np.interp(at_s, ends, np.concatenate([[0.0], np.cumsum(total * steps)])))
 
-    added = (
-        gained(rates, log.time_s) / count_m for rates in ([e.left_m_s for e in errors], [e.right_m_s for e in errors])
-    )
-    # A count stands for the whole of its length: its middle is the best guess of where the wheel was.
-    left, right = (np.floor(c + 0.5 + a) for c, a in zip((log.left_counts, log.right_counts), added, strict=True))
-    made = replace(recording, wheels=replace(log, left_counts=left, right_counts=right))
-    fog, reference = recording.fog, recording.reference
+    fog, reference, log = recording.fog, recording.reference, recording.encoders
+    travel = [gained([e.left_m_s for e in errors], log.time_s), gained([e.right_m_s for e in errors], log.time_s)]
+    made = _with_travel(recording, *travel)
     if fog is not None:
-        edges = np.concatenate([[2.0 * fog.time_s[0] - fog.time_s[1]], fog.time_s])
-        turned = gained([e.gyro_rad_s for e in errors], edges)
+        edges = _edges_s(fog.time_s)
         # Rounded twice, a small rate would be lost or doubled in one sample after the other.
-        made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + np.diff(turned) / np.diff(edges)))
-    if reference is not None:
-        x, y = (
-            gained([e.lateral_m_s * part for e in errors], reference.time_s)
-            for part in (-np.sin(motion.heading_rad), np.cos(motion.heading_rad))
-        )
-        made = replace(made, reference=replace(reference, x_m=reference.x_m + x, y_m=reference.y_m + y))
+        turned = np.diff(gained([e.gyro_rad_s for e in errors], edges)) / np.diff(edges)
+        made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + turned))
+    if reference is None:
+        return made
+    x, y = (
+        gained([e.lateral_m_s * part for e in errors], reference.time_s)
+        for part in (-np.sin(motion.heading_rad), np.cos(motion.heading_rad))
+    )
+    return _with_slide(made, x, y)
+
+
+def planted(recording: Recording, effect: Effect, values: Values) -> Recording:
+    """The recording with an effect (values in SI) in the raw rows of each of its sensors.
+
+    An effect of the body moves the reference's positions instead, since no sensor of the robot tells it.
+    """
+    fog, reference, log = recording.fog, recording.reference, recording.encoders
+    m, step_s = recorded_motion(recording, log.time_s), np.diff(_edges_s(log.time_s))
+    errors = effect.error(m, values)
+    made = recording
+    if np.any(errors.left_m_s) or np.any(errors.right_m_s):
+        made = _with_travel(made, *(np.cumsum(rate * step_s) for rate in (errors.left_m_s, errors.right_m_s)))
+    if reference is not None and np.any(errors.lateral_m_s):
+        slide = errors.lateral_m_s * step_s
+        parts = (-np.sin(m.heading_rad), np.cos(m.heading_rad))
+        x, y = (np.interp(reference.time_s, log.time_s, np.cumsum(slide * part)) for part in parts)
+        made = _with_slide(made, x, y)
+    if fog is not None:
+        # The gyro's own rows: a limit clips, and a delay moves, its noise too.
+        own = effect.error(recorded_motion(recording, fog.time_s), values).gyro_rad_s
+        made = replace(made, fog=replace(fog, rate_rad_s=fog.rate_rad_s + own))
     return made
 
 
-def _gained(motion: Motion, rate: Array | float, at_s: Array) -> Array:
-    """Integral of a rate from the motion's start to each time."""
-    steps = np.gradient(motion.time_s)
-    ends = np.concatenate([[motion.time_s[0] - 0.5 * steps[0]], motion.time_s + 0.5 * steps])
-    return np.asarray(np.interp(at_s, ends, np.concatenate([[0.0], np.cumsum(rate * steps)])))
+def recorded_motion(recording: Recording, time_s: Array) -> Motion:
+    """Motion as the sensors recorded it: means over the intervals that end at `time_s` (n,); body speed is smoothed.
+
+    Rows of a sensor's own times hold its raw values. Without a gyro the yaw rate is that of the wheels, without a
+    reference the heading is the rate's integral. Raises ConfigError where there are no wheels.
+    """
+    fog, log, nominal = recording.fog, recording.encoders, recording.nominal
+    edges = _edges_s(time_s)
+    step_s, middle_s = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
+    angles = [np.interp(edges, log.time_s, angle) for angle in recording.wheel_angles_rad()]
+    left, right = (nominal.wheel.radius_m * np.diff(angle) / step_s for angle in angles)
+    rate = (right - left) / nominal.tread_m
+    temperature_c = np.full_like(middle_s, np.nan)
+    if fog is not None:
+        own = _edges_s(fog.time_s)
+        turned = np.concatenate([[0.0], np.cumsum(fog.rate_rad_s * np.diff(own))])
+        rate = np.diff(np.interp(edges, own, turned)) / step_s
+        if fog.temperature_c is not None:
+            temperature_c = np.interp(middle_s, fog.time_s, fog.temperature_c)
+    speed = gaussian_filter1d(0.5 * (left + right), SPEED_SMOOTHING_S / float(np.median(step_s)))
+    still = middle_s <= edges[0] + max(nominal.standstill_at_start_s, STANDSTILL_S)
+    reference = recording.reference
+    heading = np.cumsum(rate * step_s)
+    if reference is not None and len(reference.time_s) > 1:
+        heading = np.interp(middle_s, reference.time_s, reference.heading_rad)
+    return Motion(
+        time_s=middle_s,
+        rate_rad_s=rate,
+        speed_m_s=speed,
+        acceleration_m_s2=np.gradient(speed, middle_s),
+        heading_rad=heading,
+        left_m_s=left,
+        right_m_s=right,
+        left_wheel_rad=0.5 * (angles[0][1:] + angles[0][:-1]),
+        right_wheel_rad=0.5 * (angles[1][1:] + angles[1][:-1]),
+        temperature_c=temperature_c,
+        still_c=float(temperature_c[still].mean()),
+        tread_m=nominal.tread_m,
+        end_s=float(edges[-1]),
+    )
+
+
+def _with_travel(recording: Recording, left_m: Array, right_m: Array) -> Recording:
+    """The recording with travel since the start, (n,), added to its wheels' rows."""
+    log, wheel = recording.encoders, recording.nominal.wheel
+    if log.left_counts is not None and log.right_counts is not None and wheel.counts_per_revolution is not None:
+        count_m = 2.0 * math.pi * wheel.radius_m / wheel.counts_per_revolution
+        # A count stands for the whole of its length: its middle is the best guess of where the wheel was.
+        left, right = (
+            np.floor(counts + 0.5 + added / count_m)
+            for counts, added in ((log.left_counts, left_m), (log.right_counts, right_m))
+        )
+        return replace(recording, wheels=replace(log, left_counts=left, right_counts=right))
+    assert log.left_rad_s is not None
+    assert log.right_rad_s is not None
+    step_s = np.diff(_edges_s(log.time_s))
+    left, right = (
+        rate + np.diff(added, prepend=0.0) / step_s / wheel.radius_m
+        for rate, added in ((log.left_rad_s, left_m), (log.right_rad_s, right_m))
+    )
+    return replace(recording, wheels=replace(log, left_rad_s=left, right_rad_s=right))
+
+
+def _with_slide(recording: Recording, x_m: Array, y_m: Array) -> Recording:
+    """The recording with the reference's positions moved."""
+    log = recording.reference
+    assert log is not None
+    return replace(recording, reference=replace(log, x_m=log.x_m + x_m, y_m=log.y_m + y_m))
+
+
+def _edges_s(time_s: Array) -> Array:
+    """Times at which the rows' intervals begin and end, (n + 1,): the first is as long as the second."""
+    return np.concatenate([[2.0 * time_s[0] - time_s[1]], time_s])

@@ -11,8 +11,8 @@ import numpy as np
 from drd.effects.catalogue import catalogue
 from drd_tools.trial.unknown import HIDDEN
 
-VISIBILITIES: Final = (8.0, 12.0, 20.0)
-TOGETHER: Final = 20.0  # visibility of each effect of a set, of what is in no catalogue, and with other references
+DISTANCES: Final = (8.0, 12.0, 20.0)
+TOGETHER: Final = 20.0  # d of each effect of a set, of what is in no catalogue, and with other references
 STRESSED: Final = "null stressed"
 CONTACTS: Final = "contacts"
 OTHERWISE: Final[dict[str, Any]] = {
@@ -27,13 +27,13 @@ OTHERWISE: Final[dict[str, Any]] = {
 class Drawing:
     """A case that can be made again from these.
 
-    `name` says its kind, effect and visibility. With a visibility and no effects: any one that the drive shows.
+    `name` says its kind, effect and detectability. With one and no effects: any effect that the drive shows.
     """
 
     name: str
     kind: str
     effects: tuple[str, ...]
-    visibility: float
+    detectability: float
     seed: int
     minutes: tuple[float, float]
     reference: str = "full"
@@ -46,7 +46,7 @@ class Drawing:
 
 
 class Plan(NamedTuple):
-    """How many: nulls (plain, and stressed), drives of each effect at each visibility, pairs (and triples), drives of
+    """How many: nulls (plain, and stressed), drives of each effect at each d, pairs (and triples), drives of
     each cause that is in no catalogue, nulls (and effects) with each other reference, and in the MuJoCo world.
     """
 
@@ -91,7 +91,7 @@ def _numbered(plan: Plan, number: int, seed: int, minutes: tuple[float, float], 
         yield drawing("null-plain", "null")
         yield drawing("null-stressed", STRESSED)
     if number < plan.singles:
-        for d, effect in itertools.product(VISIBILITIES, reversible()):
+        for d, effect in itertools.product(DISTANCES, reversible()):
             yield drawing(f"{effect}-d{d:g}", f"single d={d:g}", (effect,), d)
         for effect in events():
             yield drawing(f"{effect}-event", "single event", (effect,))

@@ -1,21 +1,13 @@
-"""Diagnose cases blind, each in a process, and keep what was said beside the answer."""
+"""Diagnose cases blind, and keep what is reported beside the answer."""
 
-import json
-import multiprocessing
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
-from drd.config.schema import ConfigError
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude import outcome
-from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial import held_out
@@ -23,115 +15,68 @@ from drd_tools.trial.baselines import baselines
 from drd_tools.trial.draw import make
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.plan import Drawing
+from drd_tools.trial.results import FAILED, Answer, NotMade, Record, Row
 from drd_tools.trial.size import selected_of
 from drd_tools.trial.unknown import HIDDEN
 
-Record = dict[str, Any]
-Answer = dict[str, Any]
-Call = Callable[[], Record]
-ANSWERS = "answers.json"
 
-
-def read_answers(folder: Path) -> list[Answer]:
-    """answers.json of a folder of recordings. Raises ConfigError."""
-    file = folder / ANSWERS
-    try:
-        answers = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(str(file), "", "a JSON file with the answers", str(error)) from error
-    if not isinstance(answers, list) or not all(
-        isinstance(a, dict) and {"case", "kind", "effects"} <= a.keys() for a in answers
-    ):
-        raise ConfigError(str(file), "", "a list of objects with case, kind and effects", "something else")
-    return answers
+def calls(
+    folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str], beside: int = 1
+) -> list[Callable[[], Row]]:
+    """What is to be done, a call for each case. `names`: of other methods, for one in `beside` of those drawn."""
+    made: list[Callable[[], Row]] = [] if folder is None else [partial(from_folder, folder, a, names) for a in answers]
+    return [*made, *(partial(simulated, d, () if d.number % beside else names) for d in drawn)]
 
 
 def from_folder(folder: Path, answer: Answer, names: Sequence[str]) -> Record:
     """Diagnose a recording on disk. `names`: of the other methods."""
-    recording = read_recording(folder / answer["case"])
-    said, _ = _said(recording)
-    return {**answer, "kind": f"given {answer['kind']}", **said, "baselines": baselines(recording, names)}
-
-
-def simulated(drawing: Drawing, names: Sequence[str]) -> Record:
-    """Simulate a case and diagnose it; one that cannot be made is said to be `not_made`."""
-    try:
-        case = make(drawing)
-    except ValueError as error:
-        return {"case": drawing.name, "kind": drawing.kind, "effects": [], "not_made": str(error)}
-    said, result = _said(case.recording, case.effects)
-    record = {**case.answer, **said, "baselines": baselines(case.recording, names)}
-    if result is not None and (case.effects or result.conclusion.causes):
-        try:
-            record["held_out"] = held_out.judged(result, case.effects, case.again())
-        except Exception as error:  # so is a model that cannot be applied
-            record["error"] = f"on another drive: {type(error).__name__}: {error}"
+    recording = read_recording(folder / answer.case)
+    record, _ = judged(recording, answer)
+    record.kind, record.baselines = f"given {answer.kind}", baselines(recording, names)
     return record
 
 
-def _said(recording: Recording, truth: Effects = ()) -> tuple[Record, Analysis | None]:
+def simulated(drawing: Drawing, names: Sequence[str]) -> Row:
+    """Simulate a case and diagnose it, if it can be made."""
+    try:
+        case = make(drawing)
+    except ValueError as error:
+        return NotMade(drawing.name, drawing.kind, str(error))
+    record, result = judged(case.recording, case.answer, case.effects)
+    record.baselines = baselines(case.recording, names)
+    if result is not None and (case.effects or result.conclusion.causes):
+        try:
+            record.held_out = held_out.judged(result, case.effects, case.again())
+        except Exception as error:  # so is a model that cannot be applied
+            record.error = f"on another drive: {type(error).__name__}: {error}"
+    return record
+
+
+def judged(recording: Recording, answer: Answer, truth: Effects = ()) -> tuple[Record, Analysis | None]:
+    """The record of a recording, and the analysis, unless it failed: that is a result of the trial."""
     began_s = time.perf_counter()
+    about: dict[str, Any] = {name: getattr(answer, name) for name in Answer.__struct_fields__}
     try:
         result = analyse(recording)
-    except Exception as error:  # a diagnosis that fails is a result of the trial
-        return {"verdict": "failed", "findings": [], "error": f"{type(error).__name__}: {error}"}, None
-    took_s = time.perf_counter() - began_s
-    said = {
-        "verdict": outcome.verdict(result.conclusion).value,
-        "findings": plain(outcome.findings_of(result.conclusion)),
-        "noise": result.noise_ratios(),
-        "took_s": took_s,
-    }
-    names = [c.effect for c in result.conclusion.causes]
+    except Exception as error:
+        return Record(**about, verdict=FAILED, findings=(), error=f"{type(error).__name__}: {error}"), None
+    record = Record(
+        **about,
+        verdict=outcome.verdict(result.conclusion).value,
+        findings=tuple(outcome.findings_of(result.conclusion)),
+        noise=result.noise_ratios(),
+        took_s=time.perf_counter() - began_s,
+    )
     known = [effect.id for effect, _ in truth if effect.id not in HIDDEN]
-    if known and sorted(names) != sorted(known):
-        said["truth_nats"] = _truth_nats(result, truth)
-    return said, result
+    if known and sorted(f.effect for f in record.findings) != sorted(known):
+        record.truth_nats = _truth_nats(result, truth)
+    return record, result
 
 
 def _truth_nats(result: Analysis, truth: Effects) -> float:
-    """Score of the true effects, refined from their true values, less that of what was found.
-
-    Above 0 the search has missed the better answer; below, the evidence as it is weighed speaks for the wrong one.
-    """
+    """Score of the true effects, refined from their true values, less that of what was found."""
     found, selection = result.conclusion.found, selected_of(truth)
     # Both ways in which the search looks at an effect: around the nominal path, and around that without the effects.
     problems = result.null_problem, found.problem.around(selection)
     scores = [-fit.cost - p.penalty(fit.selection) for p in problems for fit in [refine(p, selection)]]
     return max(scores) - found.score
-
-
-def calls(
-    folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str], beside: int = 1
-) -> list[Call]:
-    """What is to be done, a call for each case. `names`: of other methods, for one in `beside` of those drawn."""
-    made: list[Call] = []
-    if folder is not None:
-        made += [partial(from_folder, folder, answer, names) for answer in answers]
-    return [*made, *(partial(simulated, d, () if d.number % beside else names) for d in drawn)]
-
-
-def run(todo: Sequence[Call], jobs: int) -> Iterator[Record]:
-    """Records as they are ready."""
-    with tqdm(total=len(todo), desc="trial", unit="case", disable=None) as bar:
-        for record in _each(todo, jobs):
-            yield record
-            bar.update()
-
-
-def _each(todo: Sequence[Call], jobs: int) -> Iterator[Record]:
-    if jobs == 1:
-        for call in todo:
-            yield call()
-        return
-    # The processes share the cores; a library that takes all of them for one product only gets in the others' way.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    # A forked child of a process with threads may lock up.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(call) for call in todo]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)

@@ -3,16 +3,16 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
+
+from msgspec import UNSET, Struct, UnsetType
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
+from drd_tools.diagnose.results import UNNAMED, Amount, Finding, Status, Support, Verdict
+from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
 from drd_tools.trial.unknown import PREFIX
 
-Record = dict[str, Any]
-
-NOTHING, EXPLAINED, UNKNOWN = "nothing_missing", "explained", "unknown"
 LEAST_GAIN: Final = 25.0  # squared sigmas that the oracle takes off another drive, there for a share to mean anything
 NOT_LINEAR: Final = 2.0  # of the residual's expectation
 WORSE: Final = 0.02
@@ -20,9 +20,8 @@ Z_90: Final = 1.6448536269514722  # two-sided 90 %
 Z_95: Final = 1.959963984540054
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A true parameter and what was said of it, in the catalogue's unit."""
+class Interval(Struct, frozen=True):
+    """A true parameter and its reported estimate, in the catalogue's unit."""
 
     effect: str
     parameter: str
@@ -33,33 +32,30 @@ class Interval:
     @property
     def inside(self) -> bool:
         """Whether the 90 % interval holds the truth."""
-        return abs(self._error()) <= Z_90 * self.std
+        return abs(self.sigmas) <= Z_90
 
     @property
     def sigmas(self) -> float:
-        """The error in standard deviations."""
-        return self._error() / self.std
-
-    def _error(self) -> float:
+        """The error in standard deviations; an angle's by the short way."""
         error = self.value - self.true
         unit = next(q.unit for q in catalogue()[self.effect].parameters if q.name == self.parameter)
-        return math.remainder(error, 2.0 * math.pi) if unit == "rad" else error
+        return (math.remainder(error, 2.0 * math.pi) if unit == "rad" else error) / self.std
 
 
-@dataclass(frozen=True)
-class Score:
-    """Of one record. `..._class`: a finding is right where the right name is among those that it also fits.
+class Score(Struct, frozen=True, kw_only=True):
+    """Score of one record. `..._class`: a finding is right where the right name is among those that it also fits.
 
-    What is in no catalogue has the right name `unknown`. `named`: findings with a name, `false_named`: those of them
-    that are wrong even as a class. `windows`: effects of a stretch of time that were named, and the share of overlap
-    (intersection over union). `share`: improvement of the other drive's residual, of what the oracle's is; None where
-    the oracle's is lost in the noise. `worse`: what was found made the other drive's residual (`worse_path`: path)
-    worse than no correction by more than WORSE; None where there was no other drive, or it tells nothing.
+    What is in no catalogue has the right name `unknown`. `reports`: there is a finding, `sure_reports`: one above
+    suspected. `named`: findings with a name, `false_named`: those of them that are wrong even as a class. `windows`:
+    effects of an interval of time that were named, and the share of overlap (intersection over union). `share`:
+    improvement of the other drive's residual, of what the oracle's is; None where the oracle's is lost in the noise.
+    `worse`: what was found made the other drive's residual (`worse_path`: path) worse than no correction by more than
+    WORSE; None where there was no other drive, or it says nothing.
     """
 
     verdict: bool
-    claims: bool
-    sure_claims: bool
+    reports: bool
+    sure_reports: bool
     top_1: bool
     top_1_class: bool
     exact: bool
@@ -76,68 +72,78 @@ class Score:
 
 
 def score(record: Record) -> Score:
-    """Judge a record: the answer's `effects`, and the diagnosis' `verdict` and `findings`, best first."""
-    truth, findings = record["effects"], record["findings"]
-    right = [_right(e["effect"]) for e in truth]
-    said = [f["effect"] for f in findings]
-    classes = [{f["effect"], *f["also_fits"]} for f in findings]
-    named = [c for f, c in zip(findings, classes, strict=True) if f["effect"] != UNKNOWN]
-    expected = (UNKNOWN if UNKNOWN in right else EXPLAINED) if truth else NOTHING
-    pairs = [(e, f) for e in truth for f in findings if f["effect"] == e["effect"]]
-    share, worse, worse_path = _held_out(record.get("held_out"))
+    """Judge a record's verdict and findings by its effects."""
+    truth, findings = record.effects, record.findings
+    right = [UNNAMED if e.effect.startswith(PREFIX) else e.effect for e in truth]
+    said = [f.effect for f in findings]
+    classes = [{f.effect, *f.also_fits} for f in findings]
+    named = [c for f, c in zip(findings, classes, strict=True) if f.is_named]
+    expected = (Verdict.UNKNOWN if UNNAMED in right else Verdict.EXPLAINED) if truth else Verdict.NOTHING
+    pairs = [(e, f) for e in truth for f in findings if f.effect == e.effect]
+    share, worse, worse_path = _held_out(record.held_out)
     return Score(
-        verdict=record["verdict"] == expected,
-        claims=bool(findings),
-        sure_claims=any(f["status"] != "suspected" for f in findings),
+        verdict=record.verdict == expected,
+        reports=bool(findings),
+        sure_reports=any(f.status != Status.SUSPECTED for f in findings),
         top_1=bool(said) and said[0] in right,
         top_1_class=bool(said) and not classes[0].isdisjoint(right),
-        exact=record["verdict"] != "failed" and set(said) == set(right),
-        exact_class=record["verdict"] != "failed" and _matches(right, classes),
-        flagged=UNKNOWN in said,
-        misnamed=bool(named) and UNKNOWN not in said,
+        exact=record.verdict != FAILED and set(said) == set(right),
+        exact_class=record.verdict != FAILED and _matches(right, classes),
+        flagged=UNNAMED in said,
+        misnamed=bool(named) and UNNAMED not in said,
         named=len(named),
         false_named=sum(c.isdisjoint(right) for c in named),
-        intervals=tuple(i for e, f in pairs for i in _intervals(e, f)),
-        windows=tuple((e["effect"], iou) for e, f in pairs if (iou := _overlap(e["parameters"], f)) is not None),
+        intervals=tuple(i for e, f in pairs for i in intervals(e, f)),
+        windows=tuple((e.effect, iou) for e, f in pairs if (iou := overlap(e, f)) is not None),
         share=share,
         worse=worse,
         worse_path=worse_path,
     )
 
 
-def of_names(record: Record, names: Sequence[str]) -> Score:
-    """Judge a method that gives names only, the best first."""
-    findings = [{"effect": n, "also_fits": [], "status": "supported", "parameters": {}, "windows": []} for n in names]
-    verdict = EXPLAINED if names else NOTHING
-    return score({"effects": record["effects"], "findings": findings, "verdict": verdict})
+def of_names(record: Record, method: str) -> Score:
+    """Judge another method, which selects names only, the best first."""
+    names = record.baselines[method]
+    findings = tuple(
+        Finding(effect=n, status=Status.SUPPORTED, also_fits=(), acts_on="", parameters={}, windows=(), covariate=None,
+                evidence=Support(None, None, None), explains=None, sentence="")
+        for n in names
+    )  # fmt: skip
+    verdict = Verdict.EXPLAINED if names else Verdict.NOTHING
+    return score(Record(case=record.case, kind=record.kind, effects=record.effects, verdict=verdict, findings=findings))
 
 
-def _right(name: str) -> str:
-    return UNKNOWN if name.startswith(PREFIX) else name
-
-
-def _overlap(true: dict[str, Any], finding: dict[str, Any]) -> float | None:
+def overlap(true: TrueEffect, finding: Finding) -> float | None:
     """Intersection over union of two windows; None for an effect that has none. One that lasts ends with the drive."""
-    windows = finding["windows"]
-    if START.name not in true or not windows:
+    if START.name not in true.parameters or not finding.windows:
         return None
-    low, high, begin = float(windows[0][0]), float(windows[0][1]), float(true[START.name])
-    end = float(true.get(END.name, high))
+    (low, high), begin = finding.windows[0], float(true.parameters[START.name])
+    end = float(true.parameters.get(END.name, high))
     return max(0.0, min(high, end) - max(low, begin)) / max(max(high, end) - min(low, begin), 1e-9)
 
 
-def _held_out(other: dict[str, Any] | None) -> tuple[float | None, bool | None, bool | None]:
-    if other is None:
+def intervals(true: TrueEffect, finding: Finding) -> list[Interval]:
+    """Parameters that both have, and that were estimated; a catalogue's fixed ones are not."""
+    parameters = catalogue()[true.effect].parameters if true.effect in catalogue() else ()
+    names = [q.name for q in parameters if not q.choices and not q.fixed and q.name in true.parameters]
+    pairs = [(n, finding.parameters.get(n, Amount(0.0, 0.0, ""))) for n in names]
+    return [Interval(true.effect, n, float(true.parameters[n]), a.value, a.std) for n, a in pairs if a.std > 0.0]
+
+
+def _held_out(other: OtherDrive | UnsetType) -> tuple[float | None, bool | None, bool | None]:
+    if other is UNSET:
         return None, None, None
-    residual, path_m = other["residual"], other["path_m"]
+    assert isinstance(other, OtherDrive)
+    residual, path_m, oracle = other.residual, other.path_m, other.residual.oracle
+    assert isinstance(oracle, float)
     # Where even the truth leaves so much, what is missing is too large there for a linear residual.
-    is_linear = residual["oracle"] < NOT_LINEAR * other["rows"]
-    could = residual["before"] - residual["oracle"]
-    share = (residual["before"] - residual["after"]) / could if could > LEAST_GAIN and is_linear else None
-    worse = math.sqrt(residual["after"] / residual["before"]) > 1.0 + WORSE if is_linear else None
+    is_linear = oracle < NOT_LINEAR * other.rows
+    could = residual.before - oracle
+    share = (residual.before - residual.after) / could if could > LEAST_GAIN and is_linear else None
+    worse = math.sqrt(residual.after / residual.before) > 1.0 + WORSE if is_linear else None
     # Where even the truth makes the path worse, that drive's noise decides.
-    best_m = max(path_m["before"], path_m.get("oracle", 0.0))
-    return share, worse, path_m["after"] > (1.0 + WORSE) * best_m
+    best_m = max(path_m.before, path_m.oracle if isinstance(path_m.oracle, float) else 0.0)
+    return share, worse, path_m.after > (1.0 + WORSE) * best_m
 
 
 def _matches(right: Sequence[str], classes: Sequence[set[str]]) -> bool:
@@ -146,17 +152,6 @@ def _matches(right: Sequence[str], classes: Sequence[set[str]]) -> bool:
         return False
     orders = itertools.permutations(right)
     return any(all(name in names for name, names in zip(order, classes, strict=True)) for order in orders)
-
-
-def _intervals(effect: dict[str, Any], finding: dict[str, Any]) -> list[Interval]:
-    """Of the parameters that both have, and that were estimated; a catalogue's fixed ones are not."""
-    name = effect["effect"]
-    made = []
-    for q in catalogue()[name].parameters if name in catalogue() else ():
-        true, told = effect["parameters"].get(q.name), finding["parameters"].get(q.name)
-        if not q.choices and not q.fixed and true is not None and told is not None and told["std"] > 0.0:
-            made.append(Interval(name, q.name, float(true), float(told["value"]), float(told["std"])))
-    return made
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:

@@ -1,39 +1,101 @@
-"""Parameters of effects that are to be seen so well, and how well their nearest rivals would do."""
+"""Parameters with which effects have a whitened distance d, and how well their nearest rivals would do."""
 
 import math
-from dataclasses import replace
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import SIDES, ActsOn, Chance, Effect
+from drd.effects.chain import add
+from drd.effects.effect import SIDES, START, ActsOn, Chance, Effect, Values
 from drd.effects.motion import Motion
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.select.search import CLASS_NATS, Search
 from drd_tools.diagnose.selected import BIAS, Selected
+from drd_tools.recordings.folder import Recording
 from drd_tools.trial.overlay import Effects
+from drd_tools.trial.results import TrueEffect
 
 Random = np.random.Generator
-Values = dict[str, float | str]
 
 RIVALS: Final = 3
 ROUNDS: Final = 15
 SIZED: Final = 0.01  # relative
 SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
+DRAWS: Final = 5  # of a window, which may lie where the robot stands
+EVENTS: Final = 20  # sizes of an event, of which the nearest is taken
+NEAR: Final = 1.25  # factor between its d and that wanted
 
 
-def visibility(problem: Problem, effect: Effect, values: Values) -> float:
-    """Norm of an effect's whitened sensitivity, the reference's nuisances (with their priors) projected out."""
-    rows = problem.effect_rows([Selected(effect, values, ())])
-    return math.sqrt(max(float(rows @ Marginal(problem.nuisance).projected(rows)), 0.0))
+@dataclass(frozen=True)
+class Whitener:
+    """How a diagnosis sees effects along a motion of a recording."""
+
+    problem: Problem
+    motion: Motion
+
+    @classmethod
+    def of(cls, recording: Recording) -> "Whitener":
+        """A real recording: its fitted noise, and its motion as the nominal model with what was found tells it."""
+        found = analyse(recording).conclusion.found
+        selected = [(c.effect, c.values) for c in found.fit.selection]
+        motion, _ = add(found.problem.sensitivities.motion, selected)
+        return cls(found.problem.along(motion), motion)
+
+    def detectability(self, effect: Effect, values: Values) -> float:
+        """Norm of an effect's whitened sensitivity, the reference's nuisances (with their priors) projected out."""
+        rows = self.problem.effect_rows([Selected(effect, dict(values), ())])
+        return math.sqrt(max(float(rows @ Marginal(self.problem.nuisance).projected(rows)), 0.0))
+
+    def sized(self, effect: Effect, d: float, random: Random) -> Values | None:
+        """Values (SI) of a detectability `d`; None where they would be implausible, or nothing is seen at all."""
+        values = dict(_shape(effect, self.motion, random))
+        chosen = [q for q in effect.parameters if not q.choices and (q.linear or not effect.linear())]
+        # Each of several linear parameters is to be seen about as well.
+        for q in chosen:
+            alone: dict[str, float | str] = {**values, **dict.fromkeys((c.name for c in chosen), 0.0)}
+            alone[q.name] = q.neutral + (SMALL if q.neutral else q.low * q.si)
+            norm = self.detectability(effect, alone)
+            if norm <= 0.0:
+                return None
+            share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
+            values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
+        for _ in range(ROUNDS):
+            norm = self.detectability(effect, values)
+            if norm <= 0.0:
+                return None
+            for q in chosen:
+                values[q.name] = q.neutral + (float(values[q.name]) - q.neutral) * d / norm
+                if not abs(float(values[q.name])) <= q.high * q.si:
+                    return None
+            if abs(norm / d - 1.0) < SIZED:
+                return values
+        return None
+
+    def plantable(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
+        """Values (SI) with which a real drive shows an effect, and their detectability, about `d`; or None.
+
+        What destroys readings comes as it does: of some sizes the nearest.
+        """
+        if not effect.irreversible:
+            draws = DRAWS if START in effect.parameters else 1
+            drawn = (self.sized(effect, d, random) for _ in range(draws))
+            values = next((v for v in drawn if v is not None), None)
+            return None if values is None else (values, self.detectability(effect, values))
+        events = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
+        sizes = [(v, self.detectability(effect, v)) for v in events]
+        near = [(v, size) for v, size in sizes if d / NEAR <= size <= d * NEAR]
+        return min(near, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
 
 
 def selected_of(effects: Effects) -> list[Selected]:
-    """Effects as effects from their true values on, all that can be fitted free; a threshold's bias is not known."""
+    """Effects as the search selects them, all that can be fitted free; a threshold's bias is not known."""
     selection = [
-        Selected(x, v, tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects
+        Selected(x, dict(v), tuple(q.name for q in x.parameters if not q.choices and not q.fixed)) for x, v in effects
     ]
     return [
         replace(c, values={**c.values, BIAS.name: 0.0}, free=(*c.free, BIAS.name))
@@ -43,49 +105,19 @@ def selected_of(effects: Effects) -> list[Selected]:
     ]
 
 
-def nearest(problem: Problem, effects: Effects) -> list[dict[str, Any]]:
-    """For each of some effects: what would do best in its place without noise, another name or nothing (""), and by
-    how many nats that is worse.
-    """
+def set_rivals(problem: Problem, effects: Effects, rows: Sequence[TrueEffect]) -> None:
+    """Say in each effect's row what would do best in its place without noise, and by how many nats that is worse."""
     truth = selected_of(effects)
     problem = problem.with_data(problem.effect_rows(truth))
     search, names = Search(problem), {c.id for c in truth}
-    right, made = search.score(refine(problem, truth)), []
-    for one in truth:
+    right = search.score(refine(problem, truth))
+    for one, row in zip(truth, rows, strict=True):
         rest = refine(problem, [c for c in truth if c is not one])
         rivals = [selected for _, selected in search.ranked(rest) if selected.id not in names][:RIVALS]
         fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
-        scores = [(search.score(f), f.selection[-1].id) for f in fits]
-        best, rival = max(scores, default=(search.score(rest), ""))
-        margin = right - max(best, search.score(rest))
-        made.append({"rival": rival, "margin_nats": margin, "separable": margin > CLASS_NATS})
-    return made
-
-
-def sized(problem: Problem, motion: Motion, effect: Effect, d: float, random: Random) -> Values | None:
-    """Values (SI) with which the visibility is `d`; None where they would be implausible, or nothing is seen at all."""
-    values = _shape(effect, motion, random)
-    chosen = [q for q in effect.parameters if not q.choices and (q.linear or not effect.linear())]
-    # Of several linear parameters each is to be seen about as well.
-    for q in chosen:
-        alone: Values = {**values, **dict.fromkeys((c.name for c in chosen), 0.0)}
-        alone[q.name] = q.neutral + (SMALL if q.neutral else q.low * q.si)
-        norm = visibility(problem, effect, alone)
-        if norm <= 0.0:
-            return None
-        share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
-        values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
-    for _ in range(ROUNDS):
-        norm = visibility(problem, effect, values)
-        if norm <= 0.0:
-            return None
-        for q in chosen:
-            values[q.name] = q.neutral + (float(values[q.name]) - q.neutral) * d / norm
-            if not abs(float(values[q.name])) <= q.high * q.si:
-                return None
-        if abs(norm / d - 1.0) < SIZED:
-            return values
-    return None
+        best, row.rival = max([(search.score(f), f.selection[-1].id) for f in fits], default=(search.score(rest), ""))
+        row.margin_nats = right - max(best, search.score(rest))
+        row.separable = row.margin_nats > CLASS_NATS
 
 
 def _shape(effect: Effect, motion: Motion, random: Random) -> Values:

@@ -1,15 +1,18 @@
-"""A trial as text: its tables, and each failure with what is true and what was said."""
+"""A trial as text: its tables, and each failure with what is true and what is reported."""
 
 import shlex
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from drd_tools.trial.figures import Figures, Pair, Row
+import msgspec
+
+from drd_tools.diagnose.results import Amount, Finding
+from drd_tools.trial.figures import Cells, Figures, Pair
+from drd_tools.trial.results import TrueEffect
 
 PROGRAM = "drd trial"
 
 
-def told(figures: Figures, arguments: Sequence[str]) -> str:
+def text(figures: Figures, arguments: Sequence[str]) -> str:
     """All of a trial. `arguments`: those with which a case is drawn again."""
     lines: list[str] = []
     for made in figures.tables():
@@ -18,18 +21,19 @@ def told(figures: Figures, arguments: Sequence[str]) -> str:
 
 
 def failures(figures: Figures, arguments: Sequence[str]) -> list[str]:
-    """False claims, what was confused, what is outside of its interval, and what could not be made."""
+    """False alarms, what was confused, what is outside of its interval, and what could not be made."""
     nulls, others = figures.of(*figures.null_kinds), figures.of(*figures.named_kinds)
     unknown = figures.of(*figures.unknown_kinds)
-    lines = _confused([p for p in nulls if p[1].claims or "error" in p[0]], "False claims")
+    lines = _confused([p for p in nulls if p[1].reports or isinstance(p[0].error, str)], "False alarms")
     lines += _confused([p for p in others if not p[1].exact], "Confused")
     lines += _confused([p for p in unknown if not p[1].flagged], "In no catalogue, and not flagged")
     if lines:
         lines += ["", "Each of them alone:", f"  {PROGRAM} {shlex.join(arguments)} --only CASE --output DIR"]
-    return [*lines, *_outside(others), *_not_made(figures)]
+    lines += _outside(others)
+    return lines + (["", "Not made:", *(f"  {r.not_made}" for r in figures.not_made)] if figures.not_made else [])
 
 
-def table(rows: Sequence[Row]) -> list[str]:
+def table(rows: Sequence[Cells]) -> list[str]:
     """Aligned columns; the first to the left, others to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return [
@@ -42,59 +46,56 @@ def _confused(wrong: Sequence[Pair], title: str) -> list[str]:
     if not wrong:
         return []
     lines = ["", f"{title}: {len(wrong)}"]
-    for record, s in sorted(wrong, key=lambda p: str(p[0]["case"])):
-        mark = " (right as a class)" if s.exact_class else ""
-        lines.append(f"  {record['case']}: {record['verdict']}{mark}")
-        lines += [f"    true   {_effect(e)}" for e in record["effects"]]
-        lines += [f"    said   {_finding(f)}" for f in record["findings"]] or ["    said   nothing"]
-        if "truth_nats" in record:
+    for record, s in sorted(wrong, key=lambda p: p[0].case):
+        lines.append(f"  {record.case}: {record.verdict}{' (right as a class)' if s.exact_class else ''}")
+        lines += [f"    true     {_effect(e)}" for e in record.effects]
+        lines += [f"    reported {_finding(f)}" for f in record.findings] or ["    reported nothing"]
+        if isinstance(record.truth_nats, float):
             lines.append(
-                f"    search the true effects, fitted, score {record['truth_nats']:+.1f} nats against what was said"
+                f"    search   the true effects, fitted, score {record.truth_nats:+.1f} nats against what was found"
             )
-        lines += [f"    {name:<6} {_plain(record[name])}" for name in ("drive", "stress") if name in record]
-        if "error" in record:
-            lines.append(f"    error  {record['error']}")
+        for name in ("drive", "stress"):
+            if isinstance(row := getattr(record, name), msgspec.Struct):
+                lines.append(f"    {name:<8} {_values(msgspec.structs.asdict(row))}")
+        if isinstance(record.error, str):
+            lines.append(f"    error    {record.error}")
     return lines
 
 
-def _effect(effect: dict[str, Any]) -> str:
-    text = f"{effect['effect']} ({_plain(effect['parameters'])}"
-    if effect.get("visibility") is not None:
-        text += f"; d = {effect['visibility']:.1f}"
-    if "margin_nats" in effect:
-        text += f"; nearest {effect['rival'] or 'without it'}, {effect['margin_nats']:.1f} nats worse without noise"
-    return text + ")"
+def _effect(true: TrueEffect) -> str:
+    line = f"{true.effect} ({_values(true.parameters)}"
+    if isinstance(true.detectability, float):
+        line += f"; d = {true.detectability:.1f}"
+    if isinstance(true.margin_nats, float):
+        line += f"; nearest {true.rival or 'without it'}, {true.margin_nats:.1f} nats worse without noise"
+    return line + ")"
 
 
-def _finding(finding: dict[str, Any]) -> str:
-    evidence = finding["evidence"]
-    values = ", ".join(
-        f"{name} {q}" if isinstance(q, str) else f"{name} {q['value']:.4g} +- {q['std']:.2g}"
-        for name, q in finding["parameters"].items()
-    )
-    text = f"{finding['effect']} ({values or finding['driver']}) {finding['status']}"
-    text += f", {evidence['gain_nats']:.1f} nats, p {evidence['family_wise_p']:.2g}, e {evidence['e_value']:.2g}"
-    return text + (f"; also fits {', '.join(finding['also_fits'])}" if finding["also_fits"] else "")
+def _finding(finding: Finding) -> str:
+    evidence, parameters = finding.evidence, {**finding.choices, **finding.parameters}
+    line = f"{finding.effect} ({_values(parameters) or finding.covariate}) {finding.status}"
+    line += f", {finding.gain_nats:.1f} nats"
+    for name, number in (("p", evidence.family_wise_p), ("e", evidence.e_value)):
+        line += "" if number is None else f", {name} {number:.2g}"
+    return line + (f"; also fits {', '.join(finding.also_fits)}" if finding.also_fits else "")
 
 
-def _plain(values: dict[str, Any]) -> str:
-    return ", ".join(
-        f"{name} ({_plain(v)})" if isinstance(v, dict) else f"{name} {v:.7g}" if isinstance(v, float) else f"{name} {v}"
-        for name, v in values.items()
-    )
+def _values(values: Mapping[str, object]) -> str:
+    def shown(value: object) -> str:
+        if isinstance(value, Amount):
+            return f"{value.value:.4g} +- {value.std:.2g}"
+        return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+    return ", ".join(f"{name} {shown(value)}" for name, value in values.items())
 
 
 def _outside(pairs: Sequence[Pair]) -> list[str]:
-    wrong = [(r["case"], i) for r, s in pairs for i in s.intervals if not i.inside]
+    wrong = [(r.case, i) for r, s in pairs for i in s.intervals if not i.inside]
     if not wrong:
         return []
-    head = ["case", "effect", "parameter", "true", "said", "+-", "sigmas"]
+    head = ["case", "effect", "parameter", "true", "estimate", "+-", "sigmas"]
     rows = [
         [c, i.effect, i.parameter, f"{i.true:.4g}", f"{i.value:.4g}", f"{i.std:.2g}", f"{i.sigmas:+.1f}"]
         for c, i in sorted(wrong, key=lambda w: -abs(w[1].sigmas))
     ]
     return ["", f"Truth outside of the 90 % interval: {len(wrong)}", *table([head, *rows])]
-
-
-def _not_made(figures: Figures) -> list[str]:
-    return ["", "Not made:", *(f"  {r['not_made']}" for r in figures.not_made)] if figures.not_made else []

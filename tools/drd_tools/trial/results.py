@@ -1,0 +1,252 @@
+"""Results of a trial as classes, and the one place where they are read and written.
+
+`Record`: a recording whose answer is known, with its diagnosis. `Untouched` and `Planted`: of a real drive, as it is
+and with an effect put into its raw data. `NotMade`: a case that no drive showed. `Store`: the file of a trial, a line
+of JSON for each, added as it is ready, so that a stopped trial goes on. Parameters are in the catalogue's units.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+from msgspec import UNSET, Struct, UnsetType, field
+
+import drd.effects
+import drd_tools.diagnose
+import drd_tools.simulate
+from drd.config.schema import ConfigError
+from drd_tools.diagnose.files import plain
+from drd_tools.diagnose.results import Figures, Finding
+
+T = TypeVar("T")
+
+RESULTS: Final = "results.jsonl"
+OLD: Final = "results.old.jsonl"
+ANSWERS: Final = "answers.json"
+FORMAT: Final = "drd-trial/2"
+FAILED: Final = "failed"  # in place of a verdict
+
+
+class TrueEffect(Struct, kw_only=True):
+    """An effect that is in a recording. `detectability`: its whitened distance d, the square root of the noncentrality.
+
+    `rival`: what does best in its place without noise, another name or nothing (""), by `margin_nats` worse;
+    `separable`: by more than the names of one class differ.
+    """
+
+    effect: str
+    parameters: dict[str, float | str]
+    detectability: float | UnsetType | None = field(name="visibility", default=UNSET)
+    rival: str | UnsetType = UNSET
+    margin_nats: float | UnsetType = UNSET
+    separable: bool | UnsetType = UNSET
+
+
+class Run(Struct, frozen=True):
+    """One drive of a robot. The temperature is the other world's own in MuJoCo, the friction only there."""
+
+    mission: str
+    temperature: str
+    seconds: float
+    seed: int
+    friction: float
+
+
+class Stress(Struct, frozen=True):
+    """Noise against the data sheets', degrees of freedom of its tails, and what is wrong with the reference."""
+
+    gyro_noise: float
+    wheel_noise: float
+    reference_noise: float
+    tails: float
+    latency_s: float
+    sideways_m: float
+    yaw_deg: float
+
+
+class Mismatch(Struct):
+    """Of another drive: without a model, with that of the diagnosis, and with the true effects (the oracle)."""
+
+    before: float
+    after: float
+    oracle: float | UnsetType = UNSET
+
+
+class OtherDrive(Struct):
+    """`residual`: squared whitened innovations of `rows`. `path_m`: rms distance of the path from the reference."""
+
+    rows: int
+    residual: Mismatch
+    path_m: Mismatch
+
+
+class Answer(Struct, kw_only=True):
+    """What is true of a recording: an entry of answers.json."""
+
+    case: str
+    kind: str
+    effects: list[TrueEffect]
+    drive: Run | UnsetType = UNSET
+    stress: Stress | UnsetType = UNSET
+
+
+class Record(Answer, kw_only=True):
+    """A recording's answer, and what the diagnosis reports, the best finding first; a failed one has an `error`.
+
+    `baselines`: names that other methods select, the best first. `truth_nats`: score of the true effects, refined,
+    less that of what was found: above 0 the search has missed the better answer; below, the evidence as it is weighed
+    speaks for the wrong one.
+    """
+
+    verdict: str
+    findings: tuple[Finding, ...]
+    noise: Figures | UnsetType = UNSET
+    took_s: float | UnsetType = UNSET
+    truth_nats: float | UnsetType = UNSET
+    error: str | UnsetType = UNSET
+    baselines: dict[str, list[str]] = {}
+    held_out: OtherDrive | UnsetType = UNSET
+
+
+class Untouched(Record, kw_only=True):
+    """A real drive as it is: the effects that it can show, each with the case that plants it, and the others."""
+
+    plantings: dict[str, TrueEffect]
+    not_visible: list[str]
+
+
+class Planted(Record, kw_only=True):
+    """A real drive, `base`, with its one effect planted in the raw data."""
+
+    base: str
+
+
+class NotMade(Struct):
+    """A case that could not be made, and why."""
+
+    case: str
+    kind: str
+    not_made: str
+
+
+Row = Record | NotMade
+
+
+class Head(Struct, kw_only=True):
+    """What makes cases the same cases, and the build that diagnosed them. `plant`: the folder of real drives."""
+
+    format: str = FORMAT
+    seed: int
+    minutes: tuple[float, float] = (4.0, 10.0)
+    reference: str = "full"
+    folder: str | None = None
+    baselines: list[str] = []
+    plant: str | UnsetType = UNSET
+    glob: str | UnsetType = UNSET
+    build: str = ""
+
+
+class Store:
+    """The results in a folder."""
+
+    def __init__(self, folder: Path):
+        self.file = folder / RESULTS
+
+    def begin(self, head: Head) -> list[Row]:
+        """Go on with the results that are there, or begin; returns those that are there.
+
+        Results of another build of the diagnosis are moved aside. Raises ConfigError where they are of other cases
+        (another seed, say), and OSError.
+        """
+        head = msgspec.structs.replace(head, build=fingerprint())
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        if self.file.exists() and self.file.stat().st_size:
+            was, rows = self.read()
+            if was.build == head.build:
+                for name, value in msgspec.structs.asdict(head).items():
+                    if (there := getattr(was, name)) != value:
+                        expected = f"the trial that it holds, with {name} {there}; or another folder"
+                        raise ConfigError(str(self.file.parent), name, expected, str(value))
+                self._write([was, *rows])  # without a line that was cut off
+                return rows
+            self.file.replace(self.file.with_name(OLD))
+        self._write([head])
+        return []
+
+    def add(self, row: Row) -> None:
+        """Keep a row. Raises OSError."""
+        with self.file.open("a", encoding="utf-8") as out:
+            out.write(_line(row))
+
+    def read(self) -> tuple[Head, list[Row]]:
+        """What is there. A last line that was cut off does not count. Raises ConfigError."""
+        try:
+            lines = self.file.read_text(encoding="utf-8").split("\n")[:-1]
+            rows: list[Any] = [json.loads(line) for line in lines]
+        except (OSError, ValueError) as error:
+            raise ConfigError(str(self.file), "", "results of a trial", str(error)) from error
+        if not rows or not isinstance(rows[0], dict) or rows[0].get("format") != FORMAT:
+            raise ConfigError(str(self.file), "format", FORMAT, "something else")
+        head = _converted(self.file, rows[0], Head)
+        return head, [_converted(self.file, _parted(row), _form(row)) for row in rows[1:]]
+
+    def _write(self, rows: Sequence[Head | Row]) -> None:
+        self.file.write_text("".join(map(_line, rows)), encoding="utf-8")
+
+
+def read_answers(folder: Path) -> list[Answer]:
+    """answers.json of a folder of recordings. Raises ConfigError."""
+    file = folder / ANSWERS
+    try:
+        answers = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(str(file), "", "a JSON file with the answers", str(error)) from error
+    return _converted(file, answers, list[Answer])
+
+
+def fingerprint() -> str:
+    """Hash of the code that simulates and diagnoses: results of one and of another build are not to be mixed."""
+    digest = hashlib.sha256()
+    for package in (drd.effects, drd_tools.diagnose, drd_tools.simulate):
+        for folder in package.__path__:
+            for file in sorted(Path(folder).rglob("*.py")):
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _line(row: Head | Row) -> str:
+    return json.dumps(plain(row), allow_nan=False) + "\n"
+
+
+def _form(row: dict[str, Any]) -> Any:
+    forms = {"not_made": NotMade, "plantings": Untouched, "base": Planted}
+    return next((form for key, form in forms.items() if key in row), Record)
+
+
+def _converted(file: Path, content: Any, form: type[T]) -> T:
+    try:
+        return msgspec.convert(content, form)
+    except msgspec.ValidationError as error:
+        raise ConfigError(str(file), "", "results and answers of a trial", str(error)) from error
+
+
+def _parted(row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose findings have their words apart from their numbers; a deviation of null is not known."""
+    findings = [{**f, **_apart(f["parameters"])} for f in row.get("findings", ())]
+    for finding in findings:
+        if finding.get("stand_in"):
+            finding["stand_in"] |= _apart(finding["stand_in"]["parameters"])
+    return {**row, "findings": findings}
+
+
+def _apart(parameters: dict[str, Any]) -> dict[str, Any]:
+    amounts = {
+        name: {k: math.nan if v is None else v for k, v in amount.items()}
+        for name, amount in parameters.items()
+        if isinstance(amount, dict)
+    }
+    return {"parameters": amounts, "choices": {k: v for k, v in parameters.items() if isinstance(v, str)}}
