@@ -9,12 +9,13 @@ from typing import Any
 
 from drd.config.schema import ConfigError
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts
+from drd_tools.trial import baselines, contacts, plant
 from drd_tools.trial.figures import Figures
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
+from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers
 from drd_tools.trial.run import calls
-from drd_tools.trial.text import PROGRAM, failures, text
+from drd_tools.trial.text import PROGRAM, failures, table, text
 from drd_tools.trial.workers import completed
 
 DESCRIPTION = """\
@@ -35,6 +36,10 @@ Cases are drawn by seed, each from its name and the seed alone:
                                    two ends only), none (no reference), contacts (the MuJoCo world)
 --folder adds recordings with answers.json.
 
+--plant takes real drives instead: each effect of the catalogue is planted in their raw data with d = 12 and 25, as the
+diagnosis of that drive weighs its noise, and diagnosed; what is reported is judged upon what is reported of the drive
+as it is: named first, in its class, its size within 3 sigma, its window, the 90 % intervals, and names besides.
+
 A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
 diagnosis are moved aside, to results.old.jsonl.
 """
@@ -44,6 +49,7 @@ examples:
   {PROGRAM} --each 40 --only 'null-*' --no-baselines --output out/nulls
   {PROGRAM} --large --seed 7 --output out/large                   (half an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
+  {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
@@ -56,10 +62,12 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
-    if chosen.output is None or not (chosen.folder or chosen.each or chosen.large):
-        parser.error("give --output DIR with --each N, --large or --folder DIR, or --draw DIR")
+    if chosen.output is None or not (chosen.folder or chosen.each or chosen.large or chosen.plant):
+        parser.error("give --output DIR with --each N, --large, --folder DIR or --plant DIR, or --draw DIR")
+    if chosen.plant and (chosen.folder or chosen.each or chosen.large):
+        parser.error("--plant goes without --each, --large and --folder")
     try:
-        _run(chosen)
+        (_plant if chosen.plant else _run)(chosen)
         return _drawn(chosen.output, chosen.quote)
     except OSError as error:
         raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
@@ -93,6 +101,16 @@ def _run(chosen: argparse.Namespace) -> None:
         store.add(row)
 
 
+def _plant(chosen: argparse.Namespace) -> None:
+    drives = plant.drives(chosen.plant, chosen.glob)
+    store = Store(chosen.output)
+    done = store.begin(Head(seed=chosen.seed, plant=str(chosen.plant), glob=chosen.glob))
+    if done:
+        print(f"{len(done)} cases are there already", file=sys.stderr)
+    for row in plant.run(drives, chosen.seed, done, chosen.jobs):
+        store.add(row)
+
+
 def _methods(wanted: bool) -> tuple[str, ...]:
     names = baselines.installed() if wanted else ()
     missing = [f"{name} (package {baselines.PACKAGES[name]})" for name in baselines.PACKAGES if name not in names]
@@ -106,10 +124,19 @@ def _drawn(folder: Path, quoting: Path | None) -> int:
     from drd_tools.trial.page import Content, origin, quote, write_page  # noqa: PLC0415  # matplotlib is slow
 
     head, rows = Store(folder).read()
-    figures, again = Figures(rows), _again(head, rows)
-    title = "Failures, and how to make each alone"
-    content = Content(origin(figures, head), figures.tables(), title, failures(figures, again), figures)
-    print(text(figures, again))
+    if isinstance(head.plant, str):
+        tables = [t for t in (planted_table(rows), not_visible(rows)) if t.rows]
+        about = (
+            f"Made by `drd trial --plant`, seed {head.seed}, drives {head.glob}, build {head.build} of the diagnosis."
+        )
+        content = Content(about, tables, "Each planted effect (+: not reported of the untouched drive)", reported(rows))
+        print("\n".join(line for t in tables for line in (t.caption, *table([t.header, *t.rows]), "")))
+        quoting = None
+    else:
+        figures, again = Figures(rows), _again(head, rows)
+        title = "Failures, and how to make each alone"
+        content = Content(origin(figures, head), figures.tables(), title, failures(figures, again), figures)
+        print(text(figures, again))
     files = write_page(content, folder)
     if quoting is not None:
         quote(figures, head, quoting)
@@ -140,6 +167,8 @@ def _parser() -> argparse.ArgumentParser:
     many("--each", type=_count, default=0, metavar="N", help="N cases of each kind, effect and detectability")
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
+    add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
+    add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=_count, default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
     add("--reference", default="full", metavar="WHEN",

@@ -1,0 +1,110 @@
+"""Every effect of the catalogue, planted in the raw data of real drives: real noise, real ground, a known answer.
+
+`plan`: the untouched drive's diagnosis, and the effects that it can show. `diagnosed`: one of them planted and
+diagnosed. `run`: all of a folder. What is reported is judged on top of what is reported of the untouched drive.
+"""
+
+import time
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from drd.config.schema import ConfigError
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Values
+from drd_tools.diagnose.run import run as diagnose
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.simulate.files import effect_rows
+from drd_tools.trial.overlay import planted
+from drd_tools.trial.results import FAILED, Planted, Record, Row, TrueEffect, Untouched
+from drd_tools.trial.size import Whitener
+from drd_tools.trial.workers import Call, completed
+
+DISTANCES: Final = (12.0, 25.0)
+MOST_JOBS: Final = 2  # each holds a diagnosis in memory
+UNTOUCHED: Final = "untouched"
+
+
+def drives(folder: Path, pattern: str) -> list[Path]:
+    """Recordings of a folder whose names match, and which have wheels. Raises ConfigError where there is none."""
+    found = sorted(p.parent for p in folder.glob(f"{pattern}/robot.yaml") if (p.parent / "encoders.csv").exists())
+    if not found:
+        raise ConfigError(str(folder), "--glob", "recordings with robot.yaml and encoders.csv", f"none with {pattern}")
+    return found
+
+
+def run(folders: Sequence[Path], seed: int, done: Sequence[Row], jobs: int) -> Iterator[Row]:
+    """Rows as they are ready, without those that are `done`."""
+    there = {row.case for row in done}
+    by_name = {folder.name: folder for folder in folders}
+
+    def then(row: Row) -> list[Call[Row]]:
+        if not isinstance(row, Untouched):
+            return []
+        folder = by_name[row.case]
+        todo = [(case, true) for case, true in row.plantings.items() if case not in there]
+        return [partial(diagnosed, folder, case, true) for case, true in todo]
+
+    todo: list[Call[Row]] = [partial(plan, folder, seed) for name, folder in by_name.items() if name not in there]
+    todo += [call for row in done if row.case in by_name for call in then(row)]
+    return completed(todo, min(jobs, MOST_JOBS), then)
+
+
+def plan(folder: Path, seed: int) -> Untouched:
+    """Diagnose a drive as it is, and size each effect for each of DISTANCES."""
+    recording = read_recording(folder)
+    said = _diagnosed(recording)
+    plantings, not_visible = _plantings(recording, seed) if said.verdict != FAILED else ({}, [])
+    return Untouched(
+        case=folder.name, kind=UNTOUCHED, effects=[], verdict=said.verdict, findings=said.findings,
+        took_s=said.took_s, error=said.error, plantings=plantings, not_visible=not_visible,
+    )  # fmt: skip
+
+
+def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
+    """Effects to plant, by case, and the cases that this drive cannot show."""
+    whitener, plantings, not_visible = Whitener.of(recording), {}, []
+    for effect in catalogue().values():
+        for d in DISTANCES:
+            # The same shape for each distance, whatever other effects the catalogue has.
+            random = np.random.default_rng([seed, zlib.crc32(f"{recording.name}.{effect.id}".encode())])
+            case = f"{recording.name}.{effect.id}.d{d:g}"
+            sized = whitener.plantable(effect, d, random)
+            if sized is None:
+                not_visible.append(case)
+                continue
+            (row,) = effect_rows([(effect, sized[0])])
+            plantings[case] = TrueEffect(**row, detectability=sized[1])
+    return plantings, not_visible
+
+
+def diagnosed(folder: Path, case: str, true: TrueEffect) -> Planted:
+    """Plant an effect and diagnose the drive."""
+    recording = planted(read_recording(folder), catalogue()[true.effect], si(true))
+    said = _diagnosed(replace(recording, folder=Path(case)))
+    return Planted(
+        case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name,
+        verdict=said.verdict, findings=said.findings, took_s=said.took_s, error=said.error,
+    )  # fmt: skip
+
+
+def si(true: TrueEffect) -> Values:
+    """The effect's parameters in SI."""
+    q = {q.name: q.si for q in catalogue()[true.effect].parameters}
+    return {name: v if isinstance(v, str) else v * q[name] for name, v in true.parameters.items()}
+
+
+def _diagnosed(recording: Recording) -> Record:
+    record, began_s = Record(case=recording.name, kind="", effects=[], verdict=FAILED, findings=()), time.perf_counter()
+    try:
+        result = diagnose(recording).result
+        record.verdict, record.findings = result.verdict.value, result.findings
+    except Exception as error:  # a diagnosis that fails is a result of the trial
+        record.error = f"{type(error).__name__}: {error}"
+    record.took_s = time.perf_counter() - began_s
+    return record

@@ -1,0 +1,155 @@
+"""What a diagnosis is worth on a real drive into which an effect was planted, on top of what that drive has already."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+from msgspec import Struct
+
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import START
+from drd_tools.diagnose.results import Amount, Finding
+from drd_tools.trial.figures import Cells, Table, median, share
+from drd_tools.trial.plant import DISTANCES
+from drd_tools.trial.results import Planted, Row, TrueEffect, Untouched
+from drd_tools.trial.score import Interval, intervals, overlap
+
+SIGMAS: Final = 3.0
+SAME_WINDOW: Final = 0.5  # overlap
+FACTORS: Final = {"gyro_scale_error": 1.0, "tread_error": 1.0, "wheel_radius_error": -1.0}
+
+
+class Judged(Struct, frozen=True):
+    """Score of a planted effect. `first`: it is named before all else that is not reported of the untouched drive.
+
+    `in_class`: some finding is it, or also fits it. `sized`: each of its parameters is within SIGMAS of the planted on
+    top of what is reported of the untouched drive, and its words are right. `extra`: names that are neither.
+    """
+
+    effect: str
+    kind: str
+    first: bool
+    in_class: bool
+    sized: bool
+    intervals: tuple[Interval, ...]
+    overlap: float | None
+    extra: tuple[str, ...]
+
+
+def judged(record: Planted, untouched: Untouched) -> Judged:
+    """Judge a planted drive by the untouched one."""
+    (true,) = record.effects
+    before = {f.effect for f in untouched.findings}
+    said = [f for f in record.findings if f.effect == true.effect or f.effect not in before]
+    fitting = [f for f in record.findings if f.is_named and true.effect in (f.effect, *f.also_fits)]
+    own = [f for f in fitting if f.effect == true.effect]
+    mine = max(own, key=lambda f: overlap(true, f) or 0.0, default=None)
+    on_top = [] if mine is None else _on_top(true, mine, untouched.findings)
+    words = {n: v for n, v in true.parameters.items() if isinstance(v, str)}
+    return Judged(
+        effect=true.effect,
+        kind=record.kind,
+        first=bool(said) and said[0].effect == true.effect,
+        in_class=bool(fitting),
+        sized=mine is not None and mine.choices == words and all(abs(i.sigmas) <= SIGMAS for i in on_top),
+        intervals=tuple(on_top),
+        overlap=None if mine is None else overlap(true, mine),
+        extra=tuple(f.effect for f in said if f.is_named and f not in fitting),
+    )
+
+
+def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> list[Interval]:
+    """Estimates against the planted effect together with the same of the untouched drive, whose error counts too."""
+    there = next((f for f in untouched if f.effect == true.effect and _is_alike(true, f)), None)
+    if there is None:
+        return intervals(true, mine)
+    before = {n: there.parameters.get(n, Amount(0.0, 0.0, "")) for n in true.parameters}
+    stds = {n: 0.0 if math.isnan(a.std) else a.std for n, a in before.items()}
+    return [
+        msgspec.structs.replace(
+            i,
+            true=composed(true.effect, i.parameter, before[i.parameter].value, i.true),
+            std=math.hypot(i.std, stds[i.parameter]),
+        )
+        for i in intervals(true, mine)
+    ]
+
+
+def _is_alike(true: TrueEffect, finding: Finding) -> bool:
+    """Whether a finding has the words and the window of an effect, so that the two add up."""
+    words = {n: v for n, v in true.parameters.items() if isinstance(v, str)}
+    return finding.choices == words and (overlap(true, finding) or 0.0) >= SAME_WINDOW * (START.name in true.parameters)
+
+
+def composed(effect: str, parameter: str, before: float, planted: float) -> float:
+    """A parameter of two of the same effect, one upon the other, in the catalogue's unit.
+
+    Factors multiply, the lower limit and the wider band count, a moment, a time constant and a phase are the planted
+    one's, and sizes add up.
+    """
+    if effect in FACTORS:
+        return before + planted + FACTORS[effect] * before * planted
+    q = next(q for q in catalogue()[effect].parameters if q.name == parameter)
+    if q.neutral:
+        return before * planted
+    if effect in ("gyro_saturation", "gyro_deadband"):
+        return min(before, planted) if effect == "gyro_saturation" else max(before, planted)
+    is_size = q.linear or not catalogue()[effect].linear()
+    return before + planted if is_size and not q.moment else planted
+
+
+def planted_table(rows: Sequence[Row]) -> Table:
+    """One row for each effect, by distance d, and one for all."""
+    untouched = {r.case: r for r in rows if isinstance(r, Untouched)}
+    scores = [judged(r, untouched[r.base]) for r in rows if isinstance(r, Planted) and r.base in untouched]
+    kinds = [f"planted d{d:g}" for d in DISTANCES]
+    titles: dict[str, Callable[[Judged], bool]] = {
+        "first": lambda s: s.first, "class": lambda s: s.in_class, "size": lambda s: s.sized,
+    }  # fmt: skip
+    header = ["effect", "n", *(f"{title} {k.rpartition(' ')[2]}" for title in titles for k in kinds)]
+    cells: list[Cells] = []
+    for name in [*catalogue(), "all"]:
+        own = [s for s in scores if name in (s.effect, "all")]
+        if not own:
+            continue
+        inside = [i.inside for s in own for i in s.intervals]
+        overlaps = [s.overlap for s in own if s.overlap is not None]
+        by_kind = [share(is_so(s) for s in own if s.kind == k)[0] for is_so in titles.values() for k in kinds]
+        extra = f"{sum(len(s.extra) for s in own) / len(own):.2f}"
+        cells.append([name, str(len(own)), *by_kind, *share(inside), median(overlaps), extra])
+    caption = (
+        "Planted in real drives (first: named before all that is not reported of the untouched drive; class: a finding "
+        f"is it or also fits it; size: all parameters within {SIGMAS:g} sigma of the planted upon the untouched "
+        "drive's; coverage: truth within the 90 % intervals; extra: names a drive that are neither)"
+    )
+    return Table(caption, [*header, "coverage", "", "overlap", "extra"], cells)
+
+
+def not_visible(rows: Sequence[Row]) -> Table:
+    """How many of the untouched drives cannot show an effect at a distance d at any plausible size."""
+    drives = [r for r in rows if isinstance(r, Untouched)]
+    counts = {
+        name: [sum(f"{r.case}.{name}.d{d:g}" in r.not_visible for r in drives) for d in DISTANCES]
+        for name in catalogue()
+    }
+    cells = [[name, *(f"{n} of {len(drives)}" for n in row)] for name, row in counts.items() if any(row)]
+    return Table(
+        "Not visible in a drive at any plausible size, and not scored",
+        ["effect", *(f"d{d:g}" for d in DISTANCES)],
+        cells,
+    )
+
+
+def reported(rows: Sequence[Row]) -> list[str]:
+    """The planted effects, a line or two each: how each is judged, its sizes, and the names that are reported."""
+    untouched, lines = {r.case: r for r in rows if isinstance(r, Untouched)}, []
+    for record in sorted((r for r in rows if isinstance(r, Planted) and r.base in untouched), key=lambda r: r.case):
+        s, base = judged(record, untouched[record.base]), untouched[record.base]
+        marks = [word for word, yes in (("first", s.first), ("class", s.in_class), ("size", s.sized)) if yes]
+        before = {f.effect for f in base.findings}
+        names = [f.effect if f.effect in before else f"+{f.effect}" for f in record.findings]
+        lines.append(f"{record.case}: {', '.join(marks) or 'missed'}; reported {', '.join(names) or 'nothing'}")
+        sizes = [f"{i.parameter} {i.value:.4g} +- {i.std:.2g} ({i.true:.4g})" for i in s.intervals]
+        lines += [f"    estimate (and truth) {', '.join(sizes)}"] if sizes else []
+    return lines
