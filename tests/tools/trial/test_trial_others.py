@@ -46,7 +46,7 @@ def test_hidden_physics_is_in_no_catalogue_and_has_the_detectability_asked_for(n
     values = seen.sized(effect, 20.0, np.random.default_rng(1))
     assert values is not None
     assert seen.detectability(effect, values) == pytest.approx(20.0, rel=0.03)
-    with_it = gather(overlaid(null.recording, null.motion, [(effect, values)]))
+    with_it = gather(overlaid(null.recording, null.motion, [effect.error(null.motion, values)]))
     changed = Problem(with_it).data - seen.problem.data
     assert np.linalg.norm(changed) > 10.0
 
@@ -57,7 +57,7 @@ def test_an_effect_put_onto_a_recording_is_what_the_simulator_makes(name: str) -
     effect = catalogue()[name]
     values = {q.name: 0.01 for q in effect.parameters}
     plain, made = (simulate(truth, DEFAULT, effects, PERFECT, 3) for effects in ((), [(effect, values)]))
-    put = overlaid(plain.recording, plain.motion, [(effect, values)])
+    put = overlaid(plain.recording, plain.motion, [effect.error(plain.motion, values)])
     for a, b in zip(put.wheel_angles_rad(), made.recording.wheel_angles_rad(), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-3)  # three counts
     assert put.fog is not None

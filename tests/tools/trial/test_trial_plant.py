@@ -230,14 +230,14 @@ def test_the_workers_end_with_the_command(number: signal.Signals, tmp_path: Path
         small(tmp_path, name)
     command = [sys.executable, "-m", "drd", "trial", "--plant", str(tmp_path), "--output", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ, "PYTHONUNBUFFERED": "1"}) as process:
-        deadline_s = time.monotonic() + 60.0
+        deadline_s = time.monotonic() + 180.0
         # Two workers, and what keeps book of their semaphores.
         while len(workers := children(process.pid)) < 3 and time.monotonic() < deadline_s:
             time.sleep(0.05)
         time.sleep(1.0)  # in the midst of their imports, or of a diagnosis
         assert len(workers) == 3
         process.send_signal(number)
-        assert process.wait(20.0) == 128 + number
+        assert process.wait(60.0) == 128 + number
         while any(map(runs, workers)) and time.monotonic() < deadline_s:
             time.sleep(0.05)
     assert not any(map(runs, workers))

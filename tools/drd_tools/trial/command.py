@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -164,18 +164,18 @@ def _parser() -> argparse.ArgumentParser:
     add: Any = parser.add_argument
     size = parser.add_mutually_exclusive_group()
     many: Any = size.add_argument
-    many("--each", type=_count, default=0, metavar="N", help="N cases of each kind, effect and detectability")
+    many("--each", type=_at_least(0), default=0, metavar="N", help="N cases of each kind, effect and detectability")
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
-    add("--seed", type=_count, default=0, metavar="S", help="other cases (default 0)")
+    add("--seed", type=_at_least(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
     add("--reference", default="full", metavar="WHEN",
         help="full (default), sparse:SECONDS, ends or none, where the kind does not say")  # fmt: skip
     add("--only", nargs="+", default=["*"], metavar="PATTERN", help="only cases whose names match one of these")
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
-    add("--jobs", type=_jobs, default=2, metavar="N", help="processes (default 2)")
+    add("--jobs", type=_at_least(1), default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
     add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")
     add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
@@ -191,15 +191,10 @@ def _sizes() -> str:
     )
 
 
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"0 or more, got {text}")
-    return value
+def _at_least(least: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        if int(text) < least:
+            raise argparse.ArgumentTypeError(f"{least} or more, got {text}")
+        return int(text)
 
-
-def _jobs(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"1 or more, got {text}")
-    return value
+    return number

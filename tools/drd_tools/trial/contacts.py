@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from drd.batch.logs import EncoderLog, FogLog
 from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
-from drd.effects.effect import ActsOn, Effect, Errors, Values
+from drd.effects.effect import Errors
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording, ReferenceLog
@@ -34,21 +34,6 @@ class Driven:
 
     recording: Recording
     motion: Motion
-
-
-class Known(Effect):
-    """What a calibration knows of this robot's slip: its removal is part of the nominal model."""
-
-    id = "known_slip"
-    acts_on = ActsOn.WHEELS
-    parameters = ()
-
-    def __init__(self, errors: Errors):
-        self._errors = errors
-
-    def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002
-        """The same on its own drive."""
-        return self._errors
 
 
 def is_there() -> bool:
@@ -99,7 +84,7 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
         poses,
         {},
     )
-    return Driven(overlaid(recording, motion, [(Known(known), {})]), motion)
+    return Driven(overlaid(recording, motion, [known]), motion)
 
 
 def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Errors:

@@ -131,15 +131,15 @@ def _simulated(run: Run, effects: Effects, conditions: Conditions, name: str) ->
     truth = make_truth(make_drive(run.mission, run.seconds, DEFAULT.standstill_at_start_s), run.temperature)
     known = [pair for pair in effects if pair[0].id not in HIDDEN]
     made = simulate(truth, DEFAULT, known, conditions, run.seed, name)
-    hidden = [pair for pair in effects if pair[0].id in HIDDEN]
-    return (overlaid(made.recording, made.motion, hidden) if hidden else made.recording), made.motion
+    hidden = [x.error(made.motion, v) for x, v in effects if x.id in HIDDEN]
+    return overlaid(made.recording, made.motion, hidden), made.motion
 
 
 def _in_contacts(run: Run, effects: Effects, conditions: Conditions, name: str) -> tuple[Recording, Motion]:
     reference = conditions.reference
     driven = contacts.drive(run.mission, run.seconds, run.seed, run.friction, reference, name)
-    recording = overlaid(driven.recording, driven.motion, effects) if effects else driven.recording
-    return recording, driven.motion
+    errors = [x.error(driven.motion, v) for x, v in effects]
+    return overlaid(driven.recording, driven.motion, errors), driven.motion
 
 
 def _stress(random: Random) -> Stress:

@@ -31,17 +31,16 @@ class Column(NamedTuple):
     cells: Callable[[Sequence[Pair]], Cells]
 
 
-def _rate(title: str, of: Callable[[Score], Iterable[bool]], interval: bool = True) -> Column:
-    titles = [title, ""] if interval else [title]
-    return Column(titles, lambda pairs: share(yes for _, s in pairs for yes in of(s))[: len(titles)])
+def _rate(title: str, of: Callable[[Score], Iterable[bool]], width: int = 2) -> Column:
+    return Column([title, ""][:width], lambda pairs: share(yes for _, s in pairs for yes in of(s))[:width])
 
 
 def _count(title: str, of: Callable[[Score], Iterable[object]]) -> Column:
     return Column([title], lambda pairs: [str(sum(1 for _, s in pairs for _ in of(s)))])
 
 
-def _median(title: str, of: Callable[[Score], Iterable[float]]) -> Column:
-    return Column([title], lambda pairs: [median([x for _, s in pairs for x in of(s)])])
+def _median(title: str, of: Callable[[Score], Iterable[float]], quarter: int = 2) -> Column:
+    return Column([title], lambda pairs: [quantile([x for _, s in pairs for x in of(s)], quarter)])
 
 
 def _shares(s: Score) -> list[float]:
@@ -63,41 +62,41 @@ def _false(s: Score) -> list[bool]:
 N: Final = _count("n", lambda _: [True])
 NULLS: Final = [N, _rate("any finding", lambda s: [s.reports]), _rate("above suspected", lambda s: [s.sure_reports])]
 FOUND: Final = [
-    N,
-    _rate("verdict", lambda s: [s.verdict], interval=False),
-    _rate("top-1", lambda s: [s.top_1]),
-    _rate("top-1 class", lambda s: [s.top_1_class]),
-    _rate("false names", _false),
-]
+    N, _rate("verdict", lambda s: [s.verdict], 1), _rate("top-1", lambda s: [s.top_1]),
+    _rate("top-1 class", lambda s: [s.top_1_class]), _rate("false names", _false),
+]  # fmt: skip
 SETS: Final = [N, _rate("set", lambda s: [s.exact]), _rate("set class", lambda s: [s.exact_class])]
 HIDDEN: Final = [
-    N,
-    _rate("flagged", lambda s: [s.flagged]),
-    _rate("misnamed", lambda s: [s.misnamed]),
-    _rate("silent", lambda s: [not s.reports], interval=False),
-]
+    N, _rate("flagged", lambda s: [s.flagged]), _rate("misnamed", lambda s: [s.misnamed]),
+    _rate("silent", lambda s: [not s.reports], 1),
+]  # fmt: skip
 SIZES: Final = [
-    _count("parameters", _inside),
-    _rate("inside", _inside),
-    _count("windows", _overlaps),
-    _median("median overlap", _overlaps),
-]
+    _count("parameters", _inside), _rate("inside", _inside),
+    _count("windows", _overlaps), _median("median overlap", _overlaps),
+]  # fmt: skip
 OTHER_DRIVE: Final = [
-    N,
-    _count("counted", _shares),
-    _median("median", _shares),
-    Column(["lower quartile"], lambda pairs: [_quartile([x for _, s in pairs for x in _shares(s)])]),
+    N, _count("counted", _shares), _median("median", _shares), _median("lower quartile", _shares, 1),
     _count("residual worse", lambda s: [True] * bool(s.worse)),
     _count("path worse", lambda s: [True] * bool(s.worse_path)),
-]
+]  # fmt: skip
 ALONE: Final = [
-    N,
-    _rate("top-1", lambda s: [s.top_1]),
-    _rate("class", lambda s: [s.top_1_class], interval=False),
-    _rate("coverage", _inside, interval=False),
-    _median("overlap", _overlaps),
-    _median("of the oracle", _shares),
-]
+    N, _rate("top-1", lambda s: [s.top_1]), _rate("class", lambda s: [s.top_1_class], 1),
+    _rate("coverage", _inside, 1), _median("overlap", _overlaps), _median("of the oracle", _shares),
+]  # fmt: skip
+TITLES: Final = {
+    "nulls": "Nothing is missing, and yet something is reported (95 % Wilson intervals)",
+    "found": "Something is missing: the first name (top-1: the name itself; class: it is among those that it also "
+    "fits; separable: no other name, nor one less, would do as well without noise; false names: of all names, wrong "
+    "even as a class)",
+    "sets": "Something is missing: exactly the right names",
+    "hidden": "In no catalogue (flagged: unknown is reported; misnamed: a name is, and unknown is not)",
+    "sizes": "What was named right: truth within the 90 % intervals, and overlap of the windows of time",
+    "other drive": "Another drive of the same robot: share of the oracle's improvement of the residual (counted where "
+    "that is no noise, and not too large for a linear model), and how often it is worse than no correction by more "
+    "than 2 %; the path: also worse than with the truth taken off",
+    "methods": "Beside sparse regressions of the same library on the same recordings",
+    "alone": "Each effect alone: top-1 by detectability d, and all together",
+}
 
 
 class Figures:
@@ -122,49 +121,36 @@ class Figures:
         kinds, named = self._groups(self.kinds), self._groups(self.named_kinds)
         apart = [(f"{k}, separable", chosen) for k, pairs in named if (chosen := list(filter(_is_separable, pairs)))]
         driven = [(k, [p for p in pairs if p[1].worse_path is not None]) for k, pairs in kinds]
+        hidden = _with_all(by_effect(self.of(*self.unknown_kinds)))
         made = [
-            _table(
-                "Nothing is missing, and yet something is reported (95 % Wilson intervals)",
-                "kind", _with_all(self._groups(self.null_kinds)), NULLS,
-            ),
-            _table(
-                "Something is missing: the first name (top-1: the name itself; class: it is among those that it also "
-                "fits; separable: no other name, nor one less, would do as well without noise; false names: of all "
-                "names, wrong even as a class)",
-                "kind", [*named, *apart], FOUND,
-            ),
-            _table("Something is missing: exactly the right names", "kind", [*named, *apart], SETS),
-            _table(
-                "In no catalogue (flagged: unknown is reported; misnamed: a name is, and unknown is not)",
-                "cause", _with_all(by_effect(self.of(*self.unknown_kinds))), HIDDEN,
-            ),
-            _table(
-                "What was named right: truth within the 90 % intervals, and overlap of the windows of time",
-                "kind", named, SIZES,
-            ),
-            _table(
-                "Another drive of the same robot: share of the oracle's improvement of the residual (counted where "
-                "that is no noise, and not too large for a linear model), and how often it is worse than no correction "
-                "by more than 2 %; the path: also worse than with the truth taken off",
-                "kind", driven, OTHER_DRIVE,
-            ),
+            _table("nulls", "kind", _with_all(self._groups(self.null_kinds)), NULLS),
+            _table("found", "kind", [*named, *apart], FOUND),
+            _table("sets", "kind", [*named, *apart], SETS),
+            _table("hidden", "cause", hidden, HIDDEN),
+            _table("sizes", "kind", named, SIZES),
+            _table("other drive", "kind", driven, OTHER_DRIVE),
             self._beside_methods(kinds),
             self._alone(),
-        ]  # fmt: skip
+        ]
         return [t for t in made if t.rows]
 
     def _groups(self, kinds: Sequence[str]) -> list[Group]:
         return [(k, self.of(k)) for k in kinds]
 
     def _beside_methods(self, kinds: Sequence[Group]) -> Table:
-        columns = [N]
-        for name in (OURS, *self.methods):
-            columns.append(_by_method(name, _rate(f"{name}: reports", lambda s: [s.reports], interval=False)))
-            for title, column in (("top-1", FOUND[2]), ("set", SETS[1])):
-                columns.append(_where_missing(_by_method(name, Column([title], column.cells))))
-        groups = [(k, [p for p in pairs if all(n in p[0].baselines for n in self.methods)]) for k, pairs in kinds]
-        caption = "Beside sparse regressions of the same library on the same recordings"
-        return _table(caption, "kind", groups if self.methods else [], columns)
+        names, header, rows = [OURS, *self.methods], ["kind", "n"], []
+        for name in names:
+            header += [f"{name}: reports", "top-1", "set"]
+        for kind, pairs in kinds:
+            both = [p for p in pairs if all(n in p[0].baselines for n in self.methods)]
+            cells = [kind, str(len(both))]
+            for name in names:
+                scores = by_method(name, both)
+                missing = [s for r, s in scores if r.effects]
+                cells += share(s.reports for _, s in scores)[:1] + share(s.top_1 for s in missing)[:1]
+                cells += share(s.exact for s in missing)[:1]
+            rows += [cells] if both and self.methods else []
+        return Table(TITLES["methods"], header, rows)
 
     def _alone(self) -> Table:
         """Each effect of the catalogue alone."""
@@ -173,9 +159,8 @@ class Figures:
             title = kind.removeprefix("single ")
             return Column([title], lambda pairs: [share(s.top_1 for r, s in pairs if r.kind == kind)[0]])
 
-        caption = "Each effect alone: top-1 by detectability d, and all together"
         groups = by_effect(self.of(*self.single_kinds))
-        return _table(caption, "effect", groups, [*map(only, self.single_kinds), *ALONE])
+        return _table("alone", "effect", groups, [*map(only, self.single_kinds), *ALONE])
 
     def quoted(self) -> Table:
         """The few figures that a reader asks for first, beside other methods."""
@@ -215,18 +200,18 @@ class Figures:
         rows: list[tuple[str, Sequence[object], str]] = [
             ("names that are wrong even as a class", false, " ".join(share(false))),
             ("truth within the 90 % intervals", inside, " ".join(share(inside))),
-            ("median overlap of windows of time", overlaps, median(overlaps)),
-            ("median share of the oracle's improvement on another drive", shares, median(shares)),
+            ("median overlap of windows of time", overlaps, quantile(overlaps)),
+            ("median share of the oracle's improvement on another drive", shares, quantile(shares)),
             ("residual of another drive worse by more than 2 %", residual, str(sum(residual))),
             ("path of another drive worse by more than 2 %", path, str(sum(path))),
         ]
         return [[text, str(len(values)), shown] for text, values, shown in rows if values]
 
 
-def _table(caption: str, first: str, groups: Sequence[Group], columns: Sequence[Column]) -> Table:
-    header = [first, *(title for column in columns for title in column.titles)]
+def _table(title: str, first: str, groups: Sequence[Group], columns: Sequence[Column]) -> Table:
+    header = [first, *(t for column in columns for t in column.titles)]
     rows = [[name, *(cell for column in columns for cell in column.cells(pairs))] for name, pairs in groups if pairs]
-    return Table(caption, header, rows)
+    return Table(TITLES[title], header, rows)
 
 
 def by_effect(pairs: Sequence[Pair]) -> list[Group]:
@@ -238,15 +223,6 @@ def by_effect(pairs: Sequence[Pair]) -> list[Group]:
 def by_method(name: str, pairs: Sequence[Pair]) -> list[Pair]:
     """The same records with the scores of a method, where it has seen them."""
     return [(r, s if name == OURS else of_names(r, name)) for r, s in pairs if name == OURS or name in r.baselines]
-
-
-def _by_method(name: str, column: Column) -> Column:
-    return Column(column.titles, lambda pairs: column.cells(by_method(name, pairs))[: len(column.titles)])
-
-
-def _where_missing(column: Column) -> Column:
-    """A column of those records only in which something is missing."""
-    return Column(column.titles, lambda pairs: column.cells([p for p in pairs if p[0].effects]))
 
 
 def _with_all(groups: list[Group]) -> list[Group]:
@@ -268,13 +244,11 @@ def share(yes: Iterable[bool]) -> Cells:
     return [f"{sum(flags) / len(flags):.2f}", f"({low:.2f}..{high:.2f})"]
 
 
-def median(values: Sequence[float]) -> str:
-    """A median as a cell."""
-    return f"{statistics.median(values):.2f}" if values else "-"
-
-
-def _quartile(values: Sequence[float]) -> str:
-    return f"{statistics.quantiles(values, n=4)[0]:.2f}" if len(values) > 1 else "-"
+def quantile(values: Sequence[float], quarter: int = 2) -> str:
+    """The median, or another quartile, as a cell."""
+    if len(values) < 2:
+        return f"{values[0]:.2f}" if len(values) and quarter == 2 else "-"
+    return f"{statistics.quantiles(values, n=4)[quarter - 1]:.2f}"
 
 
 def _kind_order(kind: str) -> tuple[str, float, str]:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from drd.effects.effect import Effect, Values
+from drd.effects.effect import Effect, Errors, Values
 from drd.effects.motion import Array, Motion
 from drd_tools.recordings.folder import Recording
 
@@ -22,13 +22,11 @@ SPEED_SMOOTHING_S: Final = 0.2  # whole counts, and speeds that a drive holds, a
 STANDSTILL_S: Final = 1.0  # at least
 
 
-def overlaid(recording: Recording, motion: Motion, effects: Effects) -> Recording:
-    """The recording with `effects` (values in SI) along its true `motion`.
+def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> Recording:
+    """The recording with the `errors` of effects along its true `motion`.
 
-    Each effect takes the motion as it is: of several together, second-order terms are left out. Counts are rounded
-    again, rates are not.
+    Of several together, second-order terms are left out. Counts are rounded again, rates are not.
     """
-    errors = [effect.error(motion, values) for effect, values in effects]
 
     def gained(rates: Sequence[Array | float], at_s: Array) -> Array:
         """Integral of the rates from the motion's start to each time."""

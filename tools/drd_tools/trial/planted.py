@@ -10,7 +10,7 @@ from msgspec import Struct
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import START
 from drd_tools.diagnose.results import Amount, Finding
-from drd_tools.trial.figures import Cells, Table, median, share
+from drd_tools.trial.figures import Cells, Table, quantile, share
 from drd_tools.trial.plant import DISTANCES
 from drd_tools.trial.results import Planted, Row, TrueEffect, Untouched
 from drd_tools.trial.score import Interval, intervals, overlap
@@ -117,7 +117,7 @@ def planted_table(rows: Sequence[Row]) -> Table:
         overlaps = [s.overlap for s in own if s.overlap is not None]
         by_kind = [share(is_so(s) for s in own if s.kind == k)[0] for is_so in titles.values() for k in kinds]
         extra = f"{sum(len(s.extra) for s in own) / len(own):.2f}"
-        cells.append([name, str(len(own)), *by_kind, *share(inside), median(overlaps), extra])
+        cells.append([name, str(len(own)), *by_kind, *share(inside), quantile(overlaps), extra])
     caption = (
         "Planted in real drives (first: named before all that is not reported of the untouched drive; class: a finding "
         f"is it or also fits it; size: all parameters within {SIGMAS:g} sigma of the planted upon the untouched "
