@@ -145,6 +145,13 @@ def test_a_size_is_judged_upon_that_of_the_untouched_drive() -> None:
     assert score(true, [finding("tread_error", k=amount(0.1, 0.04))], []).sized
 
 
+def test_an_estimate_without_a_deviation_is_within_a_tenth() -> None:
+    true = TrueEffect(effect="gyro_saturation", parameters={"limit": 30.0})
+    near, far = (score(true, [finding("gyro_saturation", limit=amount(v, 0.0))], []) for v in (31.0, 34.0))
+    assert (near.sized, far.sized) == (True, False)
+    assert near.intervals == ()
+
+
 def test_what_the_untouched_drive_has_already_is_neither_first_nor_extra() -> None:
     true, lag = TrueEffect(effect="gyro_scale_error", parameters={"k": 0.01}), finding("gyro_lag")
     own = finding("gyro_scale_error", k=amount(0.01, 0.001))

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from drd_tools.diagnose.run import run as diagnose
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.files import effect_rows
 from drd_tools.trial.overlay import planted
-from drd_tools.trial.results import FAILED, Planted, Record, Row, TrueEffect, Untouched
+from drd_tools.trial.results import FAILED, Planted, Row, TrueEffect, Untouched
 from drd_tools.trial.size import Whitener
 from drd_tools.trial.workers import Call, completed
 
@@ -59,11 +59,8 @@ def plan(folder: Path, seed: int) -> Untouched:
     """Diagnose a drive as it is, and size each effect for each of DISTANCES."""
     recording = read_recording(folder)
     said = _diagnosed(recording)
-    plantings, not_visible = _plantings(recording, seed) if said.verdict != FAILED else ({}, [])
-    return Untouched(
-        case=folder.name, kind=UNTOUCHED, effects=[], verdict=said.verdict, findings=said.findings,
-        took_s=said.took_s, error=said.error, plantings=plantings, not_visible=not_visible,
-    )  # fmt: skip
+    plantings, not_visible = ({}, []) if said["verdict"] == FAILED else _plantings(recording, seed)
+    return Untouched(case=folder.name, kind=UNTOUCHED, effects=[], plantings=plantings, not_visible=not_visible, **said)
 
 
 def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
@@ -87,10 +84,7 @@ def diagnosed(folder: Path, case: str, true: TrueEffect) -> Planted:
     """Plant an effect and diagnose the drive."""
     recording = planted(read_recording(folder), catalogue()[true.effect], si(true))
     said = _diagnosed(replace(recording, folder=Path(case)))
-    return Planted(
-        case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name,
-        verdict=said.verdict, findings=said.findings, took_s=said.took_s, error=said.error,
-    )  # fmt: skip
+    return Planted(case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name, **said)
 
 
 def si(true: TrueEffect) -> Values:
@@ -99,12 +93,12 @@ def si(true: TrueEffect) -> Values:
     return {name: v if isinstance(v, str) else v * q[name] for name, v in true.parameters.items()}
 
 
-def _diagnosed(recording: Recording) -> Record:
-    record, began_s = Record(case=recording.name, kind="", effects=[], verdict=FAILED, findings=()), time.perf_counter()
+def _diagnosed(recording: Recording) -> dict[str, Any]:
+    """Fields of a record."""
+    began_s = time.perf_counter()
     try:
         result = diagnose(recording).result
-        record.verdict, record.findings = result.verdict.value, result.findings
+        said: dict[str, Any] = {"verdict": result.verdict.value, "findings": result.findings}
     except Exception as error:  # a diagnosis that fails is a result of the trial
-        record.error = f"{type(error).__name__}: {error}"
-    record.took_s = time.perf_counter() - began_s
-    return record
+        said = {"verdict": FAILED, "findings": (), "error": f"{type(error).__name__}: {error}"}
+    return {**said, "took_s": time.perf_counter() - began_s}

@@ -4,18 +4,19 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import START
-from drd_tools.diagnose.results import Amount, Finding
+from drd.effects.effect import END, START
+from drd_tools.diagnose.results import Finding
 from drd_tools.trial.figures import Cells, Table, quantile, share
 from drd_tools.trial.plant import DISTANCES
 from drd_tools.trial.results import Planted, Row, TrueEffect, Untouched
-from drd_tools.trial.score import Interval, intervals, overlap
+from drd_tools.trial.score import Interval, estimates, overlap
 
 SIGMAS: Final = 3.0
+SHARE: Final = 0.1
 SAME_WINDOW: Final = 0.5  # overlap
 FACTORS: Final = {"gyro_scale_error": 1.0, "tread_error": 1.0, "wheel_radius_error": -1.0}
 
@@ -23,8 +24,9 @@ FACTORS: Final = {"gyro_scale_error": 1.0, "tread_error": 1.0, "wheel_radius_err
 class Judged(Struct, frozen=True):
     """Score of a planted effect. `first`: it is named before all else that is not reported of the untouched drive.
 
-    `in_class`: some finding is it, or also fits it. `sized`: each of its parameters is within SIGMAS of the planted on
-    top of what is reported of the untouched drive, and its words are right. `extra`: names that are neither.
+    `in_class`: some finding is it, or also fits it. `sized`: its words are right, and each size is within SIGMAS of the
+    planted on top of what is reported of the untouched drive, or within SHARE of it where an estimate has no deviation;
+    moments are judged by the `overlap` of windows. `extra`: names that are neither.
     """
 
     effect: str
@@ -46,33 +48,37 @@ def judged(record: Planted, untouched: Untouched) -> Judged:
     own = [f for f in fitting if f.effect == true.effect]
     mine = max(own, key=lambda f: overlap(true, f) or 0.0, default=None)
     on_top = [] if mine is None else _on_top(true, mine, untouched.findings)
+    sizes = [i for i in on_top if i.parameter not in (START.name, END.name)]
     words = {n: v for n, v in true.parameters.items() if isinstance(v, str)}
     return Judged(
         effect=true.effect,
         kind=record.kind,
         first=bool(said) and said[0].effect == true.effect,
         in_class=bool(fitting),
-        sized=mine is not None and mine.choices == words and all(abs(i.sigmas) <= SIGMAS for i in on_top),
-        intervals=tuple(on_top),
+        sized=mine is not None and mine.choices == words and all(map(_is_near, sizes)),
+        intervals=tuple(i for i in on_top if i.std > 0.0),
         overlap=None if mine is None else overlap(true, mine),
         extra=tuple(f.effect for f in said if f.is_named and f not in fitting),
     )
 
 
+def _is_near(i: Interval) -> bool:
+    return abs(i.sigmas) <= SIGMAS if i.std > 0.0 else abs(i.value - i.true) <= SHARE * abs(i.true)
+
+
 def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> list[Interval]:
     """Estimates against the planted effect together with the same of the untouched drive, whose error counts too."""
     there = next((f for f in untouched if f.effect == true.effect and _is_alike(true, f)), None)
-    if there is None:
-        return intervals(true, mine)
-    before = {n: there.parameters.get(n, Amount(0.0, 0.0, "")) for n in true.parameters}
-    stds = {n: 0.0 if math.isnan(a.std) else a.std for n, a in before.items()}
+    before = {} if there is None else {i.parameter: i for i in estimates(true, there)}
     return [
-        msgspec.structs.replace(
+        replace(
             i,
-            true=composed(true.effect, i.parameter, before[i.parameter].value, i.true),
-            std=math.hypot(i.std, stds[i.parameter]),
+            true=composed(true.effect, i.parameter, was.value, i.true),
+            std=math.hypot(i.std, 0.0 if math.isnan(was.std) else was.std),
         )
-        for i in intervals(true, mine)
+        if (was := before.get(i.parameter))
+        else i
+        for i in estimates(true, mine)
     ]
 
 
@@ -120,7 +126,7 @@ def planted_table(rows: Sequence[Row]) -> Table:
         cells.append([name, str(len(own)), *by_kind, *share(inside), quantile(overlaps), extra])
     caption = (
         "Planted in real drives (first: named before all that is not reported of the untouched drive; class: a finding "
-        f"is it or also fits it; size: all parameters within {SIGMAS:g} sigma of the planted upon the untouched "
+        f"is it or also fits it; size: all its sizes within {SIGMAS:g} sigma of the planted upon the untouched "
         "drive's; coverage: truth within the 90 % intervals; extra: names a drive that are neither)"
     )
     return Table(caption, [*header, "coverage", "", "overlap", "extra"], cells)
@@ -135,7 +141,7 @@ def not_visible(rows: Sequence[Row]) -> Table:
     }
     cells = [[name, *(f"{n} of {len(drives)}" for n in row)] for name, row in counts.items() if any(row)]
     return Table(
-        "Not visible in a drive at any plausible size, and not scored",
+        "Not visible in a drive with this d at any plausible size, and not scored",
         ["effect", *(f"d{d:g}" for d in DISTANCES)],
         cells,
     )

@@ -9,7 +9,7 @@ from msgspec import UNSET, Struct, UnsetType
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
-from drd_tools.diagnose.results import UNNAMED, Amount, Finding, Status, Support, Verdict
+from drd_tools.diagnose.results import UNNAMED, Finding, Status, Support, Verdict
 from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
 from drd_tools.trial.unknown import PREFIX
 
@@ -93,7 +93,7 @@ def score(record: Record) -> Score:
         misnamed=bool(named) and UNNAMED not in said,
         named=len(named),
         false_named=sum(c.isdisjoint(right) for c in named),
-        intervals=tuple(i for e, f in pairs for i in intervals(e, f)),
+        intervals=tuple(i for e, f in pairs for i in estimates(e, f) if i.std > 0.0),
         windows=tuple((e.effect, iou) for e, f in pairs if (iou := overlap(e, f)) is not None),
         share=share,
         worse=worse,
@@ -122,12 +122,12 @@ def overlap(true: TrueEffect, finding: Finding) -> float | None:
     return max(0.0, min(high, end) - max(low, begin)) / max(max(high, end) - min(low, begin), 1e-9)
 
 
-def intervals(true: TrueEffect, finding: Finding) -> list[Interval]:
-    """Parameters that both have, and that were estimated; a catalogue's fixed ones are not."""
+def estimates(true: TrueEffect, finding: Finding) -> list[Interval]:
+    """Parameters that both have, but for words and what a catalogue fixes; a deviation of 0 or NaN is not known."""
     parameters = catalogue()[true.effect].parameters if true.effect in catalogue() else ()
     names = [q.name for q in parameters if not q.choices and not q.fixed and q.name in true.parameters]
-    pairs = [(n, finding.parameters.get(n, Amount(0.0, 0.0, ""))) for n in names]
-    return [Interval(true.effect, n, float(true.parameters[n]), a.value, a.std) for n, a in pairs if a.std > 0.0]
+    amounts = {n: finding.parameters[n] for n in names if n in finding.parameters}
+    return [Interval(true.effect, n, float(true.parameters[n]), a.value, a.std) for n, a in amounts.items()]
 
 
 def _held_out(other: OtherDrive | UnsetType) -> tuple[float | None, bool | None, bool | None]:
