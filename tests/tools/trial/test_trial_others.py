@@ -9,6 +9,7 @@ import pytest
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import PERFECT, Conditions, Reference
 from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT
@@ -67,6 +68,17 @@ def test_an_effect_put_onto_a_recording_is_what_the_simulator_makes(name: str) -
     assert made.recording.reference is not None
     np.testing.assert_allclose(put.reference.x_m, made.recording.reference.x_m, atol=2e-3)
     np.testing.assert_allclose(put.reference.y_m, made.recording.reference.y_m, atol=2e-3)
+
+
+def test_what_was_found_beside_an_effect_takes_its_share_of_the_distance(null: Simulated) -> None:
+    seen, effects = whitener(null), catalogue()
+    scale, alike = effects["gyro_scale_error"], effects["gyro_scale_asymmetry"]
+    alone, own, beside = (
+        replace(seen, beside=found).detectability(scale, {"k": 0.001})
+        for found in ((), [Selected(scale, {"k": 0.01}, ("k",))], [Selected(alike, {"k": 0.01}, ("k",))])
+    )
+    assert own == pytest.approx(alone)
+    assert 0.0 < beside < 0.95 * alone
 
 
 @pytest.mark.parametrize("name", ["encoder_dropout", "gyro_saturation", "gyro_deadband"])

@@ -26,6 +26,8 @@ RIVALS: Final = 3
 ROUNDS: Final = 15
 SIZED: Final = 0.01  # relative
 SMALL: Final = 1e-4  # step off a value, other than 0, that has no effect
+FREE: Final = 1e4  # prior deviation of what a recording alone determines, in its own deviations
+TINY: Final = 1e-12
 DRAWS: Final = 5  # of a window, which may lie where the robot stands
 EVENTS: Final = 20  # sizes of an event, of which the nearest is taken
 NEAR: Final = 1.25  # factor between its d and that wanted
@@ -33,10 +35,11 @@ NEAR: Final = 1.25  # factor between its d and that wanted
 
 @dataclass(frozen=True)
 class Whitener:
-    """How a diagnosis sees effects along a motion of a recording."""
+    """How a diagnosis sees effects along a motion of a recording, `beside` others that it has found there."""
 
     problem: Problem
     motion: Motion
+    beside: Sequence[Selected] = ()
 
     @classmethod
     def of(cls, recording: Recording) -> "Whitener":
@@ -44,12 +47,18 @@ class Whitener:
         found = analyse(recording).conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
         motion, _ = add(found.problem.sensitivities.motion, selected)
-        return cls(found.problem.along(motion), motion)
+        return cls(found.problem.along(motion), motion, found.fit.selection)
 
     def detectability(self, effect: Effect, values: Values) -> float:
-        """Norm of an effect's whitened sensitivity, the reference's nuisances (with their priors) projected out."""
+        """Norm of an effect's whitened sensitivity, nuisances projected out.
+
+        They are the reference's, with their priors, and the free parameters of other effects that were found, without.
+        """
         rows = self.problem.effect_rows([Selected(effect, dict(values), ())])
-        return math.sqrt(max(float(rows @ Marginal(self.problem.nuisance).projected(rows)), 0.0))
+        free = self.problem.tangents([c for c in self.beside if c.id != effect.id])
+        norms = np.maximum(np.linalg.norm(free, axis=0), TINY)
+        nuisance = np.hstack([self.problem.nuisance, FREE / norms * free])
+        return math.sqrt(max(float(rows @ Marginal(nuisance).projected(rows)), 0.0))
 
     def sized(self, effect: Effect, d: float, random: Random) -> Values | None:
         """Values (SI) of a detectability `d`; None where they would be implausible, or nothing is seen at all."""
