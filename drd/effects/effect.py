@@ -101,6 +101,18 @@ class Delays(NamedTuple):
     wheels_s: float = 0.0
 
 
+class Calibrated(NamedTuple):
+    """Constants of a robot, as a calibration measures them.
+
+    Radii and tread over those believed; how much later than its motion the wheels tell it, s.
+    """
+
+    left: float = 1.0
+    right: float = 1.0
+    tread: float = 1.0
+    wheels_lag_s: float = 0.0
+
+
 class Chance(NamedTuple):
     """What a simulated trial has drawn, for effects to take their values from. Numbers are uniform from 0 to 1."""
 
@@ -126,6 +138,7 @@ class Effect:
     to which alone its form is known. `essential`: the linear parameter without which it is another effect.
 
     For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression looks for it besides.
+    `geometry`: it makes other speeds of the wheels, and what acts on the wheels besides acts on those.
     `repeats`: it may be there more than once; `recurs`: it comes again for the asking. `needs_wheels`: why nothing is
     known of it without them, or empty. `caveat`: what looks the same, a sentence; `advice`: one for the drive that is
     to show it, in which `{from_s}` is when a stretch of ground begins.
@@ -145,6 +158,7 @@ class Effect:
     essential: ClassVar[str] = ""
     symptom: ClassVar[Symptom | None] = None
     searched: ClassVar[bool] = True
+    geometry: ClassVar[bool] = False
     repeats: ClassVar[bool] = False
     recurs: ClassVar[bool] = True
     needs_wheels: ClassVar[str] = ""
@@ -203,6 +217,10 @@ class Effect:
     def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
         """Parameters of what `symptom` shows: of which wheel, from when until when, and how large, SI."""
         raise NotImplementedError
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        """Parameters (SI) of a robot with these constants; None where they say nothing of this effect."""
+        return None
 
     def drawn(self, m: Motion, chance: Chance) -> Values:
         """Values (SI) of the parameters that are not linear, for a simulated trial along a motion."""
@@ -294,6 +312,7 @@ __all__ = [
     "SIDES",
     "START",
     "ActsOn",
+    "Calibrated",
     "Chance",
     "Delays",
     "Effect",

@@ -1,6 +1,6 @@
 """A pure delay of the encoders' samples."""
 
-from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -30,6 +30,9 @@ class EncoderLatency(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1, 0.2, 0.4)]
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"delay": constants.wheels_lag_s}
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # One wheel's frame after the other's; a filter's lag, in what it differs from a delay.

@@ -1,6 +1,6 @@
 """The effective tread is not the one believed."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, apart, np, number
+from drd.effects.effect import ActsOn, Calibrated, Effect, Errors, Parameter, Values, apart, np, number
 from drd.effects.motion import Motion
 
 
@@ -14,9 +14,13 @@ class TreadError(Effect):
     parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3),)
     driver = "yaw_rate"
     manoeuvre = "turns on the spot, both ways"
+    geometry = True
 
     def error(self, m: Motion, p: Values) -> Errors:
         return apart(m, number(p, "k"))
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"k": constants.tread - 1.0}
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Tyres that scrub more in fast, in hard, or in left turns.

@@ -1,6 +1,6 @@
 """The wheels' radii are not those believed."""
 
-from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, np, number
+from drd.effects.effect import ActsOn, Calibrated, Effect, Errors, Parameter, Values, np, number
 from drd.effects.motion import Motion
 
 
@@ -17,9 +17,13 @@ class WheelRadiusError(Effect):
     )
     driver = "speed"
     manoeuvre = "long straight lines, with a position reference"
+    geometry = True
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(left_m_s=-number(p, "left") * m.left_m_s, right_m_s=-number(p, "right") * m.right_m_s)
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"left": 1.0 - 1.0 / constants.left, "right": 1.0 - 1.0 / constants.right}
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Load moves from wheel to wheel with speed and in turns.

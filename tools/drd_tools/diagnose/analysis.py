@@ -1,17 +1,20 @@
 """The way of one recording from evidence to conclusion."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
-from drd_tools.diagnose.observe.audit import Event, audit
-from drd_tools.diagnose.observe.evidence import Noise, gather
+from drd_tools.diagnose.observe.audit import Event
+from drd_tools.diagnose.observe.constants import observe
+from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Array, Figures
+from drd_tools.diagnose.results import Amount, Array
 from drd_tools.diagnose.select.library import is_plausible, release
-from drd_tools.diagnose.select.search import coarse_search, full_search, is_rough
+from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, full_search, is_rough, linearised
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2
@@ -21,21 +24,26 @@ NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched f
 
 @dataclass(frozen=True)
 class Analysis:
-    """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect."""
+    """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
+
+    `reference_lag`: how late the reference is, where that is more than usual.
+    """
 
     recording: Recording
+    reference_lag: Amount | None
     events: list[Event]
     null_problem: Problem
     null: Array
     conclusion: Conclusion
 
-    def noise_ratios(self) -> Figures:
+    def noise_ratios(self) -> dict[str, float]:
         """Ratios of the fitted noise to the data sheets'."""
         noise, stated = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.datasheet
-        heading: Figures = {"heading": noise.heading_rad / stated.heading_rad}
+        heading = {"heading": noise.heading_rad / stated.heading_rad}
         if not self.conclusion.found.problem.evidence.has_wheels:
             return heading
         return {
+            "gyro": noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s,
             "slip": noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m,
             "position": noise.position_m / stated.position_m,
             **heading,
@@ -44,15 +52,23 @@ class Analysis:
 
 def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
-    audited = audit(recording, gather(recording))
+    measured, audited = observe(recording)
     known = [event.selected for event in audited.events]
     problem = Problem(audited.evidence)
     # What was seen as an event must also be of the right sign and size.
     known = [c for c in refine(problem, known).selection if is_plausible(c)]
+    start = _started(problem, known, measured.selection)
+    if start:
+        problem = Problem(replace(problem.evidence, is_far=True), problem.path)
     for _ in range(NOISE_ROUNDS):
-        noise, fix_inflation = fitted(problem, refine(problem, known), searched=False)
-        problem = Problem(problem.evidence, problem.path, noise, fix_inflation)
-    found = coarse_search(problem, known)
+        near = problem.around([*known, *start]) if start else problem
+        fit = refine(near, [*known, *start])
+        noise, fix_inflation = fitted(near, fit, searched=False)
+        # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
+        # only the reference tells, is larger than that.
+        inflation = Inflation(inflated(near, fit.left).wheels) if start else problem.inflation
+        problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+    found = coarse_search(problem, known, start)
     for i in range(ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
@@ -62,14 +78,25 @@ def analyse(recording: Recording) -> Analysis:
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
-        found = coarse_search(problem, known)
-    found = full_search(found, known)
+        found = coarse_search(problem, known, start, found)
+    found = full_search(found, [*known, *start])
     null = refine(problem, known)
     if found.problem is not problem:
         release(problem)
-    conclusion = conclude(found, audited.events)
+    conclusion = conclude(found, audited.events, {c.id for c in start})
     release(found.problem)
-    return Analysis(recording, audited.events, problem, null.left, conclusion)
+    lag = Amount(measured.lag_s, measured.lag_sigma_s, "s") if measured.lag_s else None
+    return Analysis(recording, lag, audited.events, problem, null.left, conclusion)
+
+
+def _started(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> list[Selected]:
+    """The constants where they explain so much that nothing can be seen before they are off; else none."""
+    if not constants:
+        return []
+    null = refine(problem, known)
+    fit = linearised(problem, replace(null, selection=(*null.selection, *constants)), 0.0)
+    explained = null.cost - fit.fit.cost
+    return list(fit.fit.selection[len(known) :]) if explained > STRONG_NATS else []
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

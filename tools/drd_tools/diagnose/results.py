@@ -165,7 +165,10 @@ class NextDrive(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True, kw_only=True):
-    """The content of diagnosis.json."""
+    """The content of diagnosis.json.
+
+    `noise`: sizes of the noise over those that are stated. `reference`: faults of the reference itself, as its lag.
+    """
 
     schema: Literal[1] = 1
     recording: str | list[str]
@@ -179,6 +182,8 @@ class Result(Struct, frozen=True, kw_only=True):
     fit: Fit
     next_drive: NextDrive | None
     cut: str | UnsetType = UNSET
+    noise: dict[str, float] | UnsetType = UNSET
+    reference: dict[str, Amount] | UnsetType = UNSET
 
     @property
     def unobservable(self) -> Sequence[Because]:

@@ -149,7 +149,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
     cut = cut_off(analysis.recording, e)
     return Result(
         recording=analysis.recording.name,
-        verdict=outcome.verdict(conclusion),
+        verdict=outcome.verdict(conclusion, analysis.noise_ratios()),
         findings=tuple(validated.findings),
         unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
         ruled_out=conclusion.ruled_out,
@@ -159,6 +159,8 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
         fit=Fit(train, figures),
         next_drive=next_drive(conclusion, analysis.recording.nominal),
         cut=UNSET if cut is None else cut,
+        noise={name: float(f"{ratio:.3g}") for name, ratio in analysis.noise_ratios().items()},
+        reference=UNSET if analysis.reference_lag is None else {"lag": analysis.reference_lag},
     )
 
 

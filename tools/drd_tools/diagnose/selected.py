@@ -20,12 +20,16 @@ SCALE: Final = Parameter("scale", "1", "a constant scale error beside it", 1e-5,
 
 @dataclass(frozen=True)
 class Selected:
-    """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs."""
+    """An effect with parameters, SI. `free`: the names of those that were fitted, `covariance` (k, k) theirs.
+
+    `prior`: mean and standard deviation of those that something else has measured.
+    """
 
     effect: Effect
     values: Values
     free: tuple[str, ...]
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def id(self) -> str:

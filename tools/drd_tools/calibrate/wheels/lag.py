@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.logs import FogLog
 from drd_tools.calibrate.wheels.fit import HUBER, MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
@@ -121,10 +122,23 @@ def find_lag(recordings: Sequence[Recording]) -> Lag | None:
     """The lag that all recordings share; None where none has rows that are dense enough."""
     against = "gyro" if any(recording.fog is not None for recording in recordings) else "reference"
     made = (_part(recording, against) for recording in recordings)
-    parts = [part for part in made if part is not None]
+    hold_s = float(np.median([held_s(recording) for recording in recordings]))
+    return _found(against, [part for part in made if part is not None], hold_s)
+
+
+def reference_lag(recording: Recording) -> Lag | None:
+    """How late the reference's headings are against the gyro; None without one, or where rows are too far apart."""
+    fog, reference = recording.fog, recording.reference
+    if fog is None or reference is None:
+        return None
+    turn = reference.time_s, reference.heading_rad
+    part = _compared(recording.name, *turn, np.zeros_like(turn[0]), turn[1], fog.time_s, _angle(fog))
+    return None if part is None else _found("gyro", [part], 0.0)
+
+
+def _found(against: str, parts: Sequence[_Part], hold_s: float) -> Lag | None:
     if not parts:
         return None
-    hold_s = float(np.median([_hold_s(recording) for recording in recordings]))
     lag_s = _best_of_grid(parts)
     for _ in range(MAX_STEPS):
         found = [part.regress(lag_s) for part in parts]
@@ -160,23 +174,36 @@ def _part(recording: Recording, against: str) -> _Part | None:
     """The recording's curves; None where it has no such sensor, hardly moves, or has rows too far apart."""
     fog, reference = recording.fog, recording.reference
     if against == "gyro" and fog is not None:
-        other_s, other = fog.time_s, np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0]))
+        other_s, other = fog.time_s, _angle(fog)
     elif against == "reference" and reference is not None:
         other_s, other = reference.time_s, reference.heading_rad
     else:
         return None
     left, right = recording.wheel_angles_rad()
     time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel.radius_m / recording.nominal.tread_m
+    turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
+    moved = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
+    return _compared(recording.name, time_s, turn, travel, moved, other_s, other)
+
+
+def _angle(fog: FogLog) -> Array:
+    """Sum of a gyro's readings, rad."""
+    total: Array = np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0]))
+    return total
+
+
+def _compared(
+    name: str, time_s: Array, turn: Array, travel: Array, moved: Array, other_s: Array, other: Array
+) -> _Part | None:
+    """Rows in which one angle can be compared with another: dense, and near motion."""
     half_s = 0.5 * WINDOW_S
     first_s, last_s = max(time_s[0], other_s[0] + LATEST_S) + half_s, min(time_s[-1], other_s[-1] + EARLIEST_S) - half_s
     at_s = np.arange(first_s, last_s, STEP_S)
-    path = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
-    near = np.interp(at_s + NEAR_S, time_s, path) - np.interp(at_s - NEAR_S, time_s, path) > MOVED_TREADS
+    near = np.abs(np.interp(at_s + NEAR_S, time_s, moved) - np.interp(at_s - NEAR_S, time_s, moved)) > MOVED_TREADS
     at_s = at_s[near & _is_dense(time_s, at_s) & _is_dense(other_s, at_s)]
     if len(at_s) < FEWEST_ROWS:
         return None
-    turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
-    return _Part(recording.name, time_s, turn, travel, other_s, other, at_s, np.ones_like(at_s))
+    return _Part(name, time_s, turn, travel, other_s, other, at_s, np.ones_like(at_s))
 
 
 def _over(time_s: Array, angle: Array, at_s: Array) -> Array:
@@ -202,7 +229,7 @@ def _is_dense(time_s: Array, at_s: Array) -> npt.NDArray[np.bool_]:
     return dense
 
 
-def _hold_s(recording: Recording) -> float:
+def held_s(recording: Recording) -> float:
     """For how long the drive holds a wheel speed: the median, and 0 where that is a single row."""
     log = recording.encoders
     held_s = []

@@ -1,7 +1,7 @@
 """Causes from selected effects: how sure each is, what else it could be, where, and in words."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -32,10 +32,13 @@ from drd_tools.diagnose.selected import Selected
 RIVALS: Final = 8
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
 LEAST_NATS: Final = 12.0
+FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
 FAILING_NATS: Final = -0.01
 # A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
+FORM_SHARE: Final = 0.02  # of what constants far off explain: 14 % of their size is another form
 UNKNOWN_SHARE: Final = 0.02
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
+FAR_GENERIC_SHARE: Final = 0.25  # of a robot far from robot.yaml, of which no name has the exact form, or
 GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
 FAMILY_WISE: Final = 0.05
 SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
@@ -54,17 +57,17 @@ class Conclusion:
     unexplained: float
 
 
-def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
-    """Judge each selected effect, and what is left."""
+def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
+    """Judge each selected effect, and what is left. `constants`: names that a calibration has given."""
     search = Search(found.problem, [e.selected for e in events])
     splines = SplineTerms(found.problem)
     identity = Identifiability(found.problem, search.library)
-    found = _held(found, search)
+    found = _held(found, search, constants)
     chance = chance_gains(found.problem, search.library, found.fit.left)
     by_logic = {e.selected.id: e for e in events}
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
-    found, findings = _in_place_of_several(found, search, splines, chance)
+    found, findings = _in_place_of_several(found, search, splines, chance, constants)
     for selected, reported in zip(
         found.fit.selection, reported_estimates(found.problem, found.fit, search.known), strict=True
     ):
@@ -72,7 +75,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
         if event is not None:
             findings.append(_event_finding(selected, event))
         else:
-            findings.append(_finding(found, search, splines, selected, reported, chance, total))
+            findings.append(_finding(found, search, splines, selected, reported, chance, total, selected.id in constants))
     left = splines.best(found.fit.selection)
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
@@ -85,6 +88,7 @@ def conclude(found: Found, events: Sequence[Event]) -> Conclusion:
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
     findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
+    findings = _shared(findings, all_explained)
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
     ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
@@ -111,20 +115,27 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
     return list(found.values())
 
 
+def _shared(causes: Sequence[Cause], whole_nats: float) -> list[Cause]:
+    """The causes with shares of the mismatch that add up to one at most."""
+    whole_nats = max(whole_nats, sum(c.gain_nats for c in causes), 1e-9)
+    return [replace(c, explains=max(c.gain_nats, 0.0) / whole_nats) for c in causes]
+
+
 def _in_place_of_several(
-    found: Found, search: Search, splines: SplineTerms, chance: Array
+    found: Found, search: Search, splines: SplineTerms, chance: Array, constants: Collection[str]
 ) -> tuple[Found, list[Cause]]:
     """Replace all names of a channel by one curve without a name where that is better."""
     problem, fit = found.problem, found.fit
     unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
-        group = [c for c in fit.selection if c.id not in search.known and c.effect.channel == acts_on]
+        named = (c for c in fit.selection if c.id not in search.known and c.id not in constants)
+        group = [c for c in named if c.effect.channel == acts_on]
         if len(group) < 2:
             continue
         rest = refine(problem, [c for c in fit.selection if c not in group])
         worth = rest.cost - fit.cost
         curve = splines.best(rest.selection)
-        margin = max(GENERIC_NATS, GENERIC_SHARE * worth)
+        margin = max(GENERIC_NATS, _generic_share(problem) * worth)
         if curve is None or CHANNELS[curve.channel].acts_on != acts_on:
             continue
         if curve.gain < worth - problem.penalty(group) + margin:
@@ -135,22 +146,31 @@ def _in_place_of_several(
     return Found(problem, fit, search.score(fit), found.null), unknown
 
 
-def _held(found: Found, search: Search) -> Found:
+def _generic_share(problem: Problem) -> float:
+    """Share of a name's worth by which a curve without a name must be better."""
+    return FAR_GENERIC_SHARE if problem.evidence.is_far else GENERIC_SHARE
+
+
+def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
     """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
-    One that shows in a single fix has no such data: nothing speaks against it there.
+    One that shows in a single fix has no such data: nothing speaks against it there. Constants far from those believed
+    have no exact form either, and what is missing of it some name will gain.
     """
     problem, fit = found.problem, found.fit
+    share = FORM_SHARE * max(found.score - found.null, 0.0) if constants else 0.0
     unseen = [sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
     kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
     if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
     while others := [one for one in fit.selection if one.id not in search.known]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
-        least = min(rests, key=lambda rest: rest.cost)
-        if least.cost - fit.cost >= LEAST_NATS:
+        asked = [LEAST_NATS if one.id in constants else max(LEAST_NATS, share) for one in others]
+        short = [rest.cost - fit.cost - nats for rest, nats in zip(rests, asked, strict=True)]
+        least = int(np.argmin(short))
+        if short[least] >= 0.0:
             break
-        fit = least
+        fit = rests[least]
     return found if fit is found.fit else Found(problem, fit, search.score(fit), found.null)
 
 
@@ -162,6 +182,7 @@ def _finding(
     reported: Selected,
     chance: Array,
     total: float,
+    is_constant: bool,
 ) -> Cause:
     problem, fit = found.problem, found.fit
     rest = refine(problem, [c for c in fit.selection if c is not selected])
@@ -172,7 +193,7 @@ def _finding(
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
     rivals = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:RIVALS]
-    fits = refine_all(problem, [[*rest.selection, r] for r in rivals])
+    fits = refine_all(problem, [[*rest.selection, r] for r in rivals], found.score - FAR_NATS)
     pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.selection)]
     scores = [_best_score(found, search, selected, r, f) for r, f in pairs]
     least = found.score - CLASS_NATS
@@ -180,7 +201,8 @@ def _finding(
     also = unique(alike)
     rival = splines.best(fit.selection, selected)
     score_of_name = worth - problem.penalty([selected])
-    if rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, GENERIC_SHARE * worth):
+    # A constant that a calibration gives is no curve, whatever varies about it.
+    if not is_constant and rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, _generic_share(problem) * worth):
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
         return _unknown(rival, p, worth / total, surrogate, also_fits=(selected.id, *also), e=e, status=status)
     curve = _curve(splines, found, selected, rival)

@@ -1,15 +1,16 @@
 """Tests of a selected effect: against chance anywhere in the catalogue, and on data it was not fitted to."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, nuisance_design, refine
+from drd_tools.diagnose.regression.refine import FREE, Fit, nuisance_columns, refine
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
@@ -51,11 +52,11 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
     """Log likelihood ratio of a selected effect on each half of the data, its parameters found anew on the other half.
 
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
-    and without the selected effect the nuisances, and the other selected effects, are fitted anew.
+    and without the selected effect, the other selected effects are as the other half has them.
     """
     others = [c for c in fit.selection if c is not selected]
     data = problem.data - problem.effect_rows(others)
-    held = nuisance_design(problem, others)
+    soft, freed = nuisance_columns(problem, others)
     seen = problem.effect_rows([selected]) ** 2
     order = np.argsort(problem.row_time_s, kind="stable")
     total = np.cumsum(seen[order])
@@ -63,20 +64,28 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
         return 0.0, 0.0
     half = np.zeros(len(data), bool)
     half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-    parts = problem.part(half, data, held), problem.part(~half, data, held)
-    return (
-        _nats(library, selected, half, parts[0], parts[1]),
-        _nats(library, selected, ~half, parts[1], parts[0]),
-    )
+    first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
+    return _nats(library, selected, first, second), _nats(library, selected, second, first)
 
 
-def _nats(library: Library, selected: Selected, train: npt.NDArray[np.bool_], part: Problem, test: Problem) -> float:
-    """Log likelihood ratio of the effect on `test`, as `part`, the rows `train`, has it; 0 where those show none.
+class _Half(NamedTuple):
+    """Half of the data: its problem, its rows of all, columns that it has for itself, and those that both share."""
 
-    How well those know its parameters is integrated over: what was learned from little predicts little.
+    problem: Problem
+    rows: npt.NDArray[np.bool_]
+    soft: Array
+    freed: Array
+
+
+def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> float:
+    """Log likelihood ratio of the effect on `test`, as `train` has it; 0 where that shows none.
+
+    How well those rows know its parameters is integrated over: what was learned from little predicts little. (61)
     """
+    part = train.problem
+    part.nuisance = np.column_stack([train.soft, train.freed])
     if selected.begin_s is None:
-        found = _relearned(part, library, train, selected)
+        found = _relearned(part, library, train.rows, selected)
         choices = 1
     else:
         # Half of the data does not know where an interval ends: its place is kept, and the choice of it is paid for.
@@ -84,14 +93,25 @@ def _nats(library: Library, selected: Selected, train: npt.NDArray[np.bool_], pa
         choices = max(1, sum(c.effect.id == selected.id for c in library.candidates))
     if found is None:
         return 0.0
-    # A selected effect that was not refined has no covariance; it is taken as it is.
-    T = test.tangents([found]) @ _root(found.covariance) if found.covariance.size else np.zeros((len(test.data), 0))
-    effect = test.effect_rows([found])
-    M = Marginal(test.nuisance).projected(np.column_stack([effect, test.data, T]))
-    nats = float(effect @ M[:, 1]) - 0.5 * float(effect @ M[:, 0])
-    A, b = np.eye(T.shape[1]) + T.T @ M[:, 2:], T.T @ (M[:, 1] - M[:, 0])
-    nats += 0.5 * float(b @ np.linalg.solve(A, b)) - 0.5 * float(np.linalg.slogdet(A)[1])  # (61)
-    return nats - math.log(choices)
+    T = [h.problem.tangents([found]) if found.free else np.zeros((len(h.soft), 0)) for h in (train, test)]
+    scale = FREE / np.maximum(np.linalg.norm(T[0], axis=0), 1e-300)
+    left = [h.problem.data - h.problem.effect_rows([found]) for h in (train, test)]
+    with_it = _predicted(train.soft, np.column_stack([train.freed, T[0] * scale]), left[0])
+    nats = with_it(test.soft, np.column_stack([test.freed, T[1] * scale]), left[1])
+    without = _predicted(train.soft, train.freed, part.data)
+    return nats - without(test.soft, test.freed, test.problem.data) - math.log(choices)
+
+
+def _predicted(soft: Array, freed: Array, left: Array) -> Callable[[Array, Array, Array], float]:
+    """Log likelihood of other rows, with coefficients of `freed` (r, k), of prior 1, as a residual (r,) has them."""
+    M = Marginal(soft).projected(np.column_stack([freed, left]))
+    P = np.linalg.inv(np.eye(freed.shape[1]) + freed.T @ M[:, :-1])
+    mean, root = P @ (freed.T @ M[:, -1]), _root(0.5 * (P + P.T))
+
+    def nats(soft: Array, freed: Array, left: Array) -> float:
+        return Marginal(np.column_stack([soft, freed @ root])).nats(left - freed @ mean)
+
+    return nats
 
 
 def _root(P: Array) -> Array:

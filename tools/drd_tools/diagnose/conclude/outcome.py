@@ -1,6 +1,6 @@
 """Results from the conclusion: verdict, findings, model, and the series that are drawn."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,17 +18,20 @@ from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
+MOST_NOISE: Final = 2.0  # times what is stated
 BAND_SIGMAS: Final = 1.96
 
 
-def verdict(conclusion: Conclusion) -> Verdict:
-    """The verdict of a conclusion."""
+def verdict(conclusion: Conclusion, noise: Mapping[str, float]) -> Verdict:
+    """The verdict of a conclusion. `noise`: ratios to what is stated; much more of it may be physics, too."""
     causes = conclusion.causes
     if not causes:
         return Verdict.NOTHING
     if all(c.selected is None for c in causes):
         return Verdict.UNKNOWN
     if any(c.selected is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
+        return Verdict.PARTLY
+    if max(noise.values(), default=0.0) > MOST_NOISE:
         return Verdict.PARTLY
     return Verdict.EXPLAINED
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import Parameter
+from drd.effects.effect import ActsOn, Parameter
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
 from drd_tools.diagnose.results import Array
@@ -19,6 +19,7 @@ from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 
 DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
+REFERENCE_DELAY_S: Final = 0.05  # usual of a motion capture by network
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
 FINE: Final = 2000
 USUAL: Final = 3.0
@@ -44,9 +45,16 @@ def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) 
         deviation = np.sqrt(np.maximum(np.diag(own), 0.0))
         profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
+        widths = np.hypot(widths, [_unknown_delay_s(problem, selected, name) for name in selected.free])
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
         selection.append(replace(shrunken[i], covariance=own * scale[:, None] * scale))
     return tuple(selection)
+
+
+def _unknown_delay_s(problem: Problem, selected: Selected, name: str) -> float:
+    """Deviation of a delay by that of the reference, where there is no gyro to tell the two apart."""
+    is_delay = selected.effect.acts_on is ActsOn.TIMING and selected.parameter(name).unit == "s"
+    return REFERENCE_DELAY_S if is_delay and problem.evidence.gyro_rad is None else 0.0
 
 
 def shrunk(

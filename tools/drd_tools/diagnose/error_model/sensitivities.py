@@ -22,9 +22,12 @@ TEMPERATURE_SMOOTHING_S = 5.0
 MOST_SHARE = 3.0  # of the smooth speed, at a stop
 REACH = 4.0  # sigmas that a Gaussian filter looks
 SLOW_S = 3.0
-TURN_SMOOTHING_S = 0.8
+TURN_SMOOTHING_S = 0.2
 CALM_SMOOTHING_S = 0.4
 CALM_SIGMAS = 3.0
+LATENCY_S = 0.010  # of a reference, prior
+LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
+AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -93,6 +96,12 @@ def _speed_sigma_m_s(e: Evidence) -> Array:
     return np.asarray(np.sqrt(way) / e.step_s, float)
 
 
+def _turn_sigma_rad_s(e: Evidence) -> Array:
+    """Deviation of each step's turn over its length, (n,), as wheels tell it."""
+    way_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m + e.datasheet.count_m**2 / 3.0
+    return np.asarray(np.sqrt(way_m2) / e.tread_m / e.step_s, float)
+
+
 def _ratio(a: Array, b: Array) -> Array:
     result: Array = np.divide(a, b, out=np.zeros_like(a), where=np.abs(b) > 1e-9)
     return result
@@ -105,7 +114,7 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     """
     turn = path.steps()[2]
     # The wheels' turn is mostly noise on a straight line, and would explain itself there.
-    seen = gaussian_filter1d(turn, TURN_SMOOTHING_S / typical_s)
+    seen = denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s) * e.step_s
     if e.gyro_rad is not None:
         inflated = e.gyro_inflation_rad2 > 0.0
         slow = gaussian_filter1d(np.where(inflated, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
@@ -161,8 +170,12 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
-    return [
-        ("reference_latency", 0.010, Sensitivity(fix=-dp)),
+    latency_s = math.hypot(LATENCY_S, LAG_SHARE * e.reference_lag_s)
+    found = [
+        ("reference_latency", latency_s, Sensitivity(fix=-dp)),
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
+    if e.is_far:
+        found.append(("reference_ahead", AHEAD_M, Sensitivity(fix=np.column_stack([c, s, zero]))))
+    return found

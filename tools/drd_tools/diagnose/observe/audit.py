@@ -3,6 +3,8 @@
 Events are not regressions: what they explain is nearly certain where they are, and nothing elsewhere.
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -13,7 +15,8 @@ from scipy.ndimage import binary_dilation, median_filter
 
 from drd.batch.logs import EncoderLog
 from drd.effects.catalogue import showing
-from drd.effects.effect import SIDES, Symptom
+from drd.effects.effect import SIDE, SIDES, Symptom
+from drd_tools.calibrate.wheels.lag import held_s
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
@@ -22,13 +25,24 @@ from drd_tools.recordings.folder import Recording
 FEWEST_CLIPPED: Final = 10
 FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
 PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
+STANDS_M: Final = 1e-6  # a wheel's way in a row: less is rounding
 SHORTEST_STOP_ROWS: Final = 3
+LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
+HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
 STOP_SIGMAS: Final = 8.0
+# How well the tread is known, and which share of the other wheel's way must be missing: of what a calibration has
+# measured, and of what robot.yaml says.
+MEASURED: Final = (0.05, 0.3)
+BELIEVED: Final = (0.3, 0.5)
+USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
 LIKELY_SHARE: Final = 0.3
 SPIKE_SIGMAS: Final = 5.0
 MEDIAN_ROWS: Final = 5
 SURROUNDINGS_ROWS: Final = 9
 DEVIATION_PER_MAD: Final = 1.4826
+FEWEST_FIXES: Final = 20
+LONGEST_FIX_S: Final = 0.5  # between sparser ones a robot may turn and stop
+JUMP_SIGMAS: Final = 6.0  # of one row: less, in two of them, is usual noise
 ONE_SIDED_P: Final = 1e-6
 
 
@@ -57,9 +71,34 @@ def audit(recording: Recording, e: Evidence) -> Audit:
     )
     events = clipped(e, gyro) if e.has_wheels else []
     if recording.wheels is not None:
-        events += stopped(recording.wheels, e, left, right)
+        events += stopped(recording, e, left, right)
         events += bumps(recording.wheels, e, left, right)
+    e = _with_jumps(e)
     return Audit(events, replace(e, gyro_inflation_rad2=gyro, left_inflation_m2=left, right_inflation_m2=right))
+
+
+def _with_jumps(e: Evidence) -> Evidence:
+    """Inflate the pose's covariance where the reference jumps: as no robot moves, and as its gyro does not turn."""
+    if len(e.fix) < FEWEST_FIXES or not e.has_wheels:
+        return e
+    at = e.fix_time_s
+    gap_s, moved = np.diff(at), np.diff(e.fix, axis=0)
+    if float(np.median(gap_s)) > LONGEST_FIX_S:
+        return e
+    speed = moved[:, :2] / gap_s[:, None]
+    off_m = np.hypot(*((speed - median_filter(speed, (MEDIAN_ROWS, 1), mode="nearest")) * gap_s[:, None]).T)
+    off_rad = np.zeros(len(gap_s))
+    if e.gyro_rad is not None:
+        edges = e.edges_s
+        off_rad = moved[:, 2] - np.diff(np.interp(at, edges, np.concatenate([[0.0], np.cumsum(e.gyro_rad)])))
+        off_rad = np.abs(off_rad - np.median(off_rad))
+    sheet = e.datasheet
+    is_jump = (off_m > JUMP_SIGMAS * sheet.position_m) | (off_rad > JUMP_SIGMAS * sheet.heading_rad)
+    jump_m2, jump_rad2 = e.jump_m2.copy(), e.jump_rad2.copy()
+    step = e.fix_step[1:][is_jump]
+    np.add.at(jump_m2, step, off_m[is_jump] ** 2)
+    np.add.at(jump_rad2, step, off_rad[is_jump] ** 2)
+    return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2)
 
 
 def clipped(e: Evidence, inflation: Array) -> list[Event]:
@@ -94,19 +133,19 @@ def clipped(e: Evidence, inflation: Array) -> list[Event]:
     return [Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
 
 
-def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
+def stopped(recording: Recording, e: Evidence, left: Array, right: Array) -> list[Event]:
     """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
-    if log.left_counts is None or log.right_counts is None:
-        return []
-    events = []
-    per_count = e.datasheet.count_m
-    for side, own, other, inflation, sign in (
-        (SIDES[0], log.left_counts, log.right_counts, left, -1.0),
-        (SIDES[1], log.right_counts, log.left_counts, right, 1.0),
+    log, events = recording.encoders, []
+    least_s = max(HOLDS * held_s(recording), LONGEST_HOLD_S if log.left_counts is None else 0.0)
+    left_m, right_m = (recording.nominal.wheel.radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
+    for side, mine, its, inflation, sign in (
+        (SIDES[0], left_m, right_m, left, -1.0),
+        (SIDES[1], right_m, left_m, right, 1.0),
     ):
-        mine, its = np.diff(own) * per_count, np.diff(other) * per_count
-        for first, last in _runs(mine == 0.0):
-            stop = _stop(log, e, sign, its, first, last)
+        for first, last in _runs(np.abs(mine) < STANDS_M):
+            if log.time_s[last] - log.time_s[first] < least_s:
+                continue
+            stop = _stop(log, e, sign, np.where(np.abs(its) < STANDS_M, 0.0, its), first, last, least_s)
             if stop is None:
                 continue
             # It stopped and went on within a row: what it lost there is not known.
@@ -121,6 +160,27 @@ def stopped(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Eve
     return events
 
 
+def repaired(recording: Recording, e: Evidence, events: Sequence[Event]) -> Recording:
+    """The recording with stopped wheels turning as the other one and gyro, or reference, say: for a calibration."""
+    log, r = recording.encoders, recording.nominal.wheel.radius_m
+    travel = [r * np.diff(angle, prepend=0.0) for angle in recording.wheel_angles_rad()]
+    for event in events:
+        if event.selected.effect.symptom is not Symptom.STOPPED:
+            continue
+        which = SIDES.index(str(event.selected.values[SIDE.name]))
+        sign = -1.0 if which == 0 else 1.0
+        for t0, t1 in event.windows:
+            inside = (log.time_s > t0 + STANDS_M) & (log.time_s <= t1 + STANDS_M)
+            edges_s = np.append(t0, log.time_s[inside]) - e.robot.wheels_lag_s
+            turns = (_turned(e, a, b) for a, b in itertools.pairwise(edges_s.tolist()))
+            turn = np.array([0.0 if t is None else t for t in turns])
+            travel[which][inside] = travel[1 - which][inside] + sign * e.robot.tread * e.tread_m * turn
+    rates = [way / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for way in travel]
+    wheel = replace(recording.nominal.wheel, counts_per_revolution=None)
+    nominal = replace(recording.nominal, wheel=wheel)
+    return replace(recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, *rates, log.is_lost))
+
+
 class _Stop(NamedTuple):
     """A counter's rest, in which its wheel went on: times (s), the way of the wheel, the evidence."""
 
@@ -130,29 +190,34 @@ class _Stop(NamedTuple):
     nats: float
 
 
-def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int) -> _Stop | None:
+def _stop(
+    log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int, least_s: float
+) -> _Stop | None:
     """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
 
     A interval that is only likely belongs to one that is certain: the counter has not counted between them.
     """
     certain: list[tuple[float, float, float, float]] = []
+    usual_m_s = float(np.percentile(np.abs(its) / np.diff(log.time_s), USUAL_PERCENT))
+    tread_share, least_share = MEASURED if e.robot.tread != 1.0 else BELIEVED
     likely: list[tuple[float, float]] = []
     for begin, end in ((first + i, first + j) for i, j in _runs(its[first:last] != 0.0)):
         t0, t1 = float(log.time_s[begin]), float(log.time_s[end])
-        turn = _turned(e, (e.time_s > t0) & (e.time_s - e.step_s < t1), t0, t1)
+        turn = _turned(e, t0 - e.robot.wheels_lag_s, t1 - e.robot.wheels_lag_s)
         if turn is None:
             continue
         travel = float(its[begin:end].sum())
-        missed = travel + sign * e.tread_m * turn
+        missed = travel + sign * e.robot.tread * e.tread_m * turn
         # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
         sigma = (
             e.datasheet.slip_m_per_sqrt_m * np.sqrt(abs(travel))
-            + 0.3 * e.tread_m * abs(turn)
+            + tread_share * e.robot.tread * e.tread_m * abs(turn)
             + 4.0 * e.datasheet.count_m
         )
         if abs(missed) >= LIKELY_SHARE * abs(travel):
             likely.append((t0, t1))
-        if end - begin >= SHORTEST_STOP_ROWS and abs(missed) >= max(STOP_SIGMAS * sigma, 0.5 * abs(travel)):
+        least_m = max(STOP_SIGMAS * sigma, least_share * abs(travel), usual_m_s * CREEPING * (t1 - t0))
+        if end - begin >= SHORTEST_STOP_ROWS and t1 - t0 >= least_s and abs(missed) >= least_m:
             certain.append((t0, t1, missed, 0.5 * float(missed / sigma) ** 2))
     if not certain:
         return None
@@ -163,13 +228,13 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
     )  # fmt: skip
 
 
-def _turned(e: Evidence, inside: npt.NDArray[np.bool_], t0: float, t1: float) -> float | None:
+def _turned(e: Evidence, t0: float, t1: float) -> float | None:
     """Turn between two times by the gyro, else by the reference; None where neither tells."""
     if e.gyro_rad is not None:
         edges = e.edges_s
         total = np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
         return float(np.interp(t1, edges, total) - np.interp(t0, edges, total))
-    if inside.any() and len(e.fix) > 1:
+    if len(e.fix) > 1:
         at = e.time_s[e.fix_step]
         if at[0] <= t0 and at[-1] >= t1 and np.diff(at).max() < 0.5:
             return float(np.interp(t1, at, e.fix[:, 2]) - np.interp(t0, at, e.fix[:, 2]))

@@ -16,6 +16,7 @@ from drd.units import (
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
+from drd.effects.effect import Calibrated
 from drd_tools.diagnose.observe import grids
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
@@ -80,6 +81,9 @@ class Noise:
         Q[:, 0, 2] = Q[:, 2, 0] = turn * hx / 2.0
         Q[:, 1, 2] = Q[:, 2, 1] = turn * hy / 2.0
         Q[:, 2, 2] = turn
+        Q[:, 0, 0] += e.jump_m2
+        Q[:, 1, 1] += e.jump_m2
+        Q[:, 2, 2] += e.jump_rad2
         if e.gyro_rad is not None:
             Q[:, 3, 3] = self.bias_walk_rad_s_per_sqrt_s**2 * e.step_s
         return Q
@@ -93,10 +97,13 @@ class Evidence:
     `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
     decide what a step has. `still` (n,): no wheel has counted for a second before and after.
     `..._inflation_...` (n,): variance added to a step's, where a sensor said nothing of use; a gyro's of inf: the turn
-    is the wheels'. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
+    is the wheels'. `jump_m2`, `jump_rad2` (n,): variance of a jump of the reference in the step, of each coordinate and of
+    the heading. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
     `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
+    `robot`: its constants as far as measured; `is_far`: they are far from those of robot.yaml, and so may the
+    reference's mounting be. `reference_lag_s`: what its stamps have been put right by.
     """
 
     name: str
@@ -119,7 +126,12 @@ class Evidence:
     gyro_inflation_rad2: Array
     left_inflation_m2: Array
     right_inflation_m2: Array
+    jump_m2: Array
+    jump_rad2: Array
     has_wheels: bool = True
+    robot: Calibrated = Calibrated()
+    reference_lag_s: float = 0.0
+    is_far: bool = False
 
     @property
     def gyroless(self) -> npt.NDArray[np.bool_]:
@@ -186,8 +198,15 @@ def datasheet_noise(nominal: Nominal, has_wheels: bool = True) -> Noise:
     )
 
 
-def gather(recording: Recording) -> Evidence:
+def gather(
+    recording: Recording,
+    robot: Calibrated = Calibrated(),  # noqa: B008 immutable
+    reference_lag_s: float = 0.0,
+) -> Evidence:
     """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.
+
+    `robot`: its constants, as far as something has measured them; `reference_lag_s`: what its reference's stamps have
+    been put right by.
 
     Raises ConfigError where there is nothing to compare, or nothing of the same time.
     """
@@ -244,7 +263,11 @@ def gather(recording: Recording) -> Evidence:
         gyro_inflation_rad2=inflation_rad2,
         left_inflation_m2=lost_m2,
         right_inflation_m2=lost_m2.copy(),
+        jump_m2=np.zeros(len(time_s)),
+        jump_rad2=np.zeros(len(time_s)),
         has_wheels=log is not None,
+        robot=robot,
+        reference_lag_s=reference_lag_s,
     )
 
 

@@ -34,6 +34,8 @@ def inflated(problem: Problem, left: Array) -> Inflation:
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = _not_inflated(problem, left)
+    if len(wheels):  # what a gyro does at rest is its own walk's size
+        wheels = wheels[~e.still]
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
     both = max(sizes[:2])
@@ -75,8 +77,12 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     e, noise = problem.evidence, problem.noise
     wheels, fixes = _not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
+    walk = 1.0
     if len(wheels):
         slip = _scale(wheels[moving])
+        # A gyro's samples may hang together: its walk is what it does over seconds.
+        at_rest = wheels[e.still]
+        walk = max(1.0, _scale(at_rest) * _slow(at_rest / _scale(at_rest), float(np.median(e.step_s))))
     else:
         slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
@@ -88,6 +94,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     return (
         replace(
             slipping(noise, slip),
+            walk_rad_per_sqrt_s=noise.walk_rad_per_sqrt_s * (walk if walk > LEAST_COLOUR else 1.0),
             position_m=max(noise.position_m * position, LEAST_M),
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
         ),

@@ -57,6 +57,7 @@ class Problem:
         cleared: Evidence | None = None,
         inflation: Inflation = NOT_INFLATED,
         near: "Problem | None" = None,
+        geometry: Sequence[Selected] = (),
     ):
         self.evidence = evidence
         self.path = follow(evidence) if path is None else path
@@ -67,6 +68,7 @@ class Problem:
         )
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
+        self._geometry = tuple(geometry)
         self.nuisances = nuisances(evidence, self.path)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
@@ -87,6 +89,11 @@ class Problem:
         made._rows = rows
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
+
+    @property
+    def readings(self) -> Motion:
+        """The motion, with the wheels' speeds as counters of the selected geometry tell them."""
+        return _with_geometry(self.sensitivities.motion, self._geometry)
 
     def along(self, motion: Motion) -> "Problem":
         """A problem with the effects' sensitivities along another motion."""
@@ -116,7 +123,9 @@ class Problem:
             path = self._inflated.smoothed()
         else:
             path = follow(cleared)
-        return Problem(self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, near=self)
+        return Problem(
+            self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, self, geometry_of(selection)
+        )
 
     def _cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""
@@ -141,20 +150,10 @@ class Problem:
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
             sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
             added = Sensitivity()
+            geometry = geometry_of(selection)
             for selected in selection:
-                added = added + sensitivities.of(self._errors(sensitivities, selected.effect, selected.values))
+                added = added + sensitivities.of(_errors(sensitivities, geometry, selected.effect, selected.values))
         return clear
-
-    @staticmethod
-    def _errors(sensitivities: Sensitivities, effect: Effect, values: Values) -> Errors:
-        motion = sensitivities.motion
-        if effect.acts_on is ActsOn.READOUT:
-            motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
-        errors = effect.error(motion, values)
-        if SCALE.name in values:
-            beside = _beside(effect, motion, float(values[SCALE.name]))
-            errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
-        return errors
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
         """Whiten: rows (r, p), first those of the wheels against the gyro, in order of time, then those of the fixes.
@@ -178,7 +177,7 @@ class Problem:
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """Sensitivity to an effect with these parameters."""
-        return self.sensitivities.of(self._errors(self.sensitivities, effect, values))
+        return self.sensitivities.of(_errors(self.sensitivities, self._geometry, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
         """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
@@ -263,6 +262,36 @@ class Problem:
     def tangents(self, selection: Sequence[Selected]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
         return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
+
+
+def geometry_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
+    """The selected effects that make other speeds of the wheels, in the order in which they act."""
+    order = list(catalogue())
+    return tuple(sorted((c for c in selection if c.effect.geometry), key=lambda c: order.index(c.id)))
+
+
+def _errors(sensitivities: Sensitivities, geometry: Sequence[Selected], effect: Effect, values: Values) -> Errors:
+    """Errors of an effect: along the readings of wheels of this geometry, as far as it comes before it."""
+    motion = sensitivities.motion
+    if effect.channel == "wheels":
+        ids = [c.id for c in geometry]
+        motion = _with_geometry(motion, geometry[: ids.index(effect.id)] if effect.id in ids else geometry)
+    if effect.acts_on is ActsOn.READOUT:
+        motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
+    errors = effect.error(motion, values)
+    if SCALE.name in values:
+        beside = _beside(effect, motion, float(values[SCALE.name]))
+        errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
+    return errors
+
+
+def _with_geometry(motion: Motion, geometry: Sequence[Selected]) -> Motion:
+    """The motion, with the wheels' speeds as counters of this geometry tell them."""
+    for c in geometry:
+        error = c.effect.error(motion, c.values)
+        left, right = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
+        motion = replace(motion, left_m_s=left, right_m_s=right)
+    return motion
 
 
 def _beside(effect: Effect, motion: Motion, size: float) -> Errors:

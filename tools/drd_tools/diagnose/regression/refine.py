@@ -112,13 +112,15 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, A
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     # Of the nuisances' determinant a constant part is the same for all selected effects.
     cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
+    off, weight = _measured(selection)
+    cost += 0.5 * float(off @ (weight * off))
     fit = Fit(selection, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
     if not len(T):
         return fit, np.zeros(0), cost
-    priors = np.concatenate([_priors(c) for c in selection])
+    priors = np.concatenate([_priors(c) for c in selection]) + weight
     # In the directions that nuisances and shapes leave.
     S = marginal.beside(T @ T.T, soft @ T.T) + np.diag(priors)
-    g = T @ fit.left
+    g = T @ fit.left - weight * off
     inverse = _inverse(S)
     moves = inverse @ g
     return replace(fit, selection=_with_covariance(selection, inverse)), moves, cost - 0.5 * float(g @ moves)
@@ -142,7 +144,7 @@ def response(problem: Problem, fit: Fit) -> Response:
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])
     F = np.column_stack([np.zeros((len(T), 0)), *(problem.discrepancy_shapes(selected) for selected in selection)])
     marginal, C = Marginal(soft), soft.T @ T
-    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in selection)])
+    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in selection)]) + _measured(selection)[1]
     covariance = _inverse(marginal.beside(T.T @ T, C) + np.diag(priors))
     return Response(covariance, covariance @ marginal.beside(T.T @ F, C, soft.T @ F))
 
@@ -164,18 +166,30 @@ def discrepancies(problem: Problem, selected: Selected) -> Array:
     return F.T
 
 
-def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
-    """Columns (r, s), of prior 1: the nuisances, the effects' parameters as good as free, and their causes' shapes."""
+def nuisance_columns(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
+    """Columns of prior 1: shapes of the effects' causes (r, s); nuisances, and parameters as good as free (r, k)."""
     T = problem.tangents(selection)
     norms = np.linalg.norm(T, axis=0)
     seen = norms > 0.0
-    freed = T[:, seen] / norms[seen] * FREE
-    return np.column_stack([problem.nuisance, freed, *(discrepancies(problem, c) for c in selection)])
+    shapes = [np.zeros((len(T), 0)), *(discrepancies(problem, c) for c in selection)]
+    return np.column_stack(shapes), np.column_stack([problem.nuisance, T[:, seen] / norms[seen] * FREE])
+
+
+def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
+    """Both kinds of `nuisance_columns` (r, s + k)."""
+    return np.column_stack(nuisance_columns(problem, selection))
 
 
 def _priors(selected: Selected) -> Array:
     sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(selected.parameter, selected.free)]
     return 1.0 / np.array(sizes) ** 2
+
+
+def _measured(selection: Sequence[Selected]) -> tuple[Array, Array]:
+    """How far the free parameters (k,) are from what else has measured them, and the inverse variances of that."""
+    pairs = [(c.number(name), c.prior.get(name)) for c in selection for name in c.free]
+    off = np.array([0.0 if prior is None else at - prior[0] for at, prior in pairs])
+    return off, np.array([0.0 if prior is None else prior[1] ** -2 for _, prior in pairs])
 
 
 def _with_covariance(selection: Sequence[Selected], covariance: Array) -> tuple[Selected, ...]:

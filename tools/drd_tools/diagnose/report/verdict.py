@@ -3,9 +3,24 @@
 from collections.abc import Sequence
 from typing import Final
 
-from drd_tools.diagnose.report.text import FIXED, channel, length, listed, named_quantity, parameters, percent, rms
+from msgspec import UnsetType
+
+from drd_tools.diagnose.conclude.outcome import MOST_NOISE
+from drd_tools.diagnose.report.text import (
+    FIXED,
+    channel,
+    length,
+    listed,
+    named_quantity,
+    parameters,
+    percent,
+    rms,
+    with_sigma,
+)
 from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 
+MOST_IN_WORDS: Final = 5  # findings; the table has the rest
+SCATTER: Final = {"slip": "the wheels scatter", "gyro": "the gyro scatters"}
 ALL: Final = 0.005  # less than this share is left
 
 TITLES: Final = {
@@ -50,6 +65,7 @@ def _nothing(d: Result, s: Series) -> list[str]:
 
 
 def _what(findings: Sequence[Finding]) -> str:
+    findings, more = findings[:MOST_IN_WORDS], len(findings) - MOST_IN_WORDS
     named, unknown = [f for f in findings if f.is_named], [f for f in findings if not f.is_named]
     parts = []
     if named:
@@ -60,6 +76,8 @@ def _what(findings: Sequence[Finding]) -> str:
         covariates = listed(dict.fromkeys(f.covariate.replace("_", " ") for f in unknown if f.covariate))
         goes_with = f"goes with {covariates}" if covariates else "goes with no variable that was tried"
         parts.append(f"something that is in no catalogue acts on the {channels} and {goes_with}")
+    if more > 0:
+        parts.append(f"the table has {more} more")
     text = "; besides, ".join(parts)
     return f"{text[0].upper()}{text[1:]}."
 
@@ -80,7 +98,8 @@ def _how_sure(findings: Sequence[Finding]) -> str:
     if len({f.status for f in findings}) == 1:
         who = "This is" if len(findings) == 1 else "Both are" if len(findings) == 2 else "All of them are"
         return f"{who} {findings[0].status}{chance}."
-    shown = listed(f"{_name(f)} is {f.status}" for f in findings)
+    by_status = {status: [f for f in findings if f.status == status] for status in dict.fromkeys(f.status for f in findings)}
+    shown = listed(f"{_counted(group)} {'is' if len(group) == 1 else 'are'} {status}" for status, group in by_status.items())
     return f"Of these, {shown}{chance}."
 
 
@@ -98,8 +117,24 @@ def _what_is_left(d: Result, s: Series) -> str:
         goes = "goes" if row.after < row.before else "does not fall: it goes"
         parts.append(f"on unseen data the {name} {goes} from {row.before:.3g} to {row.after:.3g} {unit}".rstrip())
         break
+    parts += _noise(d) + _reference(d)
     text = "; ".join(parts) or "how much of the mismatch that explains is not known"
     return f"{text[0].upper()}{text[1:]}."
+
+
+def _noise(d: Result) -> list[str]:
+    """Words for noise that is much larger than stated: it may be physics, too."""
+    ratios = {} if isinstance(d.noise, UnsetType) else d.noise
+    large = [(SCATTER[name], ratio) for name, ratio in ratios.items() if name in SCATTER and ratio > MOST_NOISE]
+    return [f"{who} {ratio:.2g} times as much as stated, which the model takes for noise" for who, ratio in large]
+
+
+def _reference(d: Result) -> list[str]:
+    """Words for the reference's own faults."""
+    if isinstance(d.reference, UnsetType):
+        return []
+    lag = d.reference["lag"]
+    return [f"the reference is late by {with_sigma(lag.value, lag.std, lag.unit)}, which was taken off"]
 
 
 def _share(d: Result) -> str:
@@ -110,11 +145,20 @@ def _share(d: Result) -> str:
         if left < ALL:
             return f"{who} all of the mismatch that the noise does not"
         return f"{who} {percent(1.0 - left)} of the mismatch and leave{ending} {percent(left)}"
+    findings = findings[:MOST_IN_WORDS]
     known = [(f, percent(f.explains)) for f in findings if f.explains is not None]
     if len(findings) == 1:
         return f"it makes up {known[0][1]} of the mismatch" if known else ""
     shares = [f"{_name(f)} {share}" for f, share in known]
     return f"shares of the mismatch: {listed(shares)}" if shares else ""
+
+
+def _counted(findings: Sequence[Finding]) -> str:
+    """Names, those without one together."""
+    names, unknown = [f.effect for f in findings if f.is_named], sum(not f.is_named for f in findings)
+    if unknown:
+        names.append("the unknown one" if unknown == 1 else f"{unknown} unknown ones")
+    return listed(names)
 
 
 def _name(f: Finding) -> str:

@@ -149,6 +149,9 @@ class Library:
 def variants(problem: Problem, effect: Effect) -> list[Parameters]:
     """Shapes of an effect with which a search begins."""
     shapes = effect.variants(problem.sensitivities.motion)
+    measured = effect.calibrated(problem.evidence.robot)
+    if measured is not None and not effect.linear() and any(measured.values()):
+        shapes = [dict(measured)]
     if effect.acts_on is ActsOn.READOUT:
         sigma = problem.evidence.datasheet.bias_rad_s
         shapes = [{**s, BIAS.name: k * sigma} for s in shapes for k in BIASES]

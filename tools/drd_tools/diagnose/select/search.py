@@ -21,6 +21,7 @@ MOST_SELECTED: Final = 6
 RIVALS: Final = 6
 SWAPS: Final = 3
 ROUGH_SHARE: Final = 0.6  # of its worth that an effect shows at least in the roughest variant of the library
+EXACT_SHARE: Final = 0.9  # where it is linear
 CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 # Where effects explain so much, or shift the time, sensitivities must be taken along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
@@ -56,11 +57,23 @@ def is_rough(fit: Fit) -> bool:
     return bool(fit.left.size) and float(np.mean(fit.left**2)) > ROUGH_SQUARE
 
 
-def coarse_search(problem: Problem, known: Sequence[Selected] = ()) -> Found:
-    """Search for the effects that matter to the noise, until another effect changes little of what is left."""
+def coarse_search(
+    problem: Problem, known: Sequence[Selected] = (), start: Sequence[Selected] = (), last: Found | None = None
+) -> Found:
+    """Search for the effects that matter to the noise, until another effect changes little of what is left.
+
+    `start`: effects from which it sets out, and which stay. `last`: a search with other noise, to go on from.
+    """
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
     found = Found(problem, fit, null, null)
+    if start:
+        names = {c.id for c in (*known, *start)}
+        others = [] if last is None else [c for c in last.fit.selection if c.id not in names]
+        found = linearised(problem, replace(fit, selection=(*fit.selection, *start, *others)), null)
+        known = [*known, *start]
+        better = Search(found.problem, known).backward_swapped(found.fit)
+        found = replace(found, fit=better, score=-better.cost - found.problem.penalty(better.selection))
     while (better := _better(found, known)) is not None:
         little = LITTLE_SHARE if is_rough(better.fit) else NEXT_TO_NOTHING
         if better.score < (1.0 - little) * found.score:
@@ -146,10 +159,12 @@ def _one_more(search: "Search", found: Found) -> Found | None:
     if not tried:
         return None
     best = tried[0]
-    if not _needs_linearising(best.selection, search.score(best) - found.null):
+    before = {c.id for c in found.fit.selection}
+    added = [c for c in best.selection if c.id not in before]
+    if not _needs_linearising(added, search.score(best) - found.score):
         return Found(found.problem, best, search.score(best), found.null)
     # Along another path, or with other noise, the best may explain less than nothing does here.
-    margin = CLOSE_SHARE * max(search.score(best) - found.null, 0.0)
+    margin = CLOSE_SHARE * (search.score(best) - found.score)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
     chosen = max((linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
     return chosen if chosen.score > found.score else None
@@ -307,8 +322,10 @@ class Search:
 
     def _rivals(self, fit: Fit, rest: Fit) -> list[Selected]:
         """Effects that may be worth as much beside `rest` as what it lacks of `fit`, once they are refined."""
-        least = ROUGH_SHARE * (self.score(fit) - self.score(rest))
-        return [c for gain, c in self.ranked(rest)[:SWAPS] if gain > least]
+        worth = self.score(fit) - self.score(rest)
+        # What is linear gains no more by being refined.
+        shares = ((gain, c, ROUGH_SHARE if any(not q.linear for q in c.effect.parameters) else EXACT_SHARE) for gain, c in self.ranked(rest)[:SWAPS])
+        return [c for gain, c, share in shares if gain > share * worth]
 
 
 def _is_plausible(problem: Problem, fit: Fit) -> bool:

@@ -94,7 +94,7 @@ class SplineTerms:
     def __init__(self, problem: Problem):
         self._problem = problem
         self._splines: list[_SplineTerm] = []
-        errors, of = errors_along(problem.sensitivities.motion), problem.sensitivities.of
+        errors, of = errors_along(problem.readings), problem.sensitivities.of
         seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
         for covariate, hats, knots in self._hats():
             for name in seen:

@@ -8,8 +8,7 @@ import numpy as np
 
 from drd.effects.model import Term
 from drd_tools.diagnose.error_model.ranges import within
-from drd_tools.diagnose.observe.audit import audit
-from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
@@ -52,7 +51,7 @@ class _HeldOut:
     """A held-out recording, its noise fitted beside the selected effects as they are."""
 
     def __init__(self, recording: Recording, selection: Sequence[Selected]):
-        audited = audit(recording, gather(recording))
+        _, audited = observe(recording)
         fixed = [Selected(c.effect, c.values, ()) for c in selection]
         problem = Problem(audited.evidence)
         for _ in range(NOISE_ROUNDS):

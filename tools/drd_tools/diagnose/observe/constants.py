@@ -1,0 +1,111 @@
+"""Constants of robot and reference, from the calibrator: where a diagnosis of a robot far from robot.yaml sets out."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from drd.config.schema import ConfigError
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Calibrated, Effect, Symptom, number
+from drd_tools.calibrate.wheels.drive import make_drive
+from drd_tools.calibrate.wheels.fit import fit_wheels
+from drd_tools.calibrate.wheels.lag import Lag, find_lag, reference_lag
+from drd_tools.diagnose.observe.audit import Audit, audit, repaired
+from drd_tools.diagnose.observe.evidence import check_comparable, gather
+from drd_tools.diagnose.observe.grids import DENSE_S
+from drd_tools.diagnose.selected import Selected
+from drd_tools.recordings.folder import Recording
+
+SURE: Final = 3.0  # sigmas
+WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
+NOMINAL: Final = Calibrated()
+REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
+
+
+@dataclass(frozen=True)
+class Constants:
+    """The recording with its reference's stamps put right by `lag_s`, the robot's constants, and their deviations."""
+
+    recording: Recording
+    robot: Calibrated = NOMINAL
+    sigma: Calibrated = NOMINAL
+    lag_s: float = 0.0
+    lag_sigma_s: float = 0.0
+
+    @property
+    def selection(self) -> tuple[Selected, ...]:
+        """Effects of the catalogue with these constants."""
+        found = []
+        for effect in catalogue().values():
+            values = effect.calibrated(self.robot)
+            if values is None or not any(values.values()):
+                continue
+            prior = {name: (float(value), self._sigma(effect, name)) for name, value in values.items()}
+            found.append(Selected(effect, values, tuple(values), prior=prior))
+        return tuple(found)
+
+    def _sigma(self, effect: Effect, name: str) -> float:
+        """Deviation of a parameter: of all constants that it is made of."""
+        at = number(effect.calibrated(self.robot) or {}, name)
+        square = 0.0
+        for constant, sigma in self.sigma._asdict().items():
+            moved = self.robot._replace(**{constant: getattr(self.robot, constant) + sigma})
+            square += (number(effect.calibrated(moved) or {}, name) - at) ** 2
+        return WIDER * square**0.5
+
+
+def constants(recording: Recording) -> Constants:
+    """Measure the constants; without a dense reference, or where nothing is determined, they are those believed."""
+    reference = recording.reference
+    if recording.wheels is None or reference is None or len(reference.time_s) < 3:
+        return Constants(recording)
+    if float(np.median(np.diff(reference.time_s))) > DENSE_S:
+        return Constants(recording)
+    try:
+        drive = make_drive(recording)
+    except ConfigError:  # hardly moves
+        return Constants(recording)
+    fit, nominal, lag = fit_wheels([drive]), drive.nominal, find_lag([recording])
+    wheels_s, wheels_sigma_s = (lag.lag_s, lag.sigma_s) if lag is not None and lag.determined else (0.0, 0.0)
+    late = reference_lag(recording) if recording.fog is not None else _reversed(lag)
+    robot = Calibrated(
+        left=fit.wheels.left_radius_m / nominal.left_radius_m,
+        right=fit.wheels.right_radius_m / nominal.right_radius_m,
+        tread=fit.wheels.tread_m / nominal.tread_m,
+        wheels_lag_s=wheels_s if wheels_s > SURE * wheels_sigma_s else 0.0,
+    )
+    left, right, tread = fit.sigma
+    sigma = Calibrated(left * robot.left, right * robot.right, tread * robot.tread, wheels_sigma_s)
+    # A reference that is early is a gyro that is late.
+    lag_s, lag_sigma_s = (
+        (late.lag_s, late.sigma_s) if late is not None and late.determined and _is_late(late) else (0.0, 0.0)
+    )
+    put_right = replace(reference, time_s=reference.time_s - lag_s)
+    return Constants(replace(recording, reference=put_right), robot, sigma, lag_s, lag_sigma_s)
+
+
+def _reversed(lag: Lag | None) -> Lag | None:
+    """How late the reference is against the wheels."""
+    return None if lag is None else replace(lag, lag_s=-lag.lag_s)
+
+
+def _is_late(lag: Lag) -> bool:
+    """Whether a reference is later than its prior allows."""
+    return lag.lag_s > SURE * float(np.hypot(lag.sigma_s, REFERENCE_LAG_S))
+
+
+def observe(recording: Recording) -> tuple[Constants, Audit]:
+    """Constants and events of a recording: where a counter stopped, the constants are those of the rest.
+
+    Raises ConfigError where there is nothing to compare.
+    """
+    check_comparable(recording)
+    measured = constants(recording)
+    audited = audit(measured.recording, gather(measured.recording, measured.robot, measured.lag_s))
+    if any(event.selected.effect.symptom is Symptom.STOPPED for event in audited.events):
+        again = constants(repaired(recording, audited.evidence, audited.events))
+        kept = replace(measured.recording, reference=again.recording.reference)
+        measured = replace(again, recording=kept)
+        audited = audit(kept, gather(kept, measured.robot, measured.lag_s))
+    return measured, audited
