@@ -287,7 +287,7 @@ class Estimation:
     gyro_scale: Literal["auto", "yes", "no"] = "auto"
     """Estimate the gyro's scale: auto = unless a calibration is loaded (as the paper does)"""
     midpoint: bool = True
-    """Advance along the heading in the middle of a step; false = equation 7 as printed"""
+    """Advance along the heading in the middle of a step; false = the paper's equation 7, as printed"""
     gate_sigma: Annotated[float, "sigma", Meta(ge=1, le=100)] = 5.0
     """Disagreement of gyro and wheels that is rejected"""
     rejections_before_release: Annotated[int, Meta(ge=1, le=1000)] = 3

@@ -94,7 +94,7 @@ class Compensation:
         self.gyro_delay_ns = self.wheel_delay_ns = 0
 
     def gyro(self, rate: CalibratedRate, temperature_c: float, heading_rad: float, standing: bool) -> CalibratedRate:
-        """The true rate, at its true time. `standing`: the bias is being measured. (51), (52)"""
+        """The true rate, at its true time. `standing`: the bias is being measured. (39), (40)"""
         m, self.outside = self._m, False
         end_ns, interval_s, time_s = self._timed(rate.t_ns, rate.interval_s, wheels=False)
         self._temperature(time_s, temperature_c, standing)
@@ -112,7 +112,7 @@ class Compensation:
         return CalibratedRate(end_ns, interval_s, true_rad_s, math.sqrt(variance))
 
     def wheels(self, sample: WheelSample, heading_rad: float) -> WheelSample:
-        """The true travel, at its true time; `lateral_m_s` is the body's. (51)"""
+        """The true travel, at its true time; `lateral_m_s` is the body's. (39)"""
         m, self.outside = self._m, False
         end_ns, interval_s, time_s = self._timed(sample.t_ns, sample.interval_s, wheels=True)
         m.time_s[0] = time_s = time_s - 0.5 * interval_s
@@ -171,7 +171,7 @@ class Compensation:
         """Speed and acceleration if the mean of both wheels is `mean`; returns the speed at the sample's end.
 
         The acceleration is such that speed times acceleration adds up to half the change of the squared speed: slip
-        at a start and in the stop after it cancel, as they do in truth, and no delay piles up. (51)
+        at a start and in the stop after it cancel, as they do in truth, and no delay piles up. (39)
         """
         m, begin = self._m, self._end_m_s
         end = (mean - (1.0 - END_WEIGHT) * begin) / END_WEIGHT
@@ -186,7 +186,7 @@ class Compensation:
     def _solve(
         self, term: LiveTerm, errors: Callable[[], Errors], channels: tuple[Array, ...], reading: Errors
     ) -> Errors:
-        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (51)"""
+        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (39)"""
         x, off, old_x, old_off = reading, reading, reading, reading
         for i in range(ROUNDS + 1):
             for channel, value in zip(channels, x, strict=True):
@@ -213,7 +213,7 @@ class Compensation:
         return found
 
     def _variance(self, term: LiveTerm) -> float:
-        """What the parameters' spread adds, and, outside the range seen, what the clip left out. (52)"""
+        """What the parameters' spread adds, and, outside the range seen, what the clip left out. (40)"""
         if not term.clip.is_bounded:
             return term.gyro_variance()
         free = term.gyro()[0]

@@ -9,7 +9,7 @@ Made from the modules of this folder by `python -m drd.effects`; do not edit. An
 serves simulator, compensation and diagnosis.
 
 Signs are those of REP-103: a left turn is positive, forward is positive, to the left is positive. e is what a sensor
-reads too much, w the yaw rate, v the forward speed, T the gyro's temperature, B the tread; `-+` is - for the left and +
+reads too much, w the yaw rate, v the forward speed, T the gyro's temperature, D the tread; `-+` is - for the left and +
 for the right wheel. Ranges are of sizes; ± is written where either sign may come. What removal leaves is a share of the
 effect, on samples at 10 and 20 Hz. Effects act in the order of the table, each on what the ones before it left: first
 body and wheels, then gyro, then timing, then readout.

@@ -23,7 +23,7 @@ class TerrainTread(Effect):
 
     id = "terrain_tread"
     acts_on = ActsOn.WHEELS
-    formula = "reading = (1 + gain) v -+ (1 + tread) B w / 2 for t0 <= t < t1"
+    formula = "reading = (1 + gain) v -+ (1 + tread) D w / 2 for t0 <= t < t1"
     source = "Mandow et al., IROS 2007: instantaneous centres of rotation per ground"
     parameters = (
         START,

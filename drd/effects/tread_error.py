@@ -9,7 +9,7 @@ class TreadError(Effect):
 
     id = "tread_error"
     acts_on = ActsOn.WHEELS
-    formula = "reading = v -+ (1 + k) B w / 2"
+    formula = "reading = v -+ (1 + k) D w / 2"
     source = "Borenstein and Feng, UMBmark (1996): E_b"
     parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3),)
     driver = "yaw_rate"

@@ -41,13 +41,13 @@ class Agreement:
             if self._rejections < self._limit:
                 return True
             kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
-            # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (16)
+            # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (18)
             before_m, self._slipped_m = self._slipped_m, self._slipped_m + 0.5 * kf.nominal.tread_m * abs(kf.z)
             kf.add_position_variance(self._slipped_m**2 - before_m**2)
             self._counters["released"] += 1
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
-                # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (24)
+                # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (35)
                 kf.anchor_wheels()
                 outcome = kf.update(track.rate_rad_s)
         track.rejected_rad = 0.0

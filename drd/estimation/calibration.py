@@ -21,7 +21,7 @@ Row12 = Annotated[tuple[float, ...], "12 finite numbers", Meta(min_length=12, ma
 Residual = Annotated[float, "deg/s", Meta(ge=0)]
 # Of a gyro that was calibrated at one temperature only: Table I, peak to peak over -40 to 75 degC.
 BIAS_SLOPE_DEG_S_C, SCALE_SLOPE_PER_C = 0.2 / 115.0, 0.02 / 115.0
-# What a cubic leaves changes over an eighth of the range of rates, about the distance between its zeros. (42)
+# What a cubic leaves changes over an eighth of the range of rates, about the distance between its zeros. (23)
 RATE_LENGTHS = 8.0
 
 
@@ -56,9 +56,9 @@ class Calibration:
         return low <= sample.rate_rad_s * DEG_PER_RAD <= high and cold <= sample.temperature_c <= warm
 
     def correct(self, sample: GyroSample) -> CalibratedRate:
-        """Equation (6). Outside the range the correction stays at the border's value and its sigma widens. (28)
+        """Equation (6). Outside the range the correction stays at the border's value and its sigma widens. (21)
 
-        Sigma is of the rate's error beyond the error at rest, which a measured bias takes off. (42)
+        Sigma is of the rate's error beyond the error at rest, which a measured bias takes off. (23)
         """
         rate, temperature = sample.rate_rad_s * DEG_PER_RAD, sample.temperature_c
         (low, high), (cold, warm) = self.rate_range_deg_s, self.temperature_range_c
@@ -71,20 +71,20 @@ class Calibration:
         error = self.error_deg_s(w, T)
         variance, power = 0.0, 1.0
         for v0, v1, v2, v3, v4 in self._variance_rows:
-            variance += (v0 + (v1 + (v2 + (v3 + v4 * T) * T) * T) * T) * power  # (31)
+            variance += (v0 + (v1 + (v2 + (v3 + v4 * T) * T) * T) * T) * power  # (22)
             power *= w
         variance = max(variance, 0.0) + self.residual_deg_s**2
         lengths = RATE_LENGTHS * w / (high - low)
-        variance *= -2.0 * math.expm1(-0.5 * lengths * lengths)  # (42)
+        variance *= -2.0 * math.expm1(-0.5 * lengths * lengths)  # (23)
         if spread_c or w != rate:
             slope_c, slope_w = self._slopes(w, T, error)
-            variance += (slope_c * spread_c) ** 2 + (slope_w * (rate - w)) ** 2  # (28)
+            variance += (slope_c * spread_c) ** 2 + (slope_w * (rate - w)) ** 2  # (21)
         return CalibratedRate(
             sample.t_ns, sample.interval_s, sample.rate_rad_s - error * RAD_PER_DEG, math.sqrt(variance) * RAD_PER_DEG
         )
 
     def _slopes(self, w: float, T: float, error: float) -> tuple[float, float]:
-        """de/dT and de/dw at the border, taken inwards. (28)"""
+        """de/dT and de/dw at the border, taken inwards. (21)"""
         (low, high), (cold, warm) = self.rate_range_deg_s, self.temperature_range_c
         step_c, step_w = 0.01 * (warm - cold), 0.01 * (high - low)
         inwards_c = -step_c if T + step_c > warm else step_c
@@ -96,7 +96,7 @@ class Calibration:
 
     @functools.cached_property
     def _variance_rows(self) -> tuple[tuple[float, ...], ...]:
-        """x^T C x multiplied out once: for each power 0..6 of w the coefficients of T^0..T^4. (31)"""
+        """x^T C x multiplied out once: for each power 0..6 of w the coefficients of T^0..T^4. (22)"""
         if not self.covariance:
             return ()
         rows = np.zeros((7, 5))

@@ -1,4 +1,4 @@
-"""Headings that drift apart too slowly for the gate: another ground, or one of the sensors. (16)"""
+"""Headings that drift apart too slowly for the gate: another ground, or one of the sensors. (18)"""
 
 import math
 from collections import deque

@@ -187,7 +187,7 @@ class Estimator:
             return
         self.reasons.clear("bias")
         if bias.state is BiasState.DONE:
-            kf.set_gyro_bias(-kf.nominal.gyro_scale * bias.bias_rad_s, bias.sigma_rad_s)  # (11), (27)
+            kf.set_gyro_bias(-kf.nominal.gyro_scale * bias.bias_rad_s, bias.sigma_rad_s)  # (11), (28)
             self.counters["bias_measured"] += 1
             self.bias_known = True
         elif not self.bias_known:
@@ -290,7 +290,7 @@ class Estimator:
         return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
 
     def _lead(self, track: Track) -> Lead:
-        """From the time that the wheels' newest samples are about to the time at which they came. (65)"""
+        """From the time that the wheels' newest samples are about to the time at which they came. (30)"""
         lag_ns = track.lag_ns
         if lag_ns <= 0:
             return Lead(0.0, 0.0, 0.0, self.steering.scale)

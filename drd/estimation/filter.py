@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from drd.estimation.noise import NoiseProfile
 
-# The error state x, computed minus true (equation 13's order, then (65) and (68); REP-103 axes).
+# The error state x, computed minus true (8), in the order of (13), then (30) and (33); REP-103 axes.
 X: Final = 0  # m, forward at heading 0
 Y: Final = 1  # m, left at heading 0
 HEADING: Final = 2  # rad, from the wheels
@@ -44,7 +44,7 @@ YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
 RL = SCALE_R * N + SCALE_L
 HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
-# A slowly varying rate error of this correlation time acts on the heading as white noise does. (21)
+# A slowly varying rate error of this correlation time acts on the heading as white noise does. (26)
 RATE_ERROR_CORRELATION_S: Final = 20.0
 # A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
 CHANGE_SIGMAS2: Final = 18.0
@@ -133,7 +133,7 @@ class Filter:
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
         self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
-        self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (20)
+        self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (25)
         self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
         self._along_gyro = along_gyro
         self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
@@ -231,13 +231,13 @@ class Filter:
         left_jump, right_jump = left_m_s - self._left_m_s, right_m_s - self._right_m_s
         self._left_m_s, self._right_m_s = left_m_s, right_m_s
         jumps = left_jump * left_jump + right_jump * right_jump
-        self._jitter = self.noise.jitter_s2 * (jumps / (D * D) + lag * lag)  # (20)
+        self._jitter = self.noise.jitter_s2 * (jumps / (D * D) + lag * lag)  # (25)
         if self._p[VV]:  # nobody who does not slip pays for it
-            drift = U * turn / dt_s  # (68)
+            drift = U * turn / dt_s  # (33)
             self._f[X_SLIP], self._f[Y_SLIP] = -drift * s, drift * c
             lateral_m += n.slip_s * drift
         if lateral_m:
-            step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (50)
+            step_x, step_y = step_x - lateral_m * s, step_y + lateral_m * c  # (32)
         n.x_m += step_x  # (7)
         n.y_m += step_y  # (7)
         rows = self._rows_along_gyro if along_gyro else self._rows_along_wheels
@@ -247,7 +247,7 @@ class Filter:
         self._propagate()
 
     def _propagate(self) -> None:
-        """The covariance after a step. (18)"""
+        """The covariance after a step. (16)"""
         P = self.P
         P.dot(self._FT, self._PFT)
         self._F_and_I.dot(self._PFT_and_Q, P)
@@ -263,7 +263,7 @@ class Filter:
         change = turn / dt_s - self.rate_rad_s
         if change * change * dt_s > CHANGE_SIGMAS2 * self.noise.gyro_rad2_per_s:
             self.rate_rad_s += change
-            f[G_LAG] = -change  # (65)
+            f[G_LAG] = -change  # (30)
             self._F_has_lag = True
             return -change
         if self._F_has_lag:
@@ -274,7 +274,7 @@ class Filter:
     def _rows_along_gyro(
         self, dt_s: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
     ) -> tuple[float, float]:
-        """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (13)
+        """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (9), (13)
 
         `arm` is half the tread, `bend` the midpoint's share. Returns the ways that the left and the right wheel have
         gone for this turn.
@@ -285,7 +285,7 @@ class Filter:
         arm = 0.5 * D
         arm_x, arm_y, bend_x, bend_y = arm * c, arm * s, -self._half * step_y, self._half * step_x
         # The relative error of the tread stays, not that in metres: then scales and tread, all too large alike, remain
-        # the direction of which no comparison tells, whatever the tread is estimated to be meanwhile. (29)
+        # the direction of which no comparison tells, whatever the tread is estimated to be meanwhile. (15)
         f[DD], self._last_tread_m = D / self._last_tread_m, D
         f[H_SCALE_R], f[H_SCALE_L], f[H_TREAD] = per_right, per_left, -turn / D
         f[X_GYRO], f[Y_GYRO] = -step_y, step_x
@@ -330,7 +330,7 @@ class Filter:
         self._F_has_gyro = self._F_has_lag = False
 
     def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
-        """The step's turn from both sensors, each weighted by its variance: where F is taken. (29)
+        """The step's turn from both sensors, each weighted by its variance: where F is taken. (15)
 
         Wheels that stand have no noise, so that at rest the turn is theirs: none.
         """
@@ -354,7 +354,7 @@ class Filter:
         s: float,
         bend: float,
     ) -> None:
-        """Map the noise of a step into Q: wheel noise moves position and heading together. (19)
+        """Map the noise of a step into Q: wheel noise moves position and heading together. (24)
 
         `c`, `s`: cosine and sine of the step's heading; `bend`: the midpoint's share of the travel, m.
         """
@@ -392,11 +392,11 @@ class Filter:
         q[RR] = k.wheel_scale_per_m * right_m + scale
         q[LL] = k.wheel_scale_per_m * left_m + scale
         q[DD] = k.tread_m2_per_rad * turn_rad + k.tread_m2_per_s * dt_s
-        # While the robot turns, the gyro's heading at the wheels' time goes with the lag. (65)
+        # While the robot turns, the gyro's heading at the wheels' time goes with the lag. (30)
         lag_walk = k.wheel_lag_s2_per_s * dt_s * self._estimate_lag
         swept = self.rate_rad_s * lag_walk
         q[TT], q[GT], q[TG] = lag_walk, -swept, -swept
-        gyro = k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma  # (21)
+        gyro = k.gyro_rad2_per_s + 2.0 * RATE_ERROR_CORRELATION_S * rate_sigma * rate_sigma  # (26)
         q[GG] = gyro * dt_s + self.rate_rad_s * swept
         q[SS] = k.gyro_scale_per_s * dt_s * self._estimate_gyro_scale
         q[BB] = k.gyro_bias_rad2_s2_per_s * dt_s
@@ -410,16 +410,16 @@ class Filter:
         z = n.heading_rad - n.gyro_heading_rad  # (14)
         np.subtract(self._P_wheels, self._P_gyro, PH)  # P H^T, from rows since P is symmetric
         x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = ph = PH.tolist()
-        R = self.noise.comparison_rad2 + self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
-        S = heading - gyro_heading + R  # (15)
+        R = self.noise.comparison_rad2 + self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
+        S = heading - gyro_heading + R  # (17)
         self.z, self.S = z, S
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
         k = z / S
         # No evidence for a robot without a tread is believed, however wide the gate; negative, it would break F and Q.
-        if z * z > self._gate2 * S or tread * k >= n.tread_m:  # (16)
+        if z * z > self._gate2 * S or tread * k >= n.tread_m:  # (18)
             return Outcome.REJECTED
-        n.x_m -= x * k  # (23)
+        n.x_m -= x * k  # (20)
         n.y_m -= y * k
         n.heading_rad -= heading * k
         n.scale_right += scale_right * k
@@ -434,7 +434,7 @@ class Filter:
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
-        P -= T  # (17)
+        P -= T  # (19)
         self._updates += 1
         if self._updates % UPDATES_PER_SYMMETRISATION == 0:
             np.add(P, self._PT, T)
@@ -442,7 +442,7 @@ class Filter:
         return Outcome.ACCEPTED
 
     def _limit_lag(self) -> None:
-        """In place of a lag that cannot be, the likeliest state with the nearest that can. (65)"""
+        """In place of a lag that cannot be, the likeliest state with the nearest that can. (30)"""
         n, column = self.nominal, self.P[WHEEL_LAG].tolist()
         nearest_s = min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
         k = (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG]
@@ -458,12 +458,12 @@ class Filter:
         n.wheel_lag_s = nearest_s
 
     def anchor_gyro(self) -> None:
-        """The gyro was not there: its heading continues from the wheels' and shares their error. (24)"""
+        """The gyro was not there: its heading continues from the wheels' and shares their error. (35)"""
         self.nominal.gyro_heading_rad = self.nominal.heading_rad
         self._copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
-        """The wheels were not there: their heading continues from the gyro's and shares its error. (24)"""
+        """The wheels were not there: their heading continues from the gyro's and shares its error. (35)"""
         self.nominal.heading_rad = self.nominal.gyro_heading_rad
         self._copy_error(GYRO_HEADING, HEADING)
 
@@ -472,12 +472,12 @@ class Filter:
         self.P[:, target] = self.P[:, source]
 
     def add_position_variance(self, variance_m2: float) -> None:
-        """Widen the position by motion that was not seen, up to where it means "anywhere". (25)"""
+        """Widen the position by motion that was not seen, up to where it means "anywhere". (36)"""
         for i in (XX, YY):
             self._p[i] += min(variance_m2, max(0.0, POSITION_UNKNOWN_M2 - self._p[i]))
 
     def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
-        """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (25)"""
+        """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (36)"""
         added = min(variance_rad2, max(0.0, HEADING_UNKNOWN_RAD2 - self._p[HH]))
         for i in (HH, GG, HG, GH) if both else (HH,):
             self._p[i] += added
@@ -488,7 +488,7 @@ class Filter:
 
     def add_scale_variance(self, common: float, difference: float) -> None:
         """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
-        one against the other. (69)
+        one against the other. (34)
         """
         n, g = self.nominal, np.zeros(N)
         g[X], g[Y] = n.x_m - n.origin_x_m, n.y_m - n.origin_y_m
@@ -503,13 +503,13 @@ class Filter:
         self._p[DD] += variance_m2
 
     def add_lag_variance(self, variance_s2: float) -> None:
-        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (65)"""
+        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (30)"""
         g = np.zeros(N)
         g[WHEEL_LAG], g[GYRO_HEADING] = 1.0, -self.rate_rad_s
         self.P += variance_s2 * np.outer(g, g)
 
     def add_slip_variance(self, variance_s2: float) -> None:
-        """The robot may slip sideways from now on. (68)"""
+        """The robot may slip sideways from now on. (33)"""
         self.P[SLIP, SLIP] += variance_s2
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:

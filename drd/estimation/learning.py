@@ -57,7 +57,7 @@ class Learned:
 
 class RestNoise:
     """The gyro's angle random walk N from means of its rate over blocks at rest: half the mean square difference of
-    neighbouring blocks, as the Allan variance has it. (66)
+    neighbouring blocks, as the Allan variance has it. (29)
 
     `variance_rad2_per_s` is N^2, never below the stated one.
     """
@@ -119,7 +119,7 @@ class RestNoise:
 
 
 class VarianceFactor:
-    """How many times larger the variance of one cause is than stated: maximum likelihood from innovations. (67)
+    """How many times larger the variance of one cause is than stated: maximum likelihood from innovations. (31)
 
     The others' share in S is taken as it is; memory fades. `factor` is from 1 to what makes the variance `largest`;
     `first`: the variance that is assumed at first, if larger than the stated one.

@@ -22,7 +22,7 @@ SKID_TREAD_PER_SQRT_RAD = 0.01
 
 @dataclass(slots=True, kw_only=True)
 class NoiseProfile:
-    """Variance that each cause adds, per metre travelled, radian turned and second passed. (19)
+    """Variance that each cause adds, per metre travelled, radian turned and second passed. (24)
 
     A step of any length gets its share, so the filter's growth does not depend on the rate of the sensors.
     """
@@ -33,7 +33,7 @@ class NoiseProfile:
     position_m2_per_s: float = 0.0
     turn_rad2_per_rad: float = 0.0
     turn_rad2_per_s: float = 0.0
-    wheel_scale_per_m: float = 0.0
+    wheel_scale_per_m: float = 0.0  # (10)
     wheel_scale_per_s: float = 0.0
     tread_m2_per_rad: float = 0.0
     tread_m2_per_s: float = 0.0
@@ -43,13 +43,13 @@ class NoiseProfile:
     wheel_lag_s2_per_s: float = 0.0
     gyro_bias_restart_rad2_s2: float = 0.0  # once, when the gyro comes back after a silence
     count_m2: float = 0.0  # of a reading between two counts
-    comparison_rad2: float  # R = this + (rate * timing)^2  (20)
+    comparison_rad2: float  # R = this + (rate * timing)^2  (25)
     timing_s2: float = 0.0
-    jitter_s2: float = 0.0  # of the wheels' time from one change of speed to the next  (20)
+    jitter_s2: float = 0.0  # of the wheels' time from one change of speed to the next  (25)
 
 
 def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
-    """The profile of data-sheet numbers; `resolution_m` is one encoder count. (19), (20)"""
+    """The profile of data-sheet numbers; `resolution_m` is one encoder count. (24), (25)"""
     return NoiseProfile(
         wheel_m2_per_m=noise.wheel_m_per_sqrt_m**2,
         lateral_m2_per_m=noise.lateral_m_per_sqrt_m**2,
@@ -70,7 +70,7 @@ def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoisePr
 
 
 def paper() -> NoiseProfile:
-    """The printed Q and R of the paper's section 3.3, per odometry step of 50 ms and gyro step of 100 ms. (22)
+    """The printed Q and R of the paper's section 3.3, per odometry step of 50 ms and gyro step of 100 ms. (27)
 
     EQUATIONS.md says how ten printed values map to nine states.
     """
@@ -93,7 +93,7 @@ def make_noise(profile: str, noise: Noise, tread_m: float, resolution_m: float =
 
 
 def skid_steer(noise: NoiseProfile, tread_m: float) -> NoiseProfile:
-    """The profile with at least the noise of wheels that have to slip sideways in each turn. (68)"""
+    """The profile with at least the noise of wheels that have to slip sideways in each turn. (33)"""
     least = NoiseProfile(
         comparison_rad2=0.0,
         wheel_m2_per_m=SKID_WHEEL_M_PER_SQRT_M**2,

@@ -23,7 +23,7 @@ HEADING_LOST_RAD = 1.5
 
 class Lead(NamedTuple):
     """The step from the track to the time of its newest samples, and how much less the wheels' way is known than P
-    has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (65), (69)
+    has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (30), (34)
     """
 
     lag_s: float

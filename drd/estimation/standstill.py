@@ -50,7 +50,7 @@ class Standstill:
 
 
 class BiasMeasurement:
-    """Averages calibrated rates that the encoders have confirmed as standstill. (27)
+    """Averages calibrated rates that the encoders have confirmed as standstill. (28)
 
     `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more.
     """
@@ -115,7 +115,7 @@ class BiasMeasurement:
             self.sigma_rad_s = self.sigma_after_rad_s(self._sum_s)
 
     def sigma_after_rad_s(self, averaged_s: float) -> float:
-        """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (27)"""
+        """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (28)"""
         return math.sqrt(self.rest_noise.variance_rad2_per_s / averaged_s)
 
     def take_pending(self) -> list[CalibratedRate]:

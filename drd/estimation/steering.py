@@ -15,7 +15,7 @@ TAPE_PART: Final = 0.05
 
 
 class Steering:
-    """The kind of drive, as stated or found out. (69)
+    """The kind of drive, as stated or found out. (34)
 
     While it is unknown, `scale` is the standard deviation of the scale of all ways beyond what P has.
     """

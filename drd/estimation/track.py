@@ -33,7 +33,7 @@ class Track:
     no_gyro_s: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
     gyro_ns: int = 0  # the time of the gyro up to which its rates have been used
-    # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (65)
+    # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (30)
     _regained_s: float = 0.0
     _regained_rad: float = 0.0
     _lag_s: float = 0.0  # of `lag_ns`
@@ -80,7 +80,7 @@ class Track:
 
     @property
     def lag_ns(self) -> int:
-        """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (65)"""
+        """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (30)"""
         lag_s = self.kf.nominal.wheel_lag_s
         if lag_s != self._lag_s:  # asked for many times between two comparisons, which alone change it
             self._lag_s = lag_s
@@ -112,12 +112,12 @@ class Track:
             self.unseen_s = self.blind_s = 0.0
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)
             if not gyro:
-                kf.anchor_gyro()  # (24)
+                kf.anchor_gyro()  # (35)
                 self.no_gyro_s += dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
                     self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
             elif self.gyro_heading and (left_m_s or right_m_s):  # wheels that stand are believed
-                kf.anchor_wheels()  # (24)
+                kf.anchor_wheels()  # (35)
         else:
             self._unseen(dt_s, blind=gyro is None)
 
@@ -129,7 +129,7 @@ class Track:
         return n.gyro_bias_rad_s * self._regained_s - n.gyro_scale * rates.integral(self.gyro_ns, from_ns)
 
     def _unseen(self, dt_s: float, blind: bool) -> None:
-        """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (25)"""
+        """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (36)"""
         speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
         self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
         self.unseen_s += dt_s
@@ -137,7 +137,7 @@ class Track:
             self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
             self.blind_s += dt_s
         else:
-            self.kf.anchor_wheels()  # (24)
+            self.kf.anchor_wheels()  # (35)
 
 
 def make_track(

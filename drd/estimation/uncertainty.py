@@ -5,15 +5,15 @@ import math
 from drd.estimation.filter import BB, DD, LL, RL, RR, SS, Filter
 from drd.estimation.noise import NoiseProfile
 
-# How much a robot that is not seen may accelerate and turn. (25)
+# How much a robot that is not seen may accelerate and turn. (36)
 UNSEEN_ACCELERATION_M_S2 = 1.0
 UNSEEN_TURN_RAD_S2 = 0.5
-# Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (26)
+# Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (37)
 BOUND_SIGMAS = math.sqrt(9.210340371976182)
 
 
 def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: float) -> float:
-    """Variance that the next `dt_s` of unseen motion add: sigma(t) = speed t + acceleration t^2 / 2. (25)"""
+    """Variance that the next `dt_s` of unseen motion add: sigma(t) = speed t + acceleration t^2 / 2. (36)"""
     before = unseen_s * (speed + 0.5 * acceleration * unseen_s)
     after_s = unseen_s + dt_s
     after = after_s * (speed + 0.5 * acceleration * after_s)
@@ -21,7 +21,7 @@ def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: floa
 
 
 def position_bound_m(covariance: tuple[float, float, float, float, float, float]) -> float:
-    """Radius that holds 99 % of a Gaussian position error, from the worst axis. (26)"""
+    """Radius that holds 99 % of a Gaussian position error, from the worst axis. (37)"""
     xx, xy, _, yy, _, _ = covariance
     half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
     worst = half + math.hypot(difference, xy)
@@ -31,10 +31,10 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 def covariance_after(
     kf: Filter, lag_s: float, speed_m_s: float, rate_rad_s: float, heading_rad: float, scale: float
 ) -> tuple[float, float, float, float, float, float]:
-    """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (26)
+    """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (37)
 
     A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error. `scale`:
-    standard deviation of the scale of all ways beyond P's. (65), (69)
+    standard deviation of the scale of all ways beyond P's. (30), (34)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n = kf.noise, kf.nominal
@@ -55,7 +55,7 @@ def covariance_after(
 
 
 def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_s: float) -> float:
-    """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (30)"""
+    """Of the mean speed over a wheel sample of `interval_s`: two wheels' noise and scales, time stamps. (38)"""
     travel = 0.5 * noise.wheel_m2_per_m * abs(speed_m_s) / interval_s
     count = noise.count_m2 / interval_s**2
     timing = 2.0 * noise.timing_s2 / interval_s**2  # both ends of the interval
@@ -65,7 +65,7 @@ def speed_sigma_m_s(kf: Filter, noise: NoiseProfile, speed_m_s: float, interval_
 
 
 def rate_sigma_rad_s(kf: Filter, noise: NoiseProfile, rate_rad_s: float, interval_s: float, gyro: bool) -> float:
-    """Of the mean yaw rate over the sample of `interval_s` that it came from, a gyro's or the wheels'. (30)"""
+    """Of the mean yaw rate over the sample of `interval_s` that it came from, a gyro's or the wheels'. (38)"""
     p, rate2 = kf.flat_P, rate_rad_s * rate_rad_s
     if gyro:
         variance = noise.gyro_rad2_per_s / interval_s + p[BB]

@@ -105,7 +105,7 @@ def _counts_from_start(effect: Effect) -> bool:
     return effect.channel == "gyro" and ("time" in effect.driver or "temperature" in effect.driver)
 
 
-def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pipeline) -> None:  # (62)
+def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pipeline) -> None:  # (41)
     """Random walks over the time off, a gyro that was perhaps switched off, other load; at most a cold start's."""
     s, k, settings = pipeline.estimator.sigmas, pipeline.estimator.noise, config.state
 
@@ -124,8 +124,8 @@ def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pi
         kf.P[i, i] += min(variance, max(0.0, cold**2 - kf.P[i, i]))
 
 
-def _widen_pose(kf: Filter, then: Estimate, unseen_s: float, position_m: float, heading_rad: float) -> None:  # (62)
-    """The robot may have been pushed; and if it was not seen to stand, it drove on. (25)"""
+def _widen_pose(kf: Filter, then: Estimate, unseen_s: float, position_m: float, heading_rad: float) -> None:  # (41)
+    """The robot may have been pushed; and if it was not seen to stand, it drove on. (36)"""
     kf.add_position_variance(position_m**2)
     kf.add_heading_variance(heading_rad**2, both=True)
     speed, rate = abs(then.speed_m_s), abs(then.rate_rad_s)

@@ -42,7 +42,7 @@ class Fit:
 
 
 def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit:
-    """Least squares with the gyro as regressor, since it is far more exact than the wheels.  # (44), (45)
+    """Least squares with the gyro as regressor, since it is far more exact than the wheels.  # (43), (44)
 
     Angles, shape (n,) each: (right - left)/tread, (right + left)/tread and the gyro's. The ratio is held between
     `low` and `high`. The asymmetry has a weak prior, for drives in which travel and turn go together.

@@ -86,7 +86,7 @@ def judge(
 ) -> list[Finding]:
     """All findings, in the order in which people look for them. Times must rise within each sensor's samples.
 
-    Equations (43) to (46). It takes about 0.1 s for an hour of samples.
+    Equations (42) to (45). It takes about 0.1 s for an hour of samples.
     """
     said = said or Statement()
     if not wheels or (robot.has_gyro and not gyro):
@@ -150,7 +150,7 @@ def _gyro_is_small(turns: _Turns) -> bool:
 
 
 def _way(senses: Senses) -> tuple[bool, bool]:
-    """As configured, unless another way is clearly better.  # (44)"""
+    """As configured, unless another way is clearly better.  # (43)"""
     best, configured = senses.best(), (False, False)
     cost = senses.fits[configured].cost
     return best if cost > CLEARLY * senses.fits[best].cost + SLACK_RAD**2 else configured
@@ -213,7 +213,7 @@ def _unrelated(turns: _Turns, chosen: Fit) -> list[Finding]:
 
 
 def _asymmetry(turns: _Turns, chosen: Fit) -> Finding:
-    """One side's counts against the other's.  # (45)"""
+    """One side's counts against the other's.  # (44)"""
     k, sigma = chosen.asymmetry, chosen.asymmetry_sigma
     straight_m = float(np.abs(turns.travel).sum()) * turns.tread_m / 2.0
     if sigma > KNOWN or straight_m < ENOUGH_TREADS * turns.tread_m or turns.are_few:

@@ -89,7 +89,7 @@ def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
 
 
 def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: float = 0.0) -> Windows:
-    """Cut the time that both have seen into windows of WINDOW_S; the gyro's times are taken `lag_s` earlier.  # (43)
+    """Cut the time that both have seen into windows of WINDOW_S; the gyro's times are taken `lag_s` earlier.  # (42)
 
     The bias is the median rate where neither wheel moved by more than `still_m`. Without a gyro its angles are 0.
     """
@@ -114,7 +114,7 @@ def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: flo
 
 
 def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
-    """The gyro's lag behind `left` times left plus `right` times right travel; None where it cannot be seen.  # (46)
+    """The gyro's lag behind `left` times left plus `right` times right travel; None where it cannot be seen.  # (45)
 
     The shift with the largest correlation of the two rates, between shifts by a parabola.
     """

@@ -35,7 +35,7 @@ def write(folder: Path, data: object) -> Path:
 
 
 def beyond_rest(rate_deg_s: float) -> float:
-    """What the difference to the error at rest has of the error's sigma; the range is 180 deg/s. (42)"""
+    """What the difference to the error at rest has of the error's sigma; the range is 180 deg/s. (23)"""
     return math.sqrt(-2.0 * math.expm1(-0.5 * (rate_deg_s / 22.5) ** 2))
 
 

@@ -130,7 +130,7 @@ def test_raw_and_scaled_powers_say_the_same_and_scaling_is_why_it_is_well_condit
 
 
 def beyond_rest(fitted: ErrorFunction, rate_deg_s: float) -> float:
-    """What the difference to the error at rest has of the error's sigma. (42)"""
+    """What the difference to the error at rest has of the error's sigma. (23)"""
     low, high = fitted.rate_range_deg_s
     return math.sqrt(-2.0 * math.expm1(-0.5 * (8.0 * rate_deg_s / (high - low)) ** 2))
 

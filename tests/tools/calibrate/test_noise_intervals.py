@@ -43,7 +43,7 @@ def coverage(found: list[dict[int, Interval]], truth: dict[str, float], term: in
 def test_ninety_percent_intervals_cover_the_truth(truth: dict[str, float], term: int) -> None:
     found = found_over_seeds(truth, (term,), 30)
     # 27 of 30 are expected, with a standard deviation of 1.6; 30 may happen by chance (4 %), not in these seeds. For
-    # the quantisation, which the filter does not use, they are too narrow: 86 % in 240 logs. (35)
+    # the quantisation, which the filter does not use, they are too narrow: 86 % in 240 logs. (49)
     assert (0.70 if term == Q else 0.80) <= coverage(found, truth, term) <= 0.98
     assert np.mean([i[term].is_visible for i in found]) > 0.8
 

@@ -178,7 +178,7 @@ def test_each_source_goes_to_its_own_cause() -> None:
 
 
 def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
-    """(48) against a state that is augmented by a copy of the pose: exact, whatever was known badly by then."""
+    """(59) against a state that is augmented by a copy of the pose: exact, whatever was known badly by then."""
     start_ns, at = 4_000_000_000, 80
     kf, stretch = tapped(from_s=start_ns * 1e-9)
     A = np.zeros((N + 3, N + 3))
@@ -216,7 +216,7 @@ def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
 
 
 def test_parts_are_the_conditional_means_of_a_dense_gaussian() -> None:
-    """(49) against one large Gaussian of all that is random, conditioned on the comparisons at once."""
+    """(60) against one large Gaussian of all that is random, conditioned on the comparisons at once."""
     random = np.random.default_rng(5)
     first, second = causes.TREAD_START, causes.GYRO_SCALE_START  # two groups; a third brings the comparisons' noise
     budget, parts = Budget(), Parts()
@@ -270,7 +270,7 @@ def test_parts_are_the_conditional_means_of_a_dense_gaussian() -> None:
 
 
 def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
-    """The same drive with a gyro that is 10 ms late, less the drive without: what the linearisation says, (47)."""
+    """The same drive with a gyro that is 10 ms late, less the drive without: what the linearisation says, (58)."""
 
     step_s = 0.25 * STEP_S
 

@@ -50,7 +50,7 @@ def mean_over_lengths(limit: Limit) -> float:
 
 @pytest.mark.parametrize(("speed_m_s", "percent"), [(1.0, 0.034), (10.0, 0.011)])
 def test_angle_random_walk_alone_is_that_of_the_closed_form(speed_m_s: float, percent: float) -> None:
-    """N sqrt(L / (3 v)) of the way, (73); the table's figure is its mean over 100 to 800 m."""
+    """N sqrt(L / (3 v)) of the way, (64); the table's figure is its mean over 100 to 800 m."""
     noise = NoiseProfile(gyro_rad2_per_s=N_01**2, comparison_rad2=DEAF)
     limit = limit_on(straight(speed_m_s, step_s=1.0 / speed_m_s), Known(noise, PERFECT, ""))
     lengths_m = np.arange(100.0, 801.0, 100.0)
@@ -64,7 +64,7 @@ def test_angle_random_walk_alone_is_that_of_the_closed_form(speed_m_s: float, pe
     [(1.0, 10.0, 0.207), (1.0, 120.0, 0.060), (1.0, 600.0, 0.027), (10.0, 10.0, 0.021), (10.0, 120.0, 0.006)],
 )
 def test_a_bias_from_rest_is_that_of_the_closed_form(speed_m_s: float, rest_s: float, percent: float) -> None:
-    """b L / (2 v) of the way with b = N / sqrt(T), (27), (73)."""
+    """b L / (2 v) of the way with b = N / sqrt(T), (28), (64)."""
     known = Known(NoiseProfile(comparison_rad2=DEAF), replace(PERFECT, gyro_bias_rad_s=N_01 / math.sqrt(rest_s)), "")
     limit = limit_on(straight(speed_m_s, step_s=1.0 / speed_m_s), known)
     assert mean_over_lengths(limit) == pytest.approx(percent, abs=0.0006)

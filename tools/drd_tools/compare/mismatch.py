@@ -92,7 +92,7 @@ def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Sensitivity:
 
 
 def mismatches(e: Evidence, path: Path, model: Sensitivity, bias_rad_s: float) -> dict[str, Array]:
-    """Recorded less simulated increments of each channel, (n,) each, rad or m. (53)"""
+    """Recorded less simulated increments of each channel, (n,) each, rad or m. (65)"""
     forward, sideways, turn = path.steps()
     half = 0.5 * e.tread_m
     shorter, aside = within_steps(e, turn)

@@ -1,4 +1,4 @@
-"""What noise alone does to each channel: nominal recordings, simulated along the same path and treated alike. (53)"""
+"""What noise alone does to each channel: nominal recordings, simulated along the same path and treated alike. (65)"""
 
 from collections.abc import Iterator
 from dataclasses import replace

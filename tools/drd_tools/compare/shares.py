@@ -1,4 +1,4 @@
-"""How much of a mismatch a curve of a driver foretells in blocks that it was not fitted to. (54)"""
+"""How much of a mismatch a curve of a driver foretells in blocks that it was not fitted to. (66)"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def _ridge(w: Whitened, columns: Array, width: float) -> Array:
 
 
 def left_over(X: Array, ridge: Array) -> Array:
-    """The matrix E (b, b): `E y` is what is left of y when each fold is foretold by the others. (54)"""
+    """The matrix E (b, b): `E y` is what is left of y when each fold is foretold by the others. (66)"""
     n = len(X)
     E = np.eye(n)
     for fold in np.array_split(np.arange(n), min(FOLDS, n)):

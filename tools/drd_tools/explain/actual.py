@@ -80,7 +80,7 @@ def actual_error(stretch: Stretch, reference: Reference, keep_s: tuple[float, ..
 
 
 def with_unknown_way(covariance: Array, ways: list[Array]) -> Array:
-    """The kept parts' covariance, with what the scale of all ways adds while the drive is not known. (69)"""
+    """The kept parts' covariance, with what the scale of all ways adds while the drive is not known. (34)"""
     ways_m = np.zeros((len(ways), len(GROUPS), 3))
     ways_m[:, GROUPS.index(CAUSES[SKID_SCALE].group)] = ways
     return covariance + np.outer(ways_m, ways_m)

@@ -28,7 +28,7 @@ class Attribution:
 
 
 def attribute(mean: Array, covariance: Array, own: Array, error: Array) -> Attribution:
-    """Share the error out. (49)
+    """Share the error out. (60)
 
     `mean` (m, g - 1, 3) and `covariance` (3 m (g - 1), 3 m (g - 1)) of the groups' parts in m poses, by the filter's
     comparisons; `own` (3 m, 3 m) of the reference; `error` (3 m,). Where their sum is singular, only the directions

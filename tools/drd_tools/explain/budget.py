@@ -27,14 +27,14 @@ class Budget:
 
     def predict(self, FT: Matrix, Q: Matrix, delay_rad: float) -> None:
         """`FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: what the delay adds to the gyro's heading."""
-        self._move(FT)  # (47)
+        self._move(FT)  # (58)
         self.P += Q
         self.delay[GYRO_HEADING] += delay_rad
         if self.parts is not None:
             self.parts.predict(FT, Q)
 
     def update(self, K: Matrix, R: npt.NDArray[np.float64], z: float) -> None:
-        """`K` (N,) is the filter's own gain, `R` (causes,) the variance of the comparison `z` by cause. (47)"""
+        """`K` (N,) is the filter's own gain, `R` (causes,) the variance of the comparison `z` by cause. (58)"""
         P = self.P
         HP = P[:, HEADING] - P[:, GYRO_HEADING]
         HPH = HP[:, HEADING] - HP[:, GYRO_HEADING]
@@ -47,7 +47,7 @@ class Budget:
             self.parts.update(K, R, z)
 
     def copy_error(self, source: int, target: int) -> None:
-        """One heading continues from the other and shares its error. (24)"""
+        """One heading continues from the other and shares its error. (35)"""
         FT = np.eye(N)
         FT[:, target] = FT[:, source]
         self._move(FT)
@@ -77,9 +77,9 @@ class Budget:
                     self.add(cause, i, j, float(covariance[i, j]))
 
     def rebase(self, pose_heading: int, velocity: Matrix) -> None:
-        """From now on errors count from the published pose of this moment. (48)
+        """From now on errors count from the published pose of this moment. (59)
 
-        `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (65)
+        `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (30)
         """
         FT = np.eye(N)
         other = GYRO_HEADING if pose_heading == HEADING else HEADING

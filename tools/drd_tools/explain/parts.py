@@ -33,12 +33,12 @@ class Parts:
         self._kept: Matrix = np.zeros((0, COUNT * N))  # covariance of what was kept with the parts now
 
     def predict(self, FT: Matrix, Q: Matrix) -> None:
-        """`FT` (N, N), `Q` (causes, N, N). (49)"""
+        """`FT` (N, N), `Q` (causes, N, N). (60)"""
         self.move(FT)
         self._add_blocks(np.add.reduceat(Q, FIRST, axis=0))
 
     def update(self, K: Array, R: Array, z: float) -> None:
-        """A comparison z was accepted: it is fed back with the gain `K` (N,), and it says something. (49)"""
+        """A comparison z was accepted: it is fed back with the gain `K` (N,), and it says something. (60)"""
         R = np.add.reduceat(R, FIRST)
         MT = np.eye(N)
         MT[HEADING] -= K

@@ -118,13 +118,13 @@ class Stretch:
         return max(getattr(self.clock, "lag_ns", 0), 0) * S_PER_NS
 
     def _velocity(self, kf: Filter) -> Matrix:
-        """Of x, y and heading, by which the published pose is ahead of the filter's for each second of lag. (65)"""
+        """Of x, y and heading, by which the published pose is ahead of the filter's for each second of lag. (30)"""
         speed_m_s, rate_rad_s = getattr(self.clock, "speed_m_s", 0.0), getattr(self.clock, "rate_rad_s", 0.0)
         heading_rad = kf.heading_rad + rate_rad_s * self._lag_s
         return np.array((speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad), rate_rad_s))
 
     def _unknown_way(self, kf: Filter) -> Matrix:
-        """What one sigma of the scale of all ways, beyond P's, does to the pose. (69)"""
+        """What one sigma of the scale of all ways, beyond P's, does to the pose. (34)"""
         scale, n = self.steering.scale if self.steering is not None else 0.0, kf.nominal
         from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
         return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
@@ -138,7 +138,7 @@ class Stretch:
     def _snapshot(self, time_s: float, kf: Filter, velocity: Matrix) -> None:
         J, way = published(kf, velocity), self._unknown_way(kf)
         covariance = J @ self.budget.P @ J.T
-        readings = 1.0 if self._from_ns is None else 2.0  # (26)
+        readings = 1.0 if self._from_ns is None else 2.0  # (37)
         unseen_m = 0.5 * UNSEEN_ACCELERATION_M_S2 * self._lag_s**2
         covariance[COUNTS, XY, XY] += self.reading_m2 * readings
         covariance[NOT_SEEN, XY, XY] += unseen_m**2 * readings
@@ -152,7 +152,7 @@ class Stretch:
 
 
 def published(kf: Filter, velocity: Matrix) -> Matrix:
-    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead. (65)"""
+    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead. (30)"""
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0
     J[:, WHEEL_LAG] = velocity

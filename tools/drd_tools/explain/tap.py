@@ -91,7 +91,7 @@ class TappedFilter(FilterByCause):
     ):
         self._stretch, self._budget, self._watches = stretch, stretch.budget, is_told
         self._R = np.zeros(COUNT)
-        self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (20)
+        self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (25)
         self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
         stretch.reading_m2 = noise.count_m2
         self._rate_rad_s: float | None = None
@@ -153,8 +153,8 @@ class TappedFilter(FilterByCause):
         PH = self.P[HEADING] - self.P[GYRO_HEADING]
         outcome = super().update(rate_rad_s)
         if outcome is Outcome.ACCEPTED and self._is_told:
-            self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (20)
-            self._budget.update(PH / self.S, self._R, self.z)  # (17)
+            self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
+            self._budget.update(PH / self.S, self._R, self.z)  # (19)
             if (steering := self._stretch.steering) is not None and steering.drive is Drive.UNKNOWN:
                 steering.watch(_Told(self))
         return outcome

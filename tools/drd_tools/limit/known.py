@@ -1,4 +1,4 @@
-"""What is true of a recording, as well as it can be known: noise and geometry. (71)"""
+"""What is true of a recording, as well as it can be known: noise and geometry. (62)"""
 
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -94,7 +94,7 @@ def _conditions(recording: Recording) -> tuple[float, float, float]:
 
 
 def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> float | None:
-    """How many times larger the wheels' variances are than stated, by the turns that a reference shows. (71)
+    """How many times larger the wheels' variances are than stated, by the turns that a reference shows. (62)
 
     The reference's turn of each window is fitted by both wheels' ways, so that scales and tread do not count.
     """

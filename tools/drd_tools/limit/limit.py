@@ -1,4 +1,4 @@
-"""The smallest error that any estimator can have on a recording, and what would lower it most. (70) to (72)"""
+"""The smallest error that any estimator can have on a recording, and what would lower it most. (61) to (63)"""
 
 import math
 from collections.abc import Iterator
@@ -147,7 +147,7 @@ def start_covariance(s: Sigmas) -> Matrix:
 
 
 def _alternatives(model: ErrorModel, base: Case, drive: Drive) -> Iterator[tuple[str, Case]]:
-    """What could be otherwise, as a case each. (72)"""
+    """What could be otherwise, as a case each. (63)"""
 
     def scaled(*which: int) -> Case:
         weights = base.weights.copy()

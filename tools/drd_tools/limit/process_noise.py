@@ -72,12 +72,12 @@ class Step(NamedTuple):
 
 
 def fill(q: MutableSequence[float], k: NoiseProfile, step: Step, estimates_gyro_scale: float) -> None:
-    """Set the elements of Q in `q`, flat and of shape (causes, N, N), that a step changes. (19), (21)"""
+    """Set the elements of Q in `q`, flat and of shape (causes, N, N), that a step changes. (24), (26)"""
     dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, jitter, turning = step
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * right_m, 0.5, bend / D, 1.0 / D, c, s)
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * left_m, 0.5, -bend / D, -1.0 / D, c, s, add=True)
     _pose(q, causes.SLIP_HEADING, k.turn_rad2_per_rad * turn_rad + k.turn_rad2_per_s * dt_s, 0.0, bend, 1.0, c, s)
-    _pose(q, causes.JITTER, jitter, 0.0, bend, 1.0, c, s)  # (20)
+    _pose(q, causes.JITTER, jitter, 0.0, bend, 1.0, c, s)  # (25)
     _pose(q, causes.SLIP_SIDEWAYS, k.lateral_m2_per_m * 0.5 * (left_m + right_m), 0.0, 1.0, 0.0, c, s)
     anywhere = k.position_m2_per_rad * turn_rad + k.position_m2_per_s * dt_s
     q[causes.SLIP_POSITION * SIZE + XX] = q[causes.SLIP_POSITION * SIZE + YY] = anywhere

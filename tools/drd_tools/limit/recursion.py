@@ -1,4 +1,4 @@
-"""The covariance recursion of the bound: the filter's own F, Q and R along a known drive, for many cases at once. (70)
+"""The covariance recursion of the bound: the filter's own F, Q and R along a known drive, for many cases at once. (61)
 
 A case is a weight for each cause's noise and a covariance at the start. Each case has its own optimal gains; beside it,
 with these gains, go the errors counted from later poses on the way, and the shares of the groups of causes.
@@ -46,7 +46,7 @@ class ErrorModel(FilterByCause):
         self._heading_rad += block.turn_rad
 
     def comparison(self, block: Block) -> Array:
-        """Variance of the mean of a block's comparisons, by cause. (20)"""
+        """Variance of the mean of a block's comparisons, by cause. (25)"""
         k, R = self.noise, np.zeros(len(CAUSES))
         comparisons = max(1.0, block.dt_s * self._drive.gyro_hz)
         rate = block.turn_rad / block.dt_s
@@ -110,13 +110,13 @@ class _Batch:
         self._drift, self._segments = np.zeros((len(every), LONGEST)), np.zeros(LONGEST)
 
     def predict(self, F: Matrix, Q: Matrix) -> None:
-        """One block on. (18)"""
+        """One block on. (16)"""
         self._move(F)
         busy = np.flatnonzero(Q.any(axis=(1, 2)))
         self.P += np.tensordot(self._weights[:, busy], Q[busy], 1)[:, None]
 
     def update(self, R: Array) -> None:
-        """Each case by its own gain; the shares and the later starts by that of their case. (17), (47)"""
+        """Each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
         P, R_each = self.P, self._weights @ R
         HP = P[..., HEADING, :] - P[..., GYRO_HEADING, :]
         HPH = HP[..., HEADING] - HP[..., GYRO_HEADING]
@@ -128,7 +128,7 @@ class _Batch:
         P += (HPH + R_each[:, None])[..., None, None] * (K[:, :, None] * K[:, None, :])[:, None]
 
     def anchor(self) -> None:
-        """Without a gyro both headings are the wheels'. (24)"""
+        """Without a gyro both headings are the wheels'. (35)"""
         self.P[..., GYRO_HEADING, :] = self.P[..., HEADING, :]
         self.P[..., :, GYRO_HEADING] = self.P[..., :, HEADING]
 
@@ -147,7 +147,7 @@ class _Batch:
                 self._rebase(self._passed)
 
     def _rebase(self, start: int) -> None:
-        """Errors of this start count from the pose of this moment. (48)"""
+        """Errors of this start count from the pose of this moment. (59)"""
         T = np.eye(N)
         T[self._pose] = 0.0
         other = GYRO_HEADING if self._heading == HEADING else HEADING
@@ -169,7 +169,7 @@ class _Batch:
 
 
 def standing(model: ErrorModel, case: Case, gyro_hz: float, seconds: int) -> Matrix:
-    """The case's covariance at the start after a longer standstill: pose as known as before, bias better. (72)"""
+    """The case's covariance at the start after a longer standstill: pose as known as before, bias better. (63)"""
     drive = Drive([Block(1.0, 0.0, 0.0, 0.0)] * seconds, model.nominal.tread_m, gyro_hz, model.noise, 0.0)
     still = ErrorModel(drive, model.noise, KNOWN)
     batch = _Batch(still, [case], [], 0.0)

@@ -18,7 +18,7 @@ BUMP_ASIDE_M: Final = 0.45
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Coefficients of friction (1), and bumps per metre of the planned way.
+    """Coefficients of friction, and bumps per metre of the planned way.
 
     With `patch_friction` one square of PATCH_M in three has that friction instead.
     """

@@ -84,16 +84,16 @@ def regress(recording: Recording) -> Regression:
 
 def _increments(e: Evidence, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
     """Columns (n, p) and residual (n,): gyro against wheels, turn and way against the reference."""
-    zero, B = np.zeros_like(e.time_s), e.tread_m
+    zero, D = np.zeros_like(e.time_s), e.tread_m
     gyro, left, right, lateral = (np.column_stack([s.channels[k] + zero for s in sensitivities]) for k in range(4))
     parts: list[tuple[Array, Array]] = []
     if e.gyro_rad is not None:
         starts = np.searchsorted(e.time_s, np.arange(e.time_s[0], e.time_s[-1], BLOCK_S))
-        columns = np.add.reduceat(gyro - (right - left) / B, starts)
-        parts.append((columns, np.add.reduceat(e.gyro_rad - (e.right_m - e.left_m) / B, starts)))
+        columns = np.add.reduceat(gyro - (right - left) / D, starts)
+        parts.append((columns, np.add.reduceat(e.gyro_rad - (e.right_m - e.left_m) / D, starts)))
     if len(e.fix) > 1:
         has_gyro = e.gyro_rad is not None
-        turn = gyro if has_gyro else (right - left) / B
+        turn = gyro if has_gyro else (right - left) / D
         parts += _against_fixes(e, turn, 0.5 * (left + right), lateral)
     scaled = [(X / s, y / s) for X, y in parts if (s := float(np.std(y))) > 0.0]
     return np.concatenate([X for X, _ in scaled]), np.concatenate([y for _, y in scaled])

@@ -122,7 +122,7 @@ class ErrorFunction:
 
 
 def fit_error_function(data: DataSets, order: Order | tuple[int, int] = FILE_ORDER) -> ErrorFunction:
-    """Fit by iteratively reweighted least squares. (2) to (5), (32), (34)
+    """Fit by iteratively reweighted least squares. (2) to (5), (47), (48)
 
     Each data set counts with its own variance plus one between the data sets, which makes chi-square what it should
     be (Paule and Mandel 1982), with Huber's weights; beyond six studentised sigma it is rejected and the fit
@@ -147,7 +147,7 @@ def fit_error_function(data: DataSets, order: Order | tuple[int, int] = FILE_ORD
     weights[kept] = fit.weights
     raw = _vandermonde(used.rate_deg_s, used.temperature_c, order)
     to_raw = np.kron(_powers_of_scaled(rate_range, order.rate), _powers_of_scaled(temperature_range, order.temperature))
-    raw_covariance = to_raw @ fit.covariance @ to_raw.T  # (32)
+    raw_covariance = to_raw @ fit.covariance @ to_raw.T  # (47)
     return ErrorFunction(
         order,
         (to_raw @ fit.beta).reshape(order.rate + 1, order.temperature + 1),
@@ -202,7 +202,7 @@ class _Fit(NamedTuple):
 
 
 def _huber_fit(X: Array, X_T: Array, e: Array, sigma: Array) -> _Fit:
-    """Huber's M-estimate with the variance between data sets as its scale ("proposal 2", Huber 1981). (34)
+    """Huber's M-estimate with the variance between data sets as its scale ("proposal 2", Huber 1981). (48)
 
     `X_T @ beta` is the error that the temperature's standard deviation makes.
     """

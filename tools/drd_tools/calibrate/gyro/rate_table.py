@@ -62,7 +62,7 @@ def _temperature_c(cell: str) -> float:
 
 
 def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:
-    """All data sets of the files, checked. With a latitude the laboratory's turn is part of the true rate. (33)
+    """All data sets of the files, checked. With a latitude the laboratory's turn is part of the true rate. (46)
 
     Raises ConfigError where the columns contradict each other or no data set is left.
     """

@@ -65,7 +65,7 @@ class Fit:
 
 
 def shapes(tau_s: Array) -> Array:
-    """Allan variance of each term with coefficient 1, shape (k, 5). (35)"""
+    """Allan variance of each term with coefficient 1, shape (k, 5). (49)"""
     one = np.ones_like(tau_s)
     return np.stack([3.0 / tau_s**2, 1.0 / tau_s, FLOOR * one, tau_s / 3.0, tau_s**2 / 2.0], axis=-1)
 
@@ -112,7 +112,7 @@ def degrees_of_freedom(count: int, factors: Sequence[int]) -> Array:
 
 
 def fit(shape: Array, measured: Array, edf: Array, terms: Sequence[int], fixed: Any = 0.0) -> Fit:
-    """Non-negative weighted least squares of the Allan variance, which is linear in the squared coefficients. (35)
+    """Non-negative weighted least squares of the Allan variance, which is linear in the squared coefficients. (49)
 
     `measured`: variances, shape (..., k), many curves at once. `fixed`: variance that is given, not fitted. The
     weight of a point is edf / (2 variance^2), the variance being the model's, found by iteration: weights from the

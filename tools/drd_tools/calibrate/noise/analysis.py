@@ -17,7 +17,7 @@ from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog
 from drd_tools.calibrate.noise.warmup import Slope, WarmUp, fit_warm_up, left_out_s, temperature_slope
 
 MODEL: Final = (Q, N, B, K)
-# The filter has no state for flicker: its random walk of the bias stands for all that is slow. (36)
+# The filter has no state for flicker: its random walk of the bias stands for all that is slow. (50)
 FILTER: Final = (Q, N, K)
 STEPS: Final = 7
 # Beyond both, a point counts as missed by the model: its 90 % interval, and this part of it.
@@ -143,15 +143,15 @@ def _instability_rad_s(found: Fit) -> float:
 
 
 def _mean_variance(squares: Array, duration_s: float) -> float:
-    """Variance of the log's mean against the bias at its end: the model at the log's length, (27) with (35).
+    """Variance of the log's mean against the bias at its end: the model at the log's length, (28) with (49).
 
-    N^2/T is (27), K^2 T/3 the variance of a random walk's mean against its end; flicker adds its floor.
+    N^2/T is (28), K^2 T/3 the variance of a random walk's mean against its end; flicker adds its floor.
     """
     return float(shapes(np.array([duration_s]))[0] @ squares)
 
 
 def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
-    """Choose what goes into the configuration. (36)
+    """Choose what goes into the configuration. (50)
 
     A random walk that the log does not show is not zero: it gets its upper bound, unless the configuration's default
     is lower. Then the log is too short to say anything better than a data sheet.

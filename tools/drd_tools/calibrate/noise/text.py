@@ -147,7 +147,7 @@ def random_walk_reason(result: GyroNoise) -> str:
 def _excess(result: GyroNoise) -> str:
     """How far the filter's profile lies above the model at long averaging times, where that is worth a word."""
     n, k, tau_s = result.filter.angle_random_walk, result.filter.rate_random_walk, result.curve.tau_s[-1]
-    ratio = math.sqrt((n**2 / tau_s + k**2 * tau_s / 3.0) / float(result.fit.variance[-1]))  # (35)
+    ratio = math.sqrt((n**2 / tau_s + k**2 * tau_s / 3.0) / float(result.fit.variance[-1]))  # (49)
     return f" At {duration(tau_s)} that is {ratio:.2g} times what was measured: on the safe side." if ratio > 2 else ""
 
 

@@ -33,7 +33,7 @@ MOST_LEFT_OUT: Final = 0.5
 
 @dataclass(frozen=True)
 class WarmUp:
-    """b(t) = bias + change exp(-t / time_constant), rad/s and s, t since the log's start. (37)"""
+    """b(t) = bias + change exp(-t / time_constant), rad/s and s, t since the log's start. (51)"""
 
     bias_rad_s: float
     change_rad_s: float
@@ -44,7 +44,7 @@ class WarmUp:
         return self.bias_rad_s + self.change_rad_s * np.exp(-time_s / self.time_constant_s)
 
     def wait_s(self, drift_rad_s: float, window_s: float = DRIFT_WINDOW_S) -> float:
-        """When the bias changes by less than `drift_rad_s` within the window that follows. (37)"""
+        """When the bias changes by less than `drift_rad_s` within the window that follows. (51)"""
         first_rad_s = abs(self.change_rad_s) * -math.expm1(-window_s / self.time_constant_s)
         return self.time_constant_s * math.log(first_rad_s / drift_rad_s) if first_rad_s > drift_rad_s else 0.0
 

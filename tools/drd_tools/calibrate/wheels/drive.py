@@ -192,7 +192,7 @@ def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple
 
 
 def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) -> Array:
-    """Reference minus model at the rows of `drive.windows`, shape (n, 3): x, y in m, heading in rad. (39)
+    """Reference minus model at the rows of `drive.windows`, shape (n, 3): x, y in m, heading in rad. (53)
 
     Each window has a start pose of its own, which is solved for here. `weights`, shape (n, 2): inverse variances of
     each coordinate and of the heading.

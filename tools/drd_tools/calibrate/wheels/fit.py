@@ -1,4 +1,4 @@
-"""Least squares for wheel radii and effective tread, from drives that have a reference. (38) to (40)"""
+"""Least squares for wheel radii and effective tread, from drives that have a reference. (52) to (54)"""
 
 import math
 from collections.abc import Sequence
@@ -84,7 +84,7 @@ def _described(drive: Drive) -> str:
 
 
 def wheels_of(nominal: Wheels, unknowns: Array) -> Wheels:
-    """The wheels at `unknowns` = (scale, difference, tread), relative to `nominal`. (38)"""
+    """The wheels at `unknowns` = (scale, difference, tread), relative to `nominal`. (52)"""
     scale, difference, tread = unknowns[:3]
     return Wheels(
         nominal.left_radius_m * (1.0 + scale - 0.5 * difference),
@@ -94,8 +94,8 @@ def wheels_of(nominal: Wheels, unknowns: Array) -> Wheels:
 
 
 def _mounting(drive: Drive, shared: Array, own: Array) -> Mounting:
-    b = drive.nominal.tread_m
-    return Mounting(float(own[0]), float(b * shared[3]), float(b * shared[4]), float(shared[5] + own[1]))
+    D = drive.nominal.tread_m
+    return Mounting(float(own[0]), float(D * shared[3]), float(D * shared[4]), float(shared[5] + own[1]))
 
 
 @dataclass
@@ -171,8 +171,8 @@ def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None, mounted: 
         shared[:3] = _relative(nominal, start.wheels)
         free[:3] = start.determined
     if mounted is not None:
-        b = nominal.tread_m
-        shared[3:], free[3:] = (mounted.forward_m / b, mounted.left_m / b, mounted.heading_rad), False
+        D = nominal.tread_m
+        shared[3:], free[3:] = (mounted.forward_m / D, mounted.left_m / D, mounted.heading_rad), False
     shared, scores = _solve(parts, free, shared)
     free_sigma = _sigmas(scores, free)[0][:3] if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
@@ -191,7 +191,7 @@ def _relative(nominal: Wheels, wheels: Wheels) -> Array:
 
 
 def _covariances(scores: list[Scores], free: npt.NDArray[np.bool_]) -> list[Array]:
-    """Candidates for the covariance of the shared unknowns; what is not free has zeros. (40)
+    """Candidates for the covariance of the shared unknowns; what is not free has zeros. (54)
 
     From the scatter of the windows' scores; of the recordings' where there are several; and from noise as data sheets
     have it, where windows are few.

@@ -14,7 +14,7 @@ from drd_tools.calibrate.wheels.rest import Rest
 
 # So many periods after its time a sample is still no silence: one of them may be lost.
 PERIODS: Final = 2.0
-# An effective tread so much longer than the measured one is a skid-steer robot's. (69)
+# An effective tread so much longer than the measured one is a skid-steer robot's. (34)
 SKID_TREAD_RATIO: Final = 1.15
 
 
@@ -30,7 +30,7 @@ def robot_keys(nominal: Wheels, wheels: Wheels) -> dict[str, Any]:
 
 
 def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) -> dict[str, float]:
-    """`estimation.initial` of the wheels: what the next drive may depart by. (40)
+    """`estimation.initial` of the wheels: what the next drive may depart by. (54)
 
     That is the sigma with the spread between recordings; the defaults where there is a single recording or a value is
     not determined; and no less than what `other`, the held-out recordings' own fit, departs by.

@@ -1,4 +1,4 @@
-"""How late the wheels are, against the gyro or, where there is none, against the reference. (63)"""
+"""How late the wheels are, against the gyro or, where there is none, against the reference. (56)"""
 
 import math
 from collections.abc import Sequence

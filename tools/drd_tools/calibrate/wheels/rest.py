@@ -1,4 +1,4 @@
-"""The gyro's noise and bias, from the standstills of recordings. (64)"""
+"""The gyro's noise and bias, from the standstills of recordings. (57)"""
 
 import math
 from collections.abc import Sequence

@@ -79,7 +79,7 @@ def _slip_scatter(drive: Drive, effective: Array) -> Array:
 
     A slip in one step moves all later poses of its window: along the heading, and turned about the place of the slip.
     """
-    b = drive.nominal.tread_m
+    D = drive.nominal.tread_m
     left_m = drive.nominal.left_radius_m * np.interp(drive.reference_s, drive.time_s, drive.left_rad)
     right_m = drive.nominal.right_radius_m * np.interp(drive.reference_s, drive.time_s, drive.right_rad)
     scatter = np.zeros((effective.shape[2], effective.shape[2]))
@@ -93,6 +93,6 @@ def _slip_scatter(drive: Drive, effective: Array) -> Array:
         turn = later[2] + y[:-1, None] * later[0] - x[:-1, None] * later[1]
         ahead = np.cos(heading[:-1, None]) * later[0] + np.sin(heading[:-1, None]) * later[1]
         for travel_m, sign in ((left_m, -1.0), (right_m, 1.0)):
-            v = sign * turn / b + 0.5 * ahead
+            v = sign * turn / D + 0.5 * ahead
             scatter += np.einsum("i,ij,ik->jk", np.abs(np.diff(travel_m[rows])), v, v)
     return scatter

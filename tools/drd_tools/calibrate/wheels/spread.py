@@ -18,7 +18,7 @@ def spread(values: Array, variances: Array) -> float:
     """Standard deviation between values, shape (n,), whose own variances are known; nan for fewer than two.
 
     After Paule and Mandel: s is such that sum (value - mean)^2 / (variance + s^2) is n - 1, the mean being weighted
-    alike; 0 where the variances explain all. (40)
+    alike; 0 where the variances explain all. (54)
     """
     count = len(values)
     if count < 2:

@@ -1,7 +1,7 @@
 """UMBmark: tread and wheel diameters from the return positions of squares driven both ways.
 
 J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in Mobile Robots", IEEE Trans.
-Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes, see (41).
+Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes, see (55).
 """
 
 import math
@@ -77,7 +77,7 @@ def _way(cell: str) -> float:
 
 
 def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
-    """Where a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (41)
+    """Where a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
 
     Each leg is an arc that bends by beta to the left; each turn overshoots 90 deg by alpha in its own direction.
     """
@@ -96,7 +96,7 @@ def predict_m(alpha_rad: float, beta_rad: float, side_m: float) -> Array:
 
 
 def one_way_rad(returns_m: Array, side_m: float, direction: int) -> float:
-    """What one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (41)"""
+    """What one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
     x_m, y_m = returns_m.mean(axis=0)
     return float((x_m - direction * y_m) / (4.0 * side_m))
 

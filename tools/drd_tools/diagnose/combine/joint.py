@@ -1,7 +1,7 @@
 """Effects that several recordings of one robot show together, though none shows them alone.
 
 Each recording gives the sufficient statistics of the lasting, linear effects, its nuisances and its own effects
-projected out. Their sums are those of one regression over all recordings, with the parameters in common.
+projected out. Their sums are those of one regression over all recordings, with the parameters in common. (89)
 """
 
 import math

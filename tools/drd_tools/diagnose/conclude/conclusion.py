@@ -223,7 +223,7 @@ def _finding(
 
 
 def _probability(score: float, others: Sequence[float]) -> float:
-    """Posterior probability of a score among others: they are log marginal likelihoods (58)."""
+    """Posterior probability of a score among others: they are log marginal likelihoods. (80)"""
     return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
 
 

@@ -31,7 +31,7 @@ def blocks(problem: Problem) -> npt.NDArray[np.intp]:
 def chance_gains(problem: Problem, library: Library, left: Array) -> Array:
     """The most that any candidate gains where nothing is there, (FLIPS,), nats: blocks' signs are flipped at random.
 
-    What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together.
+    What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together. (84)
     """
     if not library.columns.size:
         return np.zeros(FLIPS)
@@ -80,7 +80,7 @@ class _Half(NamedTuple):
 def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> float:
     """Log likelihood ratio of the effect on `test`, as `train` has it; 0 where that shows none.
 
-    How well those rows know its parameters is integrated over: what was learned from little predicts little. (61)
+    How well those rows know its parameters is integrated over: what was learned from little predicts little. (85)
     """
     part = train.problem
     part.nuisance = np.column_stack([train.soft, train.freed])

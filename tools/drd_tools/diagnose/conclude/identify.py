@@ -17,7 +17,7 @@ TYPICAL_VISIBILITY: Final = 8.0
 
 
 class Identifiability:
-    """Products of the library's columns, beside the nuisances."""
+    """Products of the library's columns, beside the nuisances. (81)"""
 
     def __init__(self, problem: Problem, library: Library):
         self._library = library

@@ -27,7 +27,7 @@ FEWEST_PLACES: Final = 3
 
 
 def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
-    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay."""
+    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay. (87)"""
     fit = _widened(problem, fit, known)
     uncertain = response(problem, fit)
     covariance = (
@@ -64,7 +64,7 @@ def shrunk(
 
     Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
     would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
-    sizes: one that is worth less than a parameter costs is taken to be of usual size. (58)
+    sizes: one that is worth less than a parameter costs is taken to be of usual size. (88)
     `covariance` (k, k): of all free parameters. `known` from logic: these stay.
     """
     named = [(i, name) for i, selected in enumerate(selection) for name in selected.free]

@@ -2,7 +2,7 @@
 
 What is true differs from what sensors, added up, say by a state of four: x, y, heading and the gyro's bias. It grows by
 noise, and by causes. Passed through the same filter, the data's innovations and those of each cause's sensitivity are
-sequences in white noise, and what is left is linear regression. (55) to (58)
+sequences in white noise, and what is left is linear regression. (67) to (69)
 """
 
 import math

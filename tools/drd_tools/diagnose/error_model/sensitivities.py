@@ -52,7 +52,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     v = np.diff(way(fine)) / h * np.repeat(share, SUB)
     w = np.diff(turned(fine)) / h
     a = way(middle, 2)
-    B, r = e.tread_m, e.radius_m
+    D, r = e.tread_m, e.radius_m
     wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
     known = np.isfinite(e.temperature_c)
     if known.any():
@@ -68,13 +68,13 @@ def motion_along(e: Evidence, path: Path) -> Motion:
         speed_m_s=v,
         acceleration_m_s2=a,
         heading_rad=heading(middle),
-        left_m_s=v - 0.5 * w * B,
-        right_m_s=v + 0.5 * w * B,
+        left_m_s=v - 0.5 * w * D,
+        right_m_s=v + 0.5 * w * D,
         left_wheel_rad=wl,
         right_wheel_rad=wr,
         temperature_c=T,
         still_c=still_c,
-        tread_m=B,
+        tread_m=D,
         end_s=float(edges[-1]),
     )
 
@@ -123,7 +123,7 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
 
 
 class Sensitivities:
-    """Makes sensitivities along a path."""
+    """Makes sensitivities along a path. (72)"""
 
     def __init__(self, e: Evidence, path: Path):
         self.e, self.motion = e, motion_along(e, path)
@@ -159,7 +159,7 @@ class Sensitivities:
 
 
 def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
-    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity."""
+    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)"""
     if not len(e.fix):
         return []
     k = e.fix_step

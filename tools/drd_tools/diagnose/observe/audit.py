@@ -78,7 +78,7 @@ def audit(recording: Recording, e: Evidence) -> Audit:
 
 
 def _with_jumps(e: Evidence) -> Evidence:
-    """Inflate the pose's covariance where the reference jumps: as no robot moves, and as its gyro does not turn."""
+    """Inflate the pose's covariance where the reference jumps: as no robot moves, as its gyro does not turn. (71)"""
     if len(e.fix) < FEWEST_FIXES or not e.has_wheels:
         return e
     at = e.fix_time_s

@@ -38,7 +38,7 @@ HEADING_SIGMA_DEG: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Sizes of the noise, SI. Those of the data sheets are the priors of what is fitted."""
+    """Sizes of the noise, SI. Those of the data sheets are the priors of what is fitted. (68)"""
 
     walk_rad_per_sqrt_s: float
     bias_rad_s: float

@@ -1,4 +1,4 @@
-"""White noise and columns of unknown size, integrated over."""
+"""White noise and columns of unknown size, integrated over. (74)"""
 
 import numpy as np
 import numpy.typing as npt

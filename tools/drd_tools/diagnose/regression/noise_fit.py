@@ -1,4 +1,4 @@
-"""Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly."""
+"""Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly. (77)"""
 
 import math
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
 def inflated(problem: Problem, left: Array) -> Inflation:
-    """Variance inflation of what selected effects leave (r,) of the whitened data, at the scale where it is worst."""
+    """Variance inflation of what selected effects leave (r,) of the whitened data, at the scale where it is worst. (78)"""
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = _not_inflated(problem, left)

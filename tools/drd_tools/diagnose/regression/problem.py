@@ -286,7 +286,7 @@ def _errors(sensitivities: Sensitivities, geometry: Sequence[Selected], effect: 
 
 
 def _with_geometry(motion: Motion, geometry: Sequence[Selected]) -> Motion:
-    """The motion, with the wheels' speeds as counters of this geometry tell them."""
+    """The motion, with the wheels' speeds as counters of this geometry tell them. (73)"""
     for c in geometry:
         error = c.effect.error(motion, c.values)
         left, right = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s

@@ -104,7 +104,7 @@ class _Descent:
 
 
 def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, Array, float]:
-    """Cost of effects as they are; the moves that a linear model proposes; and the cost that it expects then."""
+    """Cost of effects as they are (74); the moves that a linear model proposes (76); and the cost that it expects then."""
     residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
     soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected).T for selected in selection)])
     marginal, b = Marginal(soft.T), soft @ residual
@@ -158,7 +158,7 @@ def _inverse(S: Array) -> Array:
 def discrepancies(problem: Problem, selected: Selected) -> Array:
     """Other shapes of an effect's cause (r, s), as large as they may be, less what its own parameters can make of them.
 
-    What is left of them cannot be traded for the parameters: they keep their meaning.
+    What is left of them cannot be traded for the parameters: they keep their meaning. (75)
     """
     F, T = DISCREPANCY_SHARE * problem.discrepancy_shapes(selected).T, problem.tangents([selected]).T
     if F.size and T.size:

@@ -36,7 +36,7 @@ class Best(NamedTuple):
 
 
 class Intervals:
-    """One effect in all intervals. `columns` (r, k PIECES): whitened sensitivities of each size in each piece."""
+    """One effect in all intervals. (82) `columns` (r, k PIECES): whitened sensitivities of each size in each piece."""
 
     def __init__(self, problem: Problem, effect: Effect):
         m = problem.sensitivities.motion

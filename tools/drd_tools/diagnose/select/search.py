@@ -197,7 +197,7 @@ class Search:
         self._last: tuple[Fit, list[_Products]] | None = None
 
     def score(self, fit: Fit) -> float:
-        """Log likelihood of the data less the penalty of the selected effects, nats."""
+        """Log likelihood of the data less the penalty of the selected effects, nats. (80)"""
         return -fit.cost - self.problem.penalty(fit.selection)
 
     def exact_score(self, fit: Fit) -> float:

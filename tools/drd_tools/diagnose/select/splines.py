@@ -163,19 +163,19 @@ class SplineTerms:
 
 
 def _roughness(covariate: str, k: int) -> Array:
-    """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (60)"""
+    """Second differences (a ring's, for phases; along and across, for places), and a little of the size. (83)"""
     if covariate == PLACE:
-        D, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
-        return np.kron(D.T @ D, one) + np.kron(one, D.T @ D) + 0.05 * np.eye(k)
-    D = np.diff(np.eye(k), 2, axis=0)
+        second, one = np.diff(np.eye(CELLS), 2, axis=0), np.eye(CELLS)
+        return np.kron(second.T @ second, one) + np.kron(one, second.T @ second) + 0.05 * np.eye(k)
+    second = np.diff(np.eye(k), 2, axis=0)
     if covariate in PERIODIC:
-        D = np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
-    rough: Array = D.T @ D + 0.05 * np.eye(k)
+        second = np.eye(k) - 0.5 * (np.roll(np.eye(k), 1, 0) + np.roll(np.eye(k), -1, 0))
+    rough: Array = second.T @ second + 0.05 * np.eye(k)
     return rough
 
 
 def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
-    """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation."""
+    """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation. (83)"""
     k = len(b)
     best = (-math.inf, np.zeros(k), np.zeros(k))
     _, logdet_R = np.linalg.slogdet(R)

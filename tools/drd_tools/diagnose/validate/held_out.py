@@ -76,7 +76,7 @@ class _HeldOut:
         return self._known[key]
 
     def _marginal(self, problem: Problem, selection: Sequence[_Ranged]) -> float:
-        """Log marginal likelihood: nuisances, parameters as far as known, and causes' shapes integrated over (61)."""
+        """Log marginal likelihood: nuisances, parameters as far as known, and causes' shapes integrated over. (86)"""
         residual = problem.data - problem.effect_rows(self._events)
         columns = []
         for selected, ranges in selection:
