@@ -12,7 +12,7 @@ class BumpCounts(Effect):
     formula = "reading = travel (1 + travel_per_m)"
     source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer way"
     parameters = (Parameter("travel_per_m", "m/m", "mean added travel", 1e-5, 0.05, signed=False),)
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "the same way on rough and on smooth ground"
     lasting = False  # it belongs to the ground
 

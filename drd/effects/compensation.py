@@ -71,8 +71,9 @@ class Compensation:
     """Takes a model's effects off the samples of one run.
 
     `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
-    `outside`: a driver of the last sample was outside the range in which an effect was seen. `lateral_m_s`: the body's
-    own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples were.
+    `outside`: a covariate of the last sample was outside the range in which an effect was seen. `lateral_m_s`: the
+    body's own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples
+    were.
     """
 
     def __init__(
@@ -129,7 +130,7 @@ class Compensation:
             self.lateral_m_s = sum(self._error(term, term.lateral)[0] for term in self._body)
         for i, angle in enumerate(angles):
             # The counter's angle, less what makes it uneven: a wheel that is too large does not turn the less for it.
-            ripple = sum(t.error[i] for t in self._wheels if t.effect.driver == "wheel_phase")
+            ripple = sum(t.error[i] for t in self._wheels if t.effect.covariate == "wheel_phase")
             angle[0] += 0.5 * turned[i] - ripple * interval_s / self._radius_m[i]
         return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, sample.lost_s)
 
@@ -204,7 +205,7 @@ class Compensation:
         return x
 
     def _error(self, term: LiveTerm, errors: Callable[[], Errors]) -> Errors:
-        """The error, its drivers clipped to where it was seen."""
+        """The error, its covariates clipped to where it was seen."""
         if not term.clip.is_bounded:
             return errors()
         outside = term.clip.apply()

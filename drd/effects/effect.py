@@ -132,7 +132,7 @@ class Chance(NamedTuple):
 class Effect:
     """One physical effect. Its class docstring says in one sentence what it is.
 
-    `driver` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
+    `covariate` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
     share of itself that its removal leaves behind on samples at 10 and 20 Hz; `irreversible` says why it cannot be
     undone, or is empty. `lasting`: its parameters still hold in the next run. `beside`: an effect of one parameter, up
     to which alone its form is known. `essential`: the linear parameter without which it is another effect.
@@ -141,7 +141,7 @@ class Effect:
     `geometry`: it makes other speeds of the wheels, and what acts on the wheels besides acts on those.
     `repeats`: it may be there more than once; `recurs`: it comes again for the asking. `needs_wheels`: why nothing is
     known of it without them, or empty. `caveat`: what looks the same, a sentence; `advice`: one for the drive that is
-    to show it, in which `{from_s}` is when a stretch of ground begins.
+    to show it, in which `{from_s}` is when an interval of other ground begins.
     """
 
     id: ClassVar[str]
@@ -149,7 +149,7 @@ class Effect:
     formula: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
-    driver: ClassVar[str]
+    covariate: ClassVar[str]
     manoeuvre: ClassVar[str]
     remainder: ClassVar[float] = 0.05
     irreversible: ClassVar[str] = ""
@@ -207,7 +207,7 @@ class Effect:
         return None
 
     def lag_s(self, p: Values) -> float:
-        """Time constant behind which its driver is felt; 0: at once."""
+        """Time constant behind which its covariate is felt; 0: at once."""
         return 0.0
 
     def absorbed(self, p: Values, k: float) -> Values | None:

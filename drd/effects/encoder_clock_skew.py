@@ -12,7 +12,7 @@ class EncoderClockSkew(Effect):
     formula = "travel read at t = travel at t (1 + ppm / 10^6)"
     source = "definition of a clock's rate error"
     parameters = (Parameter("ppm", "ppm", "what the clock runs slow", 1.0, 2000.0, 1e-6, linear=False),)
-    driver = "time"
+    covariate = "time"
     manoeuvre = "a long drive with hard starts and stops to its end"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -28,7 +28,7 @@ class EncoderDropout(Effect):
     formula = "reading = 0 for t0 <= t < t1"
     source = "definition"
     parameters = (SIDE, START, END)
-    driver = "time"
+    covariate = "time"
     manoeuvre = "none: look at cable and connector"
     irreversible = "the travel is in no count; the gyro and the other wheel stand in for it"
     remainder = 0.3

@@ -12,7 +12,7 @@ class EncoderLatency(Effect):
     formula = "travel read at t = travel at t - delay"
     source = "definition; drives sum up, filter and send their counts in turns"
     parameters = (Parameter("delay", "s", "age of a sample at its stamp", 0.001, 0.5, signed=False, linear=False),)
-    driver = "acceleration"
+    covariate = "acceleration"
     manoeuvre = "hard starts and stops, turns that begin and end sharply"
 
     def error(self, m: Motion, p: Values) -> Errors:

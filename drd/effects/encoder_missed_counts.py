@@ -32,7 +32,7 @@ class EncoderMissedCounts(Effect):
         Parameter("fraction", "1", "share of the counts that is lost", 1e-4, 0.2, signed=False),
         Parameter("speed", "m/s", "of the wheel, above which it happens", 0.05, 5.0, signed=False, linear=False),
     )
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "straight lines at several speeds"
     remainder = 0.2  # speeds held near the edge, where the gyro and the other wheel decide: at most 0.17 over the range
 

@@ -18,7 +18,7 @@ class GyroBiasStep(Effect):
         Parameter("b", "deg/s", "size of the jump", 1e-4, 0.5, RAD_PER_DEG),
         replace(START, text="when"),
     )
-    driver = "time"
+    covariate = "time"
     manoeuvre = "a standstill of a minute now and then"
     lasting = False
     repeats = True

@@ -16,7 +16,7 @@ class GyroBiasTemperature(Effect):
         Parameter("b1", "deg/s/degC", "slope at the standstill's temperature", 1e-5, 0.05, RAD_PER_DEG),
         Parameter("b2", "deg/s/degC^2", "its change with temperature", 1e-6, 0.005, RAD_PER_DEG),
     )
-    driver = "temperature"
+    covariate = "temperature"
     manoeuvre = "any drive while the temperature rises and falls, with standstills"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -16,7 +16,7 @@ class GyroBiasTemperatureRate(Effect):
         Parameter("b", "deg/s per degC/s", "bias per rate of temperature", 1e-3, 1.0, RAD_PER_DEG),
         Parameter("coil_lag_s", "s", "time constant of the coil", 5.0, 300.0, signed=False, linear=False),
     )
-    driver = "temperature_rate"
+    covariate = "temperature_rate"
     manoeuvre = "any drive while the temperature rises and falls again"
 
     def error(self, m: Motion, p: Values) -> Errors:

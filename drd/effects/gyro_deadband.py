@@ -13,7 +13,7 @@ class GyroDeadband(Effect):
     formula = "w_g = 0 for |w| < band"
     source = "IEEE Std 528-2001, dead band"
     parameters = (Parameter("band", "deg/s", "threshold", 1e-3, 2.0, RAD_PER_DEG, signed=False, linear=False),)
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "creeping turns of long duration, both ways"
     irreversible = "below the threshold every rate reads zero"
     remainder = 1.0

@@ -18,7 +18,7 @@ class GyroHeadingDependentBias(Effect):
         Parameter("b", "deg/s", "amplitude", 1e-4, 0.1, RAD_PER_DEG, signed=False),
         Parameter("phase", "rad", "heading at which it reads most", 0.0, 2.0 * pi, signed=False, linear=False),
     )
-    driver = "heading"
+    covariate = "heading"
     manoeuvre = "long straight lines, or standstills, in many headings"
     lasting = False  # a heading counts from where the run began
 

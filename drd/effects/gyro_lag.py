@@ -12,7 +12,7 @@ class GyroLag(Effect):
     formula = "tau dw_g/dt + w_g = w"
     source = "first-order low-pass; IEEE Std 952-1997, bandwidth"
     parameters = (Parameter("tau", "s", "time constant", 0.002, 0.3, signed=False, linear=False),)
-    driver = "acceleration"
+    covariate = "acceleration"
     manoeuvre = "turns that begin and end sharply; a closed loop hides it"
     remainder = 0.3  # of the angle, in turns that begin within half a second; half the time constant over that time
 

@@ -12,7 +12,7 @@ class GyroLatency(Effect):
     formula = "w_g(t) = w(t - delay)"
     source = "protocols of the sensor: filter, line, adapter"
     parameters = (Parameter("delay", "s", "age of a sample at its stamp", 0.001, 0.3, signed=False, linear=False),)
-    driver = "acceleration"
+    covariate = "acceleration"
     manoeuvre = "turns that begin and end sharply; a closed loop hides it"
 
     def error(self, m: Motion, p: Values) -> Errors:

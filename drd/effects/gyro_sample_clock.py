@@ -16,7 +16,7 @@ class GyroSampleClock(Effect):
             "ratio", "1", "rate of samples, actual to nominal", 0.95, 1.05, signed=False, linear=False, neutral=1.0
         ),
     )
-    driver = "time"
+    covariate = "time"
     manoeuvre = "a long drive with sharp turns, with the times at which samples arrive"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -15,7 +15,7 @@ class GyroSaturation(Effect):
     parameters = (
         Parameter("limit", "deg/s", "the largest reading", 5.0, 720.0, RAD_PER_DEG, signed=False, linear=False),
     )
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "the fastest turns"
     irreversible = "beyond the limit every rate reads the same"
     remainder = 1.0

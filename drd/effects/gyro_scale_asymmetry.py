@@ -12,7 +12,7 @@ class GyroScaleAsymmetry(Effect):
     formula = "e = k |w|"
     source = "IEEE Std 952-1997, scale factor asymmetry"
     parameters = (Parameter("k", "1", "relative error of the scale in left turns, -k in right ones", 1e-5, 0.02),)
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "as many turns to the left as to the right"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -12,7 +12,7 @@ class GyroScaleError(Effect):
     formula = "w_g = (1 + k) w"
     source = "IEEE Std 952-1997; paper, section 2"
     parameters = (Parameter("k", "1", "relative error of the scale factor", 1e-5, 0.05),)
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "many turns the same way"
 
     def error(self, m: Motion, p: Values) -> Errors:

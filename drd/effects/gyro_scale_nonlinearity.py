@@ -28,7 +28,7 @@ class GyroScaleNonlinearity(Effect):
             fixed=True,
         ),
     )
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "turns both ways at several rates, from slow to the fastest"
     beside = SCALE_ERROR
 

@@ -16,7 +16,7 @@ class GyroScaleTemperature(Effect):
         Parameter("k", "1/degC", "relative change of the scale", 1e-6, 5e-3),
         Parameter("T0", "degC", "where the scale is right", -40.0, 85.0, linear=False, fixed=True),
     )
-    driver = "temperature"
+    covariate = "temperature"
     manoeuvre = "turns at several temperatures"
     beside = SCALE_ERROR
 

@@ -13,7 +13,7 @@ class GyroVibrationBias(Effect):
     formula = "e = k v^2"
     source = "IEEE Std 952-1997, vibration rectification; the acceleration grows with speed"
     parameters = (Parameter("k", "deg/s/(m/s)^2", "bias per speed squared", 1e-5, 0.1, RAD_PER_DEG),)
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "long straight lines at several speeds"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -16,7 +16,7 @@ class GyroWarmup(Effect):
         Parameter("b", "deg/s", "at power-on", 1e-4, 0.5, RAD_PER_DEG),
         Parameter("tau", "s", "time constant", 10.0, 3000.0, signed=False, linear=False),
     )
-    driver = "time"
+    covariate = "time"
     manoeuvre = "a drive from power-on, cold, of at least three time constants, with standstills"
     advice = "Begin at power-on, with the gyro cold."
 

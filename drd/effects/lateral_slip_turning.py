@@ -12,7 +12,7 @@ class LateralSlipTurning(Effect):
     formula = "v_y = -k v w"
     source = "tyre slip angle in proportion to lateral force (linear tyre model)"
     parameters = (Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False),)
-    driver = "lateral_acceleration"
+    covariate = "lateral_acceleration"
     manoeuvre = "a slalom at speed, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

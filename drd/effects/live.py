@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.model import DRIVERS, Term
+from drd.effects.model import COVARIATES, Term
 from drd.effects.motion import Array, Motion
 
 # A sensor that was not heard for longer does not speak for the present.
@@ -95,12 +95,12 @@ def scalar(value: Array | float) -> float:
 
 
 class Clip:
-    """Puts the drivers of one effect back into the range in which it was seen, and back again."""
+    """Puts the covariates of one effect back into the range in which it was seen, and back again."""
 
     def __init__(self, m: LiveMotion, term: Term):
         self._m = m
         self._ends = {
-            name: (low * DRIVERS[name].si, high * DRIVERS[name].si) for name, (low, high) in term.seen.items()
+            name: (low * COVARIATES[name].si, high * COVARIATES[name].si) for name, (low, high) in term.seen.items()
         }
         self._arrays = (m.time_s, m.rate_rad_s, m.speed_m_s, m.acceleration_m_s2, m.left_m_s, m.right_m_s,
                         m.temperature_c)  # fmt: skip
@@ -109,7 +109,7 @@ class Clip:
         self.is_bounded = bool(term.seen)
 
     def apply(self) -> bool:
-        """Clip; True where a driver was outside. `undo` must follow."""
+        """Clip; True where a covariate was outside. `undo` must follow."""
         for i, array in enumerate(self._arrays):
             self._kept[i] = array[0]
         self._m.limit_temperature_rate(*self._rate_ends)

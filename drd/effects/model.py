@@ -21,7 +21,7 @@ from drd.units import RAD_PER_DEG
 T = TypeVar("T")
 
 
-class Driver(NamedTuple):
+class Covariate(NamedTuple):
     """A variable in which an effect was seen over some range: its unit in files, and the SI value of one unit."""
 
     unit: str
@@ -30,15 +30,15 @@ class Driver(NamedTuple):
 
 
 # Heading and the wheels' phase come round again, and a place is no number: they have no range.
-DRIVERS: Final = {
-    "time": Driver("s", 1.0, "since the gyro's power-on, or the recording's start"),
-    "yaw_rate": Driver("deg/s", RAD_PER_DEG, "left positive"),
-    "speed": Driver("m/s", 1.0, "forward positive"),
-    "acceleration": Driver("m/s^2", 1.0, "forward positive"),
-    "lateral_acceleration": Driver("m/s^2", 1.0, "speed times yaw rate"),
-    "curvature": Driver("1/m", 1.0, "size of yaw rate over speed"),
-    "temperature": Driver("degC", 1.0, "of the gyro"),
-    "temperature_rate": Driver("degC/s", 1.0, "behind the effect's lag"),
+COVARIATES: Final = {
+    "time": Covariate("s", 1.0, "since the gyro's power-on, or the recording's start"),
+    "yaw_rate": Covariate("deg/s", RAD_PER_DEG, "left positive"),
+    "speed": Covariate("m/s", 1.0, "forward positive"),
+    "acceleration": Covariate("m/s^2", 1.0, "forward positive"),
+    "lateral_acceleration": Covariate("m/s^2", 1.0, "speed times yaw rate"),
+    "curvature": Covariate("1/m", 1.0, "size of yaw rate over speed"),
+    "temperature": Covariate("degC", 1.0, "of the gyro"),
+    "temperature_rate": Covariate("degC/s", 1.0, "behind the effect's lag"),
 }
 # A value so many times larger than the largest plausible one is a slip of the pen, and may overflow.
 LARGEST_TIMES_PLAUSIBLE: Final = 100.0
@@ -53,7 +53,7 @@ class Amount(NamedTuple):
 
 @dataclass(frozen=True)
 class Term:
-    """An effect with its parameters, and the ranges of the drivers in which it was seen, in their files' units."""
+    """An effect with its parameters, and the ranges of the covariates in which it was seen, in their files' units."""
 
     effect: Effect
     parameters: dict[str, Amount | str]
@@ -163,8 +163,8 @@ class _Row:
 
 
 _Seen: Final[type[Any]] = make_dataclass("_Seen", [
-    (name, Annotated[tuple[float, float], f"a low and a higher number in {driver.unit}"], None)
-    for name, driver in DRIVERS.items()
+    (name, Annotated[tuple[float, float], f"a low and a higher number in {covariate.unit}"], None)
+    for name, covariate in COVARIATES.items()
 ])  # fmt: skip
 
 
@@ -192,10 +192,10 @@ def _term(node: yaml.Node, path: str, where: str) -> Term:
     stated = vars(made(given, _form(effect, bool(given.value)), where, f"{path}.parameters").value)
     parameters = {name: _amount(p) for name, p in stated.items() if p is not None}
     ranges = made(row.seen, _Seen, where, f"{path}.seen")
-    seen = {driver: ends for driver, ends in vars(ranges.value).items() if ends is not None}
-    for driver, (low, high) in seen.items():
+    seen = {covariate: ends for covariate, ends in vars(ranges.value).items() if ends is not None}
+    for covariate, (low, high) in seen.items():
         if low >= high:
-            here, expected = f"{path}.seen.{driver}", f"a low and a higher number in {DRIVERS[driver].unit}"
+            here, expected = f"{path}.seen.{covariate}", f"a low and a higher number in {COVARIATES[covariate].unit}"
             raise ConfigError(ranges.place(here), here, expected, f"{low:g} and {high:g}")
     return Term(effect, parameters, seen, row.provenance)
 
@@ -247,7 +247,7 @@ def _plain(term: Term) -> dict[str, Any]:
         parameters[name] = p if isinstance(p, str) else {"value": p.value, "std": p.std, "unit": units[name]}
     found: dict[str, Any] = {"effect": term.effect.id, "parameters": parameters}
     if term.seen:
-        found["seen"] = {driver: list(ends) for driver, ends in term.seen.items()}
+        found["seen"] = {covariate: list(ends) for covariate, ends in term.seen.items()}
     if term.provenance:
         found["provenance"] = dict(term.provenance)
     return found

@@ -12,7 +12,7 @@ class SlipAcceleration(Effect):
     formula = "reading = travel + k a |travel|"
     source = "slip in proportion to drive force (linear tyre model)"
     parameters = (Parameter("k", "s^2/m", "slip per acceleration", 1e-4, 0.2, signed=False),)
-    driver = "acceleration"
+    covariate = "acceleration"
     manoeuvre = "hard starts and soft stops, with a position reference: over a whole start and stop it cancels"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -1,11 +1,11 @@
-"""A stretch of slippery ground."""
+"""An interval on slippery ground."""
 
 from drd.effects.effect import END, START, ActsOn, Effect, Errors, Parameter, Values, np, number, window, windows
 from drd.effects.motion import Motion
 
 
 class SurfaceSlip(Effect):
-    """On one stretch of ground the wheels turn more than the ground passes."""
+    """In an interval on slippery ground the wheels turn more than the ground passes."""
 
     id = "surface_slip"
     acts_on = ActsOn.WHEELS
@@ -17,8 +17,8 @@ class SurfaceSlip(Effect):
         Parameter("left", "1", "slip of the left wheel", 1e-4, 0.5, signed=False),
         Parameter("right", "1", "slip of the right wheel", 1e-4, 0.5, signed=False),
     )
-    driver = "time"
-    manoeuvre = "the same stretch again, and others"
+    covariate = "time"
+    manoeuvre = "the same ground again, and others"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
     repeats = True
@@ -34,7 +34,7 @@ class SurfaceSlip(Effect):
         return windows(m, 4, 0.5) + windows(m, 8, 0.5) + windows(m, 16)
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
-        # Ground that changes within the stretch; slip that grows with speed.
+        # Ground that changes within the interval; slip that grows with speed.
         inside, t0, t1 = window(m.time_s, number(p, "t0"), number(p, "t1")), number(p, "t0"), number(p, "t1")
         along = inside * (m.time_s - t0) / max(t1 - t0, 1e-9)
         shares = (along, inside * np.abs(m.speed_m_s))

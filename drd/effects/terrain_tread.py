@@ -1,4 +1,4 @@
-"""Effective tread and forward gain on a stretch of other ground."""
+"""Effective tread and forward gain in an interval on other ground."""
 
 from drd.effects.effect import (
     END,
@@ -19,7 +19,7 @@ from drd.effects.motion import Motion
 
 
 class TerrainTread(Effect):
-    """On a stretch of other ground a skid-steer robot has another effective tread and another forward gain."""
+    """In an interval on other ground a skid-steer robot has another effective tread and another forward gain."""
 
     id = "terrain_tread"
     acts_on = ActsOn.WHEELS
@@ -31,7 +31,7 @@ class TerrainTread(Effect):
         Parameter("tread", "1", "relative change of the effective tread", 1e-3, 0.5),
         Parameter("gain", "1", "what the wheels read too much straight ahead", 1e-4, 0.3),
     )
-    driver = "place"
+    covariate = "place"
     manoeuvre = "turns on the spot and straight lines on each ground, with a position or heading reference"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
@@ -49,7 +49,7 @@ class TerrainTread(Effect):
         return windows(m, 4, 0.5) + windows(m, 8, 0.5) + windows(m, 16)
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
-        # Ground that changes within the stretch; scrub that grows with the rate; slip that grows with speed.
+        # Ground that changes within the interval; scrub that grows with the rate; slip that grows with speed.
         t0, t1 = number(p, "t0"), number(p, "t1")
         inside = window(m.time_s, t0, t1)
         along = inside * (m.time_s - t0) / max(t1 - t0, 1e-9)

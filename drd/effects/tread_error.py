@@ -12,7 +12,7 @@ class TreadError(Effect):
     formula = "reading = v -+ (1 + k) D w / 2"
     source = "Borenstein and Feng, UMBmark (1996): E_b"
     parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3),)
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     manoeuvre = "turns on the spot, both ways"
     geometry = True
 

@@ -12,7 +12,7 @@ class TyreDeflation(Effect):
     formula = "reading = travel (1 + total t / end of the run)"
     source = "geometry; a small leak at nearly constant pressure loses air steadily"
     parameters = (SIDE, Parameter("total", "1", "share of the radius lost at the end", 1e-4, 0.1, signed=False))
-    driver = "time"
+    covariate = "time"
     manoeuvre = "long straight lines from begin to end of the run"
     lasting = False
 

@@ -15,7 +15,7 @@ class WheelRadiusError(Effect):
         Parameter("left", "1", "what the left radius is larger than believed", 1e-5, 0.1),
         Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1),
     )
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "long straight lines, with a position reference"
     geometry = True
 

@@ -12,7 +12,7 @@ class WheelRadiusSpeed(Effect):
     formula = "reading = travel (1 - k v^2)"
     source = "a tyre's centrifugal load is in proportion to v^2"
     parameters = (Parameter("k", "(m/s)^-2", "relative growth per speed squared", 1e-5, 0.02),)
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "straight lines at several speeds, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

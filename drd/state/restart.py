@@ -102,7 +102,7 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
 
 def _counts_from_start(effect: Effect) -> bool:
     """What it takes off the gyro is relative to the first samples: the old bias goes with the old start."""
-    return effect.channel == "gyro" and ("time" in effect.driver or "temperature" in effect.driver)
+    return effect.channel == "gyro" and ("time" in effect.covariate or "temperature" in effect.covariate)
 
 
 def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pipeline) -> None:  # (41)

@@ -18,7 +18,7 @@ from drd.effects.chain import add
 from drd.effects.compensation import Compensation
 from drd.effects.effect import Effect, Parameter
 from drd.effects.live import Clip, LiveMotion
-from drd.effects.model import DRIVERS, Amount, Term, make_model
+from drd.effects.model import COVARIATES, Amount, Term, make_model
 from drd.effects.motion import Array, Motion
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import RAD_PER_DEG
@@ -212,8 +212,8 @@ def test_outside_the_range_seen_the_correction_stays_and_the_sigma_grows() -> No
     assert not model.outside
 
 
-@pytest.mark.parametrize("driver", sorted(DRIVERS))
-def test_a_driver_outside_is_noticed_and_put_back(driver: str) -> None:
+@pytest.mark.parametrize("covariate", sorted(COVARIATES))
+def test_a_covariate_outside_is_noticed_and_put_back(covariate: str) -> None:
     m = LiveMotion(TREAD_M, 100.0)
     values = {"time": 50.0, "yaw_rate": 60.0, "speed": 2.0, "acceleration": 1.0,
               "lateral_acceleration": 120.0 * RAD_PER_DEG,
@@ -225,8 +225,8 @@ def test_a_driver_outside_is_noticed_and_put_back(driver: str) -> None:
     m.warm(10.0, 30.0)
     values["temperature_rate"] = float(m.temperature_rate_c_s(10.0)[0])
     before = [float(x[0]) for x in (m.time_s, m.rate_rad_s, m.speed_m_s, m.left_m_s, m.right_m_s, m.temperature_c)]
-    for ends, is_outside in (((0.0, 0.9 * values[driver]), True), ((0.0, 1.1 * values[driver]), False)):
-        clip = Clip(m, make_model([{**SCALE, "seen": {driver: list(ends)}}]).terms[0])
+    for ends, is_outside in (((0.0, 0.9 * values[covariate]), True), ((0.0, 1.1 * values[covariate]), False)):
+        clip = Clip(m, make_model([{**SCALE, "seen": {covariate: list(ends)}}]).terms[0])
         found = clip.apply()
         rate = float(m.temperature_rate_c_s(10.0)[0])
         speed, turn = 0.5 * float((m.left_m_s + m.right_m_s)[0]), float((m.right_m_s - m.left_m_s)[0]) / TREAD_M
@@ -234,7 +234,7 @@ def test_a_driver_outside_is_noticed_and_put_back(driver: str) -> None:
                "acceleration": m.acceleration_m_s2[0], "lateral_acceleration": m.speed_m_s[0] * m.rate_rad_s[0],
                "curvature": abs(m.rate_rad_s[0] / m.speed_m_s[0]), "temperature": m.temperature_c[0],
                "temperature_rate": rate}  # fmt: skip
-        assert now[driver] == pytest.approx(min(values[driver], ends[1]), rel=1e-4)
+        assert now[covariate] == pytest.approx(min(values[covariate], ends[1]), rel=1e-4)
         assert (clip.undo() or found) is is_outside
         after = [float(x[0]) for x in (m.time_s, m.rate_rad_s, m.speed_m_s, m.left_m_s, m.right_m_s, m.temperature_c)]
         assert after == before

@@ -27,7 +27,7 @@ WHEELS = """
 """
 BODY = "lateral_slip_turning rotation_centre_offset"
 ACTS_ON = {i: where for where, ids in (("gyro", GYRO), ("wheels", WHEELS), ("body", BODY)) for i in ids.split()}
-DRIVERS = {
+COVARIATES = {
     "acceleration", "curvature", "heading", "lateral_acceleration", "place", "speed", "temperature",
     "temperature_rate", "time", "wheel_phase", "yaw_rate",
 }  # fmt: skip
@@ -67,7 +67,7 @@ def test_effects_come_in_the_order_in_which_they_act() -> None:
 def test_each_effect_explains_itself(effect: Effect) -> None:
     assert effect.sentence.endswith(".")
     assert all((effect.formula, effect.source, effect.manoeuvre))
-    assert effect.driver in DRIVERS
+    assert effect.covariate in COVARIATES
     assert 0.0 < effect.remainder <= 1.0
     # What removal leaves whole is what cannot be undone; and the reason is a clause, not a sentence.
     assert effect.remainder < 1.0 or effect.irreversible

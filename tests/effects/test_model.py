@@ -23,7 +23,7 @@ from drd.config.schema import ConfigError, loads
 from drd.effects.catalogue import catalogue
 from drd.effects.compensation import Compensation
 from drd.effects.effect import Parameter
-from drd.effects.model import DRIVERS, Amount, Model, Term, load_model, loads_model, make_model, save_model
+from drd.effects.model import COVARIATES, Amount, Model, Term, load_model, loads_model, make_model, save_model
 from drd.estimation.estimator import Estimator
 from drd.pipeline import Pipeline
 from drd.recording.in_force import MODEL, files_in_force
@@ -189,7 +189,7 @@ def terms(draw: st.DrawFn) -> Term:
     return Term(
         chosen,
         {q.name: draw(amounts(q)) for q in chosen.parameters},
-        draw(st.dictionaries(st.sampled_from(list(DRIVERS)), ends, max_size=2)),
+        draw(st.dictionaries(st.sampled_from(list(COVARIATES)), ends, max_size=2)),
         draw(texts),
     )
 
@@ -208,8 +208,8 @@ def test_a_saved_model_is_read_as_the_same(
     assert read.provenance == provenance
 
 
-def test_every_driver_of_the_catalogue_has_a_range_or_cannot_have_one() -> None:
-    assert {e.driver for e in catalogue().values()} - set(DRIVERS) == {"heading", "wheel_phase", "place"}
+def test_every_covariate_of_the_catalogue_has_a_range_or_cannot_have_one() -> None:
+    assert {e.covariate for e in catalogue().values()} - set(COVARIATES) == {"heading", "wheel_phase", "place"}
 
 
 def test_what_does_not_last_holds_only_where_it_was_found() -> None:

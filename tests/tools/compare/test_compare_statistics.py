@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from replay_folders import long_drive
 
 from drd_tools.compare.blocks import Blocks, cut
-from drd_tools.compare.drivers import Driver, drivers_of
+from drd_tools.compare.drivers import Covariate, drivers_of
 from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
 from drd_tools.compare.noise import Expected, draw, expected
 from drd_tools.compare.shares import Share, curve, shares, whitened
@@ -31,17 +31,17 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Poses]:
     return e, follow(e)
 
 
-def ramp(blocks: int, knots: int = 6) -> Driver:
+def ramp(blocks: int, knots: int = 6) -> Covariate:
     at = np.linspace(0.0, 1.0, knots)
     x = np.linspace(0.0, 1.0, blocks)
-    return Driver("x", "m", at, np.column_stack([np.interp(x, at, row) for row in np.eye(knots)]))
+    return Covariate("x", "m", at, np.column_stack([np.interp(x, at, row) for row in np.eye(knots)]))
 
 
 def white(blocks: int, sigma: float = 1.0) -> Expected:
     return Expected(sigma**2 * np.eye(blocks), np.zeros((blocks, 0)), blocks)
 
 
-def judge(y: Array, drivers: list[Driver], sigma: float = 1.0) -> list[Share]:
+def judge(y: Array, drivers: list[Covariate], sigma: float = 1.0) -> list[Share]:
     return shares([whitened(y, white(len(y), sigma))], drivers, flips=199)[0]
 
 
@@ -50,7 +50,7 @@ def judge(y: Array, drivers: list[Driver], sigma: float = 1.0) -> list[Share]:
 def test_a_curve_of_a_driver_is_found_and_measured(seed: int) -> None:
     rng = np.random.default_rng(seed)
     driver, n = ramp(80), 80
-    other = Driver("other", "m", driver.knots, driver.design[rng.permutation(n)])
+    other = Covariate("other", "m", driver.knots, driver.design[rng.permutation(n)])
     truth = rng.choice((-1.0, 1.0)) * 6.0 * (driver.knots - 0.5)
     y = driver.design @ truth + rng.standard_normal(n)
     found, wrong = judge(y, [driver, other])

@@ -33,7 +33,7 @@ class BiasSpeed(Effect):
     formula = "e = field v"
     source = "made up"
     parameters = (Parameter("field", "deg/s per m/s", "bias per speed", 1e-3, 1.0, RAD_PER_DEG),)
-    driver = "speed"
+    covariate = "speed"
     manoeuvre = "straight lines at several speeds"
 
     def error(self, m: Motion, p: Values) -> Errors:

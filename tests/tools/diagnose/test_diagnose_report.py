@@ -64,7 +64,7 @@ def test_one_finding_reads_from_verdict_to_next_drive(tmp_path: Path) -> None:
     ]
     for text in (
         "leaves out one effect: gyro_scale_error (k = 0.01200 ± 0.00030).",
-        "This is confirmed; a recording in which nothing is missing would bring such a claim in 0.1 % of cases.",
+        "This is confirmed; a recording in which nothing is missing would bring such a finding in 0.1 % of cases.",
         "It explains 97 % of the mismatch and leaves 3 %; the end of the path is still 12 cm off; "
         "on unseen data the position rms goes from 1.31 to 0.14 m.",
         catalogue()["gyro_scale_error"].sentence,

@@ -10,7 +10,7 @@ from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.compare.blocks import Blocks, cut
-from drd_tools.compare.drivers import Driver, drivers_of
+from drd_tools.compare.drivers import Covariate, drivers_of
 from drd_tools.compare.mismatch import (
     Kind,
     ReferenceError,
@@ -22,7 +22,7 @@ from drd_tools.compare.mismatch import (
     standstill,
 )
 from drd_tools.compare.noise import Expected, expected
-from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
+from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 from drd_tools.compare.shares import Share, Whitened, curve, shares, whitened
 from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path
@@ -36,7 +36,7 @@ P_NAMED: Final = 0.01
 TOLERATED: Final = 1.5
 SURE: Final = 0.999
 SIGMAS: Final = 4.0  # of a constant mismatch
-FEWEST_BLOCKS: Final = 12  # for any statement on drivers
+FEWEST_BLOCKS: Final = 12  # for any statement on covariates
 
 
 def compare(recording: Recording, seed: int = 0) -> Comparison:
@@ -142,7 +142,7 @@ def _channel(
     means: Array,
     noise: Expected,
     blocks: Blocks,
-    drivers: list[Driver],
+    drivers: list[Covariate],
     judged: list[Share],
     reference: list[ReferenceError],
 ) -> ChannelResult:
@@ -188,9 +188,9 @@ def _channel(
     )
 
 
-def _driver(w: Whitened, driver: Driver, judged: Share, factor: float) -> DriverResult:
+def _driver(w: Whitened, driver: Covariate, judged: Share, factor: float) -> CovariateResult:
     fitted = curve(w, driver, judged.left)
-    return DriverResult(
+    return CovariateResult(
         driver.name,
         driver.unit,
         judged.share,

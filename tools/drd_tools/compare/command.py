@@ -24,7 +24,7 @@ reference and sensors; without a reference the gyro's and the wheels', and then 
 gyro's can be compared.
 
 For each channel: the mismatch's rms beside what noise alone makes of it, its mean, what it adds up to at the end, and
-how much of it a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or place foretells
+how much of it a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or place predicts
 in blocks that the curve was not fitted to. "Nothing beyond noise" where it is so.
 """
 EXAMPLES = """\

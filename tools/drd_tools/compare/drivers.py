@@ -24,12 +24,12 @@ BLOCKS_PER_TIME_KNOT: Final = 5
 FEWEST_KNOTS: Final = 3
 TURN_DEG: Final = 360.0
 ACCELERATION_SMOOTHING_S: Final = 0.3
-# Below such a spread a driver has not moved.
+# Below such a spread a covariate has not moved.
 SMALLEST: Final = {"temperature": 0.3, "speed": 0.02, "yaw rate": 0.5}
 
 
 @dataclass(frozen=True)
-class Driver:
+class Covariate:
     """`knots` (k,), or (k, 2) of the place. `design` (b, k): the share of each block's time at each knot.
 
     A mismatch that is a curve of the driver, with values c at the knots and lines between, has the block means
@@ -42,7 +42,7 @@ class Driver:
     design: Array
 
 
-def drivers_of(e: Evidence, path: Path, blocks: Blocks) -> list[Driver]:
+def drivers_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
     """Those that move in this recording."""
     motion = motion_along(e, path)
     typical_s = float(np.median(e.step_s)) / SUB
@@ -77,7 +77,7 @@ def drivers_of(e: Evidence, path: Path, blocks: Blocks) -> list[Driver]:
         knots: Array = np.linspace(0.0, TURN_DEG, count, endpoint=False) if is_circle else np.linspace(low, high, count)
         kept, shares = _kept(knots, partial(_hat_design, design, value, is_circle))
         if len(kept) >= FEWEST_KNOTS:
-            found.append(Driver(name, unit, kept, shares))
+            found.append(Covariate(name, unit, kept, shares))
     x, y = (np.interp(motion.time_s, e.time_s, path.pose[1:, k]) for k in (0, 1))
     place = _places(x, y, usual, design)
     return [*found, place] if place is not None else found
@@ -105,7 +105,7 @@ def _kept(knots: Array, design: Callable[[Array], Array]) -> tuple[Array, Array]
         knots = np.delete(knots, poorest, axis=0)
 
 
-def _places(x: Array, y: Array, count: int, design: Callable[[Array], Array]) -> Driver | None:
+def _places(x: Array, y: Array, count: int, design: Callable[[Array], Array]) -> Covariate | None:
     """Bells on a square grid over the area, that add up to 1."""
     width, height = float(np.ptp(x)), float(np.ptp(y))
     if max(width, height) <= 0.0:
@@ -122,4 +122,4 @@ def _places(x: Array, y: Array, count: int, design: Callable[[Array], Array]) ->
         return design(result)
 
     knots, shares = _kept(grid, bells)
-    return Driver("place", "m", knots, shares) if len(knots) >= FEWEST_KNOTS else None
+    return Covariate("place", "m", knots, shares) if len(knots) >= FEWEST_KNOTS else None

@@ -38,7 +38,7 @@ class Expected:
         self._L = cholesky(noise + reference @ reference.T, lower=True)
 
     def whiten(self, rows: Array) -> Array:
-        """L^-1 rows, L L^T the whole covariance: what blocks before do not foretell of each, in sigmas."""
+        """L^-1 rows, L L^T the whole covariance: what blocks before do not predict of each, in sigmas."""
         result: Array = solve_triangular(self._L, rows, lower=True)
         return result
 

@@ -1,4 +1,4 @@
-"""Pictures of a comparison: an overview, and for each channel its mismatch over time, by driver, and on the map."""
+"""Pictures of a comparison: an overview, and for each channel its mismatch over time, by covariate, and on the map."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
-from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
-from drd_tools.compare.text import DRIVERS, P_SHOWN, rate
+from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
+from drd_tools.compare.text import COVARIATES, P_SHOWN, rate
 from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
 
 Array = npt.NDArray[np.float64]
@@ -20,8 +20,8 @@ ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: a jump of t
 
 
 def overview_picture(file: Path, c: Comparison) -> None:
-    """How far each channel is beyond noise, and which driver foretells it. Raises OSError."""
-    names = [n for n in DRIVERS if any(d.name == n for ch in c.channels for d in ch.drivers)]
+    """How far each channel is beyond noise, and which covariate predicts it. Raises OSError."""
+    names = [n for n in COVARIATES if any(d.name == n for ch in c.channels for d in ch.drivers)]
     with picture(file, 11.0, 1.7 + 0.46 * len(c.channels)) as figure:
         ratios = (1.0, 2.7) if names else (1.0,)
         panels: Any = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
@@ -43,7 +43,7 @@ def overview_picture(file: Path, c: Comparison) -> None:
             axes.set_yticks([])
             axes.spines[:].set_visible(False)
             axes.tick_params(length=0)
-            axes.set_title("Share that the driver foretells (bold: p ≤ 0.01)")
+            axes.set_title("Share that the covariate predicts (bold: p ≤ 0.01)")
 
 
 def _ratios(axes: Any, c: Comparison) -> None:
@@ -63,8 +63,8 @@ def _ratios(axes: Any, c: Comparison) -> None:
 
 
 def channel_picture(file: Path, c: Comparison, ch: ChannelResult) -> None:
-    """One channel: blocks and their sum over time, curves of the drivers, and the map. Raises OSError."""
-    drivers = [d for n in DRIVERS if n != "place" for d in ch.drivers if d.name == n]
+    """One channel: blocks and their sum over time, curves of the covariates, and the map. Raises OSError."""
+    drivers = [d for n in COVARIATES if n != "place" for d in ch.drivers if d.name == n]
     count = -(-(len(drivers) + 1) // COLUMNS) if drivers else 0
     with picture(file, 11.0, 3.5 + 2.9 * count) as figure:
         halves: Any = figure.subfigures(2, 1, height_ratios=(3.5, 2.9 * count)) if drivers else [figure]
@@ -78,7 +78,7 @@ def channel_picture(file: Path, c: Comparison, ch: ChannelResult) -> None:
             _map(figure, panels[2], c, ch)
 
 
-def _curves(figure: Any, count: int, c: Comparison, ch: ChannelResult, drivers: list[DriverResult]) -> None:
+def _curves(figure: Any, count: int, c: Comparison, ch: ChannelResult, drivers: list[CovariateResult]) -> None:
     cells = figure.subplots(count, COLUMNS, squeeze=False).ravel().tolist()
     limits = _limits(ch, drivers)
     for k, (axes, d) in enumerate(zip(cells, drivers, strict=False)):
@@ -129,7 +129,7 @@ def _zoom(axes: Any, values: Array, least: float) -> None:
         axes.text(0.99, 0.02, text, transform=axes.transAxes, ha="right", fontsize=9, color=GREY)
 
 
-def _limits(ch: ChannelResult, drivers: list[DriverResult]) -> tuple[float, float]:
+def _limits(ch: ChannelResult, drivers: list[CovariateResult]) -> tuple[float, float]:
     """Common limits, that a poorly known end of a curve does not spoil."""
     factor = rate(ch)[0]
     value, sigma, noise = (
@@ -142,7 +142,7 @@ def _limits(ch: ChannelResult, drivers: list[DriverResult]) -> tuple[float, floa
     return low - 0.08 * (high - low), high + 0.08 * (high - low)
 
 
-def _curve(axes: Any, ch: ChannelResult, d: DriverResult, limits: tuple[float, float]) -> None:
+def _curve(axes: Any, ch: ChannelResult, d: CovariateResult, limits: tuple[float, float]) -> None:
     factor = rate(ch)[0]
     knots, value, sigma, noise = (np.array(v) for v in (d.knots, d.value, d.sigma, d.noise_sigma))
     _band(axes, knots, factor * noise)
@@ -156,7 +156,7 @@ def _curve(axes: Any, ch: ChannelResult, d: DriverResult, limits: tuple[float, f
     _title(axes, d.name, d)
 
 
-def _title(axes: Any, name: str, d: DriverResult | None) -> None:
+def _title(axes: Any, name: str, d: CovariateResult | None) -> None:
     is_sure = d is not None and d.p <= P_SHOWN
     share = "" if d is None else f": {max(d.share, 0.0):.2f}"
     axes.set_title(f"{name}{share}", color=INK if is_sure else GREY, fontweight="bold" if is_sure else "normal")

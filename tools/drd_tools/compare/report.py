@@ -20,7 +20,7 @@ def print_comparison(c: Comparison) -> None:
         print(f"- {text.sentence(channel)}")
     header, body = text.share_rows(c)
     if len(header) > 1:
-        print("\nShare that one driver alone foretells; * p <= 0.01 over all of the table\n")
+        print("\nShare that one covariate alone predicts; * p <= 0.01 over all of the table\n")
         print_table(header, body)
     for note in (c.bias, assumed(c), *c.notes):
         if note:
@@ -54,7 +54,7 @@ def write_report(c: Comparison, folder: Path) -> list[Path]:
         page.picture(
             files[-1],
             f"{channel.text[0].upper()}{channel.text[1:]}. Bands: noise alone. Curves: the mismatch as a curve of one "
-            "driver alone, with one sigma by the scatter; above each its cross-validated share. Map: each block.",
+            "covariate alone, with one sigma by the scatter; above each its cross-validated share. Map: each block.",
         )
     page.heading("How")
     page.text(text.METHOD)

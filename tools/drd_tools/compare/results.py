@@ -7,8 +7,8 @@ from drd_tools.report.saved import Saved
 
 
 @dataclass(frozen=True)
-class DriverResult:
-    """How a channel's mismatch goes with a driver.
+class CovariateResult:
+    """How a channel's mismatch goes with a covariate.
 
     `share`, `p`, `left` and `as_good` as in `shares.Share`. `knots` and the curve's values there (deg/s or m/s), their
     sigmas by the scatter and by noise alone; of the place the knots are [x_m, y_m].
@@ -32,7 +32,7 @@ class ChannelResult:
 
     `rms` of the block means and what is expected of it; `ratio`: their rms in sigmas, correlation accounted for.
     `independent`: as many independent blocks would tell as much of the noise's size. `verdict`: nothing, driver (then
-    `named` holds the best drivers, the first one the best) or more (than noise, and no driver foretells it).
+    `named` holds the best covariates, the first one the best) or more (than noise, and no covariate predicts it).
     `reference`: errors of the reference that were fitted to this channel and taken off, as name, value, sigma and unit.
     """
 
@@ -51,14 +51,14 @@ class ChannelResult:
     verdict: str
     named: list[str]
     reference: list[list[Any]]
-    drivers: list[DriverResult]
+    drivers: list[CovariateResult]
     block_mean: list[float]
     block_sigma: list[float]
     sum: list[float]
     sum_sigma: list[float]
 
-    def driver(self, name: str) -> DriverResult:
-        """One of its drivers."""
+    def driver(self, name: str) -> CovariateResult:
+        """One of its covariates."""
         return next(d for d in self.drivers if d.name == name)
 
 

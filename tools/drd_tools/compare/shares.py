@@ -1,4 +1,4 @@
-"""How much of a mismatch a curve of a driver foretells in blocks that it was not fitted to. (66)"""
+"""How much of a mismatch a curve of a covariate predicts in blocks that it was not fitted to. (66)"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.compare.drivers import Driver
+from drd_tools.compare.drivers import Covariate
 from drd_tools.compare.noise import Expected
 
 Array = npt.NDArray[np.float64]
@@ -44,7 +44,7 @@ def whitened(means: Array, expected: Expected) -> Whitened:
     return Whitened(both[:, 0], both[:, 1], expected, float(np.sqrt(np.mean(means**2))))
 
 
-def _columns(w: Whitened, driver: Driver | None) -> Array:
+def _columns(w: Whitened, driver: Covariate | None) -> Array:
     """Columns (b, 1 + k) of a constant and of a curve's knots."""
     return w.one[:, None] if driver is None else np.column_stack([w.one, w.expected.whiten(driver.design)])
 
@@ -58,7 +58,7 @@ def _ridge(w: Whitened, columns: Array, width: float) -> Array:
 
 
 def left_over(X: Array, ridge: Array) -> Array:
-    """The matrix E (b, b): `E y` is what is left of y when each fold is foretold by the others. (66)"""
+    """The matrix E (b, b): `E y` is what is left of y when each fold is predicted by the others. (66)"""
     n = len(X)
     E = np.eye(n)
     for fold in np.array_split(np.arange(n), min(FOLDS, n)):
@@ -76,7 +76,7 @@ class Curve:
     noise_sigma: Array
 
 
-def curve(w: Whitened, driver: Driver, left: float) -> Curve:
+def curve(w: Whitened, driver: Covariate, left: float) -> Curve:
     """Fit to all blocks. `left`: rms of what is left, in sigmas.
 
     Between knots that the blocks do not tell apart the line is kept straight (prior on second differences).
@@ -95,9 +95,9 @@ def curve(w: Whitened, driver: Driver, left: float) -> Curve:
 
 @dataclass(frozen=True)
 class Share:
-    """`share` of the squared mismatch about its mean that is foretold; `p`: how often noise does as well anywhere.
+    """`share` of the squared mismatch about its mean that is predicted; `p`: how often noise does as well anywhere.
 
-    `left`: rms of what is left, in sigmas. `as_good`: not to be told from the best driver of the channel.
+    `left`: rms of what is left, in sigmas. `as_good`: not to be told from the best covariate of the channel.
     """
 
     share: float
@@ -107,9 +107,9 @@ class Share:
 
 
 def shares(
-    channels: Sequence[Whitened], drivers: Sequence[Driver], seed: int = 0, flips: int = FLIPS
+    channels: Sequence[Whitened], drivers: Sequence[Covariate], seed: int = 0, flips: int = FLIPS
 ) -> list[list[Share]]:
-    """For each channel and driver. `p` is family-wise over all of them: largest shares of a channel with the signs of
+    """For each channel and covariate. `p` is family-wise over all: largest shares of a channel with the signs of
     its blocks flipped at random, times the number of channels (Bonferroni)."""
     if not channels:
         return []

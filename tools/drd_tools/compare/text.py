@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from drd_tools.compare.results import ChannelResult, Comparison, DriverResult
+from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 
 HEADER: Final = ("channel", "rms", "by noise", "in sigmas", "mean", "added up at the end", "goes with", "share")
 NOISE_HEADER: Final = ("noise", "1 sigma", "from")
@@ -73,12 +73,12 @@ def lead(c: Comparison) -> Iterator[str]:
 
 
 def is_small(ch: ChannelResult) -> bool:
-    """A driver foretells some of it, but it is of the size that the noise was said to have."""
+    """A covariate predicts some of it, but it is of the size that the noise was said to have."""
     return ch.verdict == "driver" and ch.ratio < SMALL
 
 
 def _named(ch: ChannelResult) -> str:
-    with_what = " or ".join(ch.named) or ("no driver for sure" if ch.drivers else "too few blocks to say with what")
+    with_what = " or ".join(ch.named) or ("no covariate for sure" if ch.drivers else "too few blocks to say with what")
     return f"{ch.title} ({'' if not ch.drivers else 'with '}{with_what})"
 
 
@@ -92,7 +92,7 @@ def sentence(ch: ChannelResult) -> str:
     if ch.verdict == "more":
         drivers = "with too few blocks to say with what it goes"
         if ch.drivers:
-            drivers = "but no driver surely foretells it in blocks that were left out of the fit"
+            drivers = "but no covariate surely predicts it in blocks that were left out of the fit"
             nearest = ch.drivers[0]
             if nearest.share > WORTH_A_WORD:
                 drivers += f" (nearest: {nearest.name}, share {nearest.share:.2f}, p {nearest.p:.2g})"
@@ -107,7 +107,7 @@ def sentence(ch: ChannelResult) -> str:
     )
 
 
-def _range(ch: ChannelResult, d: DriverResult) -> str:
+def _range(ch: ChannelResult, d: CovariateResult) -> str:
     """Where a curve is lowest and highest."""
     factor, unit = rate(ch)
     low, high = (d.value.index(f(d.value)) for f in (min, max))
@@ -125,9 +125,9 @@ def reference_rows(c: Comparison) -> list[list[str]]:
 
 
 def share_rows(c: Comparison) -> tuple[list[str], list[list[str]]]:
-    """Header and rows: the share of each driver in each channel; * where noise hardly does as well."""
+    """Header and rows: the share of each covariate in each channel; * where noise hardly does as well."""
     names = list(dict.fromkeys(d.name for ch in c.channels for d in ch.drivers))
-    order = [n for n in DRIVERS if n in names]
+    order = [n for n in COVARIATES if n in names]
     body = [
         [ch.title, *(f"{max(ch.driver(n).share, 0.0):.2f}{'*' if ch.driver(n).p <= P_SHOWN else ' '}" for n in order)]
         for ch in c.channels
@@ -135,19 +135,19 @@ def share_rows(c: Comparison) -> tuple[list[str], list[list[str]]]:
     return ["channel", *order], body
 
 
-DRIVERS: Final = ("time", "yaw rate", "yaw acceleration", "speed", "acceleration", "temperature", "heading", "place")
+COVARIATES: Final = ("time", "yaw rate", "yaw acceleration", "speed", "acceleration", "temperature", "heading", "place")
 P_SHOWN: Final = 0.01
 SHARES: Final = (
-    "Share of the squared mismatch (in sigmas, about its mean) that a curve of one driver alone foretells in blocks "
-    "it was not fitted to. * p <= 0.01 over all channels and drivers together, by flips of sign. The drivers of a "
-    "drive go together: two stars in a row need not be two causes."
+    "Share of the squared mismatch (in sigmas, about its mean) that a curve of one covariate alone predicts in blocks "
+    "it was not fitted to. * p <= 0.01 over all channels and covariates together, by flips of sign. The covariates of "
+    "a drive go together: two stars in a row need not be two causes."
 )
 METHOD: Final = (
     "Noise alone: nominal recordings with the noise below were simulated along the same path and treated alike, so "
     "that what the reference's noise and the path's smoothing do is in it. What the standstill leaves of the gyro's "
     "bias, and the bias's walk, are added. A reference may be late (10 ms), turned (2 deg) or displaced to the left "
-    "(5 cm; 1 sigma each): this is fitted to each channel and taken off. A channel is beyond noise where a driver "
-    "foretells it, or where it is surely above 1.5 sigmas rms (data sheets may be 30 % wrong), or where its mean is "
+    "(5 cm; 1 sigma each): this is fitted to each channel and taken off. A channel is beyond noise where a covariate "
+    "predicts it, or where it is surely above 1.5 sigmas rms (data sheets may be 30 % wrong), or where its mean is "
     "above 4 sigmas. A reference that is displaced lengthwise looks like a robot that turns about another point: "
     "both show as a sideways mismatch that goes with the yaw rate."
 )

@@ -1,4 +1,4 @@
-"""The actual error over the stretch, and what the budget makes of it."""
+"""The actual error over the interval, and what the budget makes of it."""
 
 import math
 from typing import Final

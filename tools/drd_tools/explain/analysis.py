@@ -24,7 +24,7 @@ DIGITS: Final = 6
 
 
 class Plan(NamedTuple):
-    """Beginning and end of the stretch in s (None: of the recording), and the times at which poses are kept."""
+    """Beginning and end of the interval in s (None: of the recording), and the times at which poses are kept."""
 
     from_s: float | None
     to_s: float | None
@@ -33,14 +33,14 @@ class Plan(NamedTuple):
 
 
 def explain(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Explanation:
-    """Replay and explain. Raises ConfigError, also where the stretch has no pose."""
+    """Replay and explain. Raises ConfigError, also where the interval has no pose."""
     plan = make_plan(source, from_s, to_s, reference)
     stretch = Stretch(source.zero_ns, plan.from_s, plan.to_s, plan.keep_s)
     replayed = source.run(stretch)
     if len(stretch.snapshots) < 2:
         table = stretch.table()
         poses = f"steps from {table[0, 0]:.6g} to {table[-1, 0]:.6g} s" if len(table) else "no step of the filter"
-        raise ConfigError(str(source.path), "--from, --to", "a stretch with steps of the filter", poses)
+        raise ConfigError(str(source.path), "--from, --to", "an interval with steps of the filter", poses)
     notes = [*plan.notes, *replayed.notes, *_rejections(replayed)]
     actual = None
     if reference is not None and plan.keep_s:
@@ -67,14 +67,14 @@ def _rejections(replayed: Replayed) -> list[str]:
 
 
 def make_plan(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Plan:
-    """With a reference the stretch begins and ends with a row of it, since only there the error is known."""
+    """With a reference the interval begins and ends with a row of it, since only there the error is known."""
     low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
     for name, value_s in (("--from", from_s), ("--to", to_s)):
         if value_s is not None and not source.first_s <= value_s <= source.last_s:
             expected = f"a time within {source.first_s:.6g} to {source.last_s:.6g} s"
             raise ConfigError(str(source.path), name, expected, f"{value_s:g} s")
     if not low < high:
-        raise ConfigError("--from, --to", "", "a stretch of time", f"{low:g} to {high:g} s")
+        raise ConfigError("--from, --to", "", "an interval of time", f"{low:g} to {high:g} s")
     if reference is None:
         return Plan(from_s, to_s, (), [])
     low, high = max(low, source.first_s), min(high, source.last_s)
@@ -84,12 +84,12 @@ def make_plan(source: Source, from_s: float | None, to_s: float | None, referenc
             from_s,
             to_s,
             (),
-            [f"Of the reference {reference.name}, {len(rows)} rows lie in the stretch: it is not used."],
+            [f"Of the reference {reference.name}, {len(rows)} rows lie in the interval: it is not used."],
         )
     near = np.searchsorted(rows, np.linspace(rows[0], rows[-1], KEPT + 1)[1:]).clip(1, len(rows) - 1)
     notes = []
     if rows[0] - low > 1.0 or high - rows[-1] > 1.0:
-        notes.append(f"The stretch is that of the reference's rows, {rows[0]:.2f} to {rows[-1]:.2f} s.")
+        notes.append(f"The interval is that of the reference's rows, {rows[0]:.2f} to {rows[-1]:.2f} s.")
     return Plan(float(rows[0]), float(rows[-1]), tuple(rows[np.unique(near)].tolist()), notes)
 
 
@@ -136,7 +136,7 @@ def _explanation(
 def _counts_from(stretch: Stretch, plan: Plan) -> str:
     if stretch.set_at_s:
         return f"the pose that was set at {stretch.set_at_s[-1]:.1f} s"
-    return "the filter's own start" if plan.from_s is None else "the pose at the stretch's beginning"
+    return "the filter's own start" if plan.from_s is None else "the pose at the interval's beginning"
 
 
 def _line(group: str, part: str, P: Array, total: Array) -> Line:

@@ -1,4 +1,4 @@
-"""`drd explain`: the error budget of a stretch of a recording, by cause."""
+"""`drd explain`: the error budget of an interval of a recording, by cause."""
 
 import argparse
 from dataclasses import replace
@@ -22,7 +22,7 @@ RECORDING is replayed as by `drd replay` (a .mcap file of the daemon or a record
 with its own F, H, K, Q and R, is repeated on a covariance for each cause; their sum is the filter's covariance, so the
 budget is exactly what the filter believes. It holds no physics that the filter does not know.
 
-With --from S or a reference, errors count from the pose at the stretch's beginning; what was known badly by then
+With --from S or a reference, errors count from the pose at the interval's beginning; what was known badly by then
 (scales, tread, bias) stays with its cause. Without either, from the filter's own start.
 
 A reference (the folder's reference.csv, or --reference) shows the actual error: whether the budget covers it, and if so
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = command("drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), kept()])
     add = parser.add_argument
     add("recording", nargs="?", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
-    add("--from", dest="begin", type=number(), metavar="S", help="the stretch's beginning (default: the recording's)")
+    add("--from", dest="begin", type=number(), metavar="S", help="the interval's beginning (default: the recording's)")
     add("--to", type=number(), metavar="S", help="its end (default: the recording's)")
     add("--reference", type=Path, metavar="PATH", help="recording folder, or CSV with time_s,x_m,y_m,heading_deg")
     return parser

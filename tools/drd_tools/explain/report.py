@@ -42,7 +42,7 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
     actual = " Black: the actual error against the reference." if e.actual is not None else ""
     page.picture(
         files[1],
-        "The whole height is one sigma of the error counted from the stretch's beginning, by the filter's own account; "
+        "The whole height is one sigma of the error counted from the interval's begin, by the filter's own account; "
         f"each colour has its cause's share of the variance.{actual}",
     )
     caption = "Error budget at the end, 1 sigma, in the robot's axes there"
@@ -63,7 +63,7 @@ def write_report(e: Explanation, folder: Path) -> list[Path]:
         page.table(text.PARTS_HEADER, text.parts_rows(e.actual), text.parts_caption(e.actual))
         if e.actual.inseparable:
             pairs = "; ".join(" and ".join(pair) for pair in e.actual.inseparable)
-            page.text(f"Not told apart by this error (where one is larger the other is smaller): {pairs}.")
+            page.text(f"Not distinguished by this error (where one is larger the other is smaller): {pairs}.")
     else:
         (folder / "parts.png").unlink(missing_ok=True)  # of an earlier explanation
     if e.limit is not None:

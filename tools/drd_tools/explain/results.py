@@ -55,7 +55,7 @@ class Part:
 class Actual:
     """The actual error at the end against a reference, and what the budget says to it.
 
-    `sigma_m` and `sigma_deg` are what the budget and the reference's own noise claim together, as in `Line`. `p`: how
+    `sigma_m` and `sigma_deg` are what the budget and the reference's own noise state together, as in `Line`. `p`: how
     likely an error as large is by the budget; `course_p` the same for the errors at `poses` times on the way.
     """
 
@@ -80,7 +80,7 @@ class Actual:
 
 @dataclass(frozen=True)
 class Explanation(Saved):
-    """An error budget over a stretch. Series have a row for each drawn time and a column for each group, variances."""
+    """An error budget over an interval. Series: a row for each drawn time and a column for each group, variances."""
 
     FORMAT: ClassVar = "drd-explanation/1"
     COMMAND: ClassVar = "drd explain"

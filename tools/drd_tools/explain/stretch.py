@@ -1,4 +1,4 @@
-"""The stretch of a recording that is explained: where it begins and ends, and what is kept on the way."""
+"""The interval of a recording that is explained: where it begins and ends, and what is kept on the way."""
 
 import math
 from array import array
@@ -23,7 +23,7 @@ XY: Final = (0, 1)
 
 
 class Snapshot(NamedTuple):
-    """Time and way since the stretch's beginning, heading, the pose's covariance by cause (causes, 3, 3), the delay's share (3,)."""  # fmt: skip  # noqa: E501
+    """Time and way since the interval's beginning, heading, the pose's covariance by cause (causes, 3, 3), the delay's share (3,)."""  # fmt: skip  # noqa: E501
 
     time_s: float
     way_m: float
@@ -50,7 +50,7 @@ class Stretch:
         self.snapshots: list[Snapshot] = []
         self.poses = array("d")  # time_s, x_m, y_m, heading_rad of each step, as published
         self.kept_ways: list[Matrix] = []  # (3,), what one sigma of the unknown scale does to each kept pose
-        self.set_at_s: list[float] = []  # times in the stretch at which a pose was set from outside
+        self.set_at_s: list[float] = []  # times in the interval at which a pose was set from outside
         self.done = self.begun = False
         self._zero_ns = zero_ns
         self._from_ns = None if from_s is None else self._ns(from_s)

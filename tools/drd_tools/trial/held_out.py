@@ -61,7 +61,7 @@ def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
 
 
 def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
-    """What a selected effect explains, its driver held to the range in which it was seen, as model.yaml has it."""
+    """What a selected effect explains, its covariate held to the range in which it was seen, as model.yaml has it."""
     return problem.along(within(problem.sensitivities.motion, seen)).effect_rows([selected])
 
 

@@ -18,7 +18,7 @@ def _size(unit: str, text: str, si: float = 1.0, high: float = 1e3) -> Parameter
 
 PERIOD: Final = Parameter("period", "s", "period", 10.0, 1e5, signed=False, linear=False)
 PHASE: Final = Parameter("phase", "rad", "phase", 0.0, 6.3, linear=False)
-PITCH: Final = Parameter("pitch", "m", "distance of the stretches", 0.5, 100.0, signed=False, linear=False)
+PITCH: Final = Parameter("pitch", "m", "distance of the intervals", 0.5, 100.0, signed=False, linear=False)
 DEG: Final = math.pi / 180.0
 
 
@@ -50,7 +50,7 @@ class BiasTide(Hidden):
     """The gyro's bias swings with the time of day."""
 
     id = "unknown_bias_tide"
-    driver = "time"
+    covariate = "time"
     parameters = (_size("deg/s", "amplitude", DEG), PERIOD, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -62,7 +62,7 @@ class ScaleHysteresis(Hidden):
     """The gyro's scale is another one while the coil warms than while it cools."""
 
     id = "unknown_scale_hysteresis"
-    driver = "temperature"
+    covariate = "temperature"
     parameters = (_size("1", "half of the loop's width"),)
     temperature = "cycle"
 
@@ -77,7 +77,7 @@ class BiasAcceleration(Hidden):
     """The gyro's bias grows with the size of the acceleration, whatever its sign."""
 
     id = "unknown_bias_acceleration"
-    driver = "acceleration"
+    covariate = "acceleration"
     parameters = (_size("deg/s/(m/s^2)", "per acceleration", DEG),)
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -89,7 +89,7 @@ class MotorField(Hidden):
     """The field of the left motor shakes the gyro once per turn of its wheel."""
 
     id = "unknown_motor_field"
-    driver = "wheel_phase"
+    covariate = "wheel_phase"
     parameters = (_size("deg/s", "amplitude", DEG), PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -102,7 +102,7 @@ class LoadTransfer(Hidden):
 
     id = "unknown_load_transfer"
     acts_on = ActsOn.WHEELS
-    driver = "yaw_rate"
+    covariate = "yaw_rate"
     # Where it turns on the spot only, no plausible size shows.
     parameters = (_size("s^2/m", "relative radius per lateral acceleration", high=0.2),)
 
@@ -116,7 +116,7 @@ class SlipMap(Hidden):
 
     id = "unknown_slip_map"
     acts_on = ActsOn.WHEELS
-    driver = "place"
+    covariate = "place"
     parameters = (_size("1", "slip where it is largest"), PITCH, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -132,7 +132,7 @@ class BreathingDelay(Hidden):
 
     id = "unknown_breathing_delay"
     acts_on = ActsOn.WHEELS
-    driver = "time"
+    covariate = "time"
     parameters = (_size("s", "amplitude of the delay"), PERIOD, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -147,7 +147,7 @@ class WarmTyres(Hidden):
 
     id = "unknown_warm_tyres"
     acts_on = ActsOn.WHEELS
-    driver = "temperature"
+    covariate = "temperature"
     parameters = (_size("1/degC", "relative radius per degree"),)
     temperature = "cycle"
 

@@ -17,7 +17,7 @@ from drd_tools.simulate.truth import Truth, make_truth
 # From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
 WARM_UP_C, WARM_UP_S = 10.0, 900.0
 COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
-ROOM_C: Final = 20.0
+ROOM_C: Final = 20.0  # degC, where an indoor drive begins
 
 
 class Manoeuvre(NamedTuple):

@@ -35,9 +35,9 @@ from drd_tools.simulate.simulator import simulate
 
 NOTHING: Final = "nothing"
 SETTLED_NATS: Final = 5.0  # more than conclude.CLASS_NATS: the two are then no longer one class
-MINUTES: Final = (1, 2, 3, 4, 5, 6)
+MINUTES: Final = (1, 2, 3, 4, 5, 6)  # of a drive that somebody will make
 MINUTES_OF_ENDS: Final = (2, 4, 6)  # each needs a drive of its own, since the last fix moves
-LONGEST_STAND_S: Final = 30.0
+LONGEST_STAND_S: Final = 30.0  # of a standstill at its start: the recording's own, at most so long
 # Finer rates tell no more of what is slower; noise is scaled so that the information in a second stays.
 FIX_S: Final = 0.5
 GYRO_HZ: Final = 10.0
@@ -134,7 +134,7 @@ def options_for(found: Found, nominal: Nominal, questions: Sequence[Question]) -
 def _is_slow(of: Cause | str) -> bool:
     """Whether it is an error of the gyro that no manoeuvre changes."""
     if isinstance(of, str):
-        return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].driver in SLOW
+        return of != NOTHING and catalogue()[of].channel == "gyro" and catalogue()[of].covariate in SLOW
     return of.acts_on == "gyro" and of.covariate in SLOW
 
 

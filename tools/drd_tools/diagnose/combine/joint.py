@@ -28,7 +28,7 @@ from drd_tools.diagnose.selected import Selected
 
 Part = tuple[Array, Array]  # G (p, p) and b (p,)
 
-MOST: Final = 4
+MOST: Final = 4  # effects that only all recordings show: limits a greedy search
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def shared() -> list[Effect]:
         e
         for e in catalogue().values()
         if e.lasting
-        and e.driver != "temperature"  # it counts from each recording's own standstill
+        and e.covariate != "temperature"  # it counts from each recording's own standstill
         and e.acts_on not in (ActsOn.TIMING, ActsOn.READOUT)
         and all(q.linear for q in e.parameters)
     ]
@@ -171,7 +171,7 @@ def _finding(
         parameters=parameters_of(selected)[0],
         windows=((min(s.span_s[0] for s in statistics), max(s.span_s[1] for s in statistics)),),
         seen=united([s.ranges[best] for s in statistics]),
-        covariate=effect.driver,
+        covariate=effect.covariate,
         evidence=Support(gain, p, e),
         explains=1.0,
         sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(statistics)} together do.",

@@ -29,7 +29,7 @@ SURER: Final = list(Status)
 # Values of one parameter further apart than this, in sigmas of their difference, are not one value.
 APART_SIGMAS: Final = 4.0
 LARGEST_NATS: Final = 690.0  # exp of more is no double
-LEAST: Final = 1e-300
+LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 
 class _Said(NamedTuple):

@@ -51,7 +51,7 @@ class Cause:
     def covariate(self) -> str:
         """The variable that it depends on."""
         if self.selected is not None:
-            return self.selected.effect.driver
+            return self.selected.effect.covariate
         assert self.curve is not None
         return self.curve.covariate
 

@@ -29,20 +29,21 @@ from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearis
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
 
-RIVALS: Final = 8
-# What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said.
+RIVALS: Final = 8  # names tried in an effect's place, the best by the linear ranking: limits the time
+# What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said. Found
+# by the trial.
 LEAST_NATS: Final = 12.0
 FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
-FAILING_NATS: Final = -0.01
+FAILING_NATS: Final = -0.01  # of both halves: 0, for or against nothing, but for rounding
 # A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
 FORM_SHARE: Final = 0.02  # of what constants far off explain: 14 % of their size is another form
-UNKNOWN_SHARE: Final = 0.02
+UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: 14 % of their size is another form
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
 FAR_GENERIC_SHARE: Final = 0.25  # of a robot far from robot.yaml, of which no name has the exact form, or
-GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name
-FAMILY_WISE: Final = 0.05
+GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name: found by the trial
+FAMILY_WISE: Final = 0.05  # the usual 5 %, over all of the catalogue
 SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
-CONFIRMING_E: Final = 100.0
+CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decisive (Jeffreys 1961)
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,9 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
         if event is not None:
             findings.append(_event_finding(selected, event))
         else:
-            findings.append(_finding(found, search, splines, selected, reported, chance, total, selected.id in constants))
+            findings.append(
+                _finding(found, search, splines, selected, reported, chance, total, selected.id in constants)
+            )
     left = splines.best(found.fit.selection)
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
@@ -202,7 +205,11 @@ def _finding(
     rival = splines.best(fit.selection, selected)
     score_of_name = worth - problem.penalty([selected])
     # A constant that a calibration gives is no curve, whatever varies about it.
-    if not is_constant and rival is not None and rival.gain > score_of_name + max(GENERIC_NATS, _generic_share(problem) * worth):
+    if (
+        not is_constant
+        and rival is not None
+        and rival.gain > score_of_name + max(GENERIC_NATS, _generic_share(problem) * worth)
+    ):
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
         return _unknown(rival, p, worth / total, surrogate, also_fits=(selected.id, *also), e=e, status=status)
     curve = _curve(splines, found, selected, rival)
@@ -256,7 +263,7 @@ def _at_knots(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
 def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
     """The mismatch that an effect explains, against the effect's own covariate where that is one of the smooths'."""
     options = [
-        splines.best(found.fit.selection, selected, (channel, selected.effect.driver))
+        splines.best(found.fit.selection, selected, (channel, selected.effect.covariate))
         for channel, where in CHANNELS.items()
         if where.acts_on == selected.effect.channel
     ]

@@ -15,11 +15,11 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import Library, is_plausible
 from drd_tools.diagnose.selected import Selected
 
-BLOCK_S: Final = 20.0
-FLIPS: Final = 999
-SEGMENTS: Final = 10
+BLOCK_S: Final = 20.0  # longer than slip and references hang together, (78): signs of blocks are exchangeable
+FLIPS: Final = 999  # p is a multiple of 0.001: finer than any threshold on it
+SEGMENTS: Final = 10  # five in each half: a window of time is in both, and slow changes too
 LARGEST_NATS: Final = 690.0  # exp of more is no double
-SEED: Final = 20
+SEED: Final = 20  # any: the same recording gives the same p
 
 
 def blocks(problem: Problem) -> npt.NDArray[np.intp]:

@@ -12,8 +12,8 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array, Because, Smallest
 from drd_tools.diagnose.select.library import Library
 
-APART_NATS: Final = 3.0
-TYPICAL_VISIBILITY: Final = 8.0
+APART_NATS: Final = 3.0  # odds of 20 to 1 between two names
+TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
 
 
 class Identifiability:
@@ -106,7 +106,7 @@ def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
             found.append(Because(name, effect.needs_wheels))
         elif name not in seen and effect.searched:
             because = "nothing in this drive and its reference shows it"
-            if effect.driver in ("speed", "acceleration") and not e.travel_m.any():
+            if effect.covariate in ("speed", "acceleration") and not e.travel_m.any():
                 because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
             found.append(Because(name, because))
     return found

@@ -18,8 +18,8 @@ from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
-MOST_NOISE: Final = 2.0  # times what is stated
-BAND_SIGMAS: Final = 1.96
+MOST_NOISE: Final = 2.0  # times what is stated: data sheets are right within a factor of about 1.5
+BAND_SIGMAS: Final = 1.96  # 95 % of a Gaussian
 
 
 def verdict(conclusion: Conclusion, noise: Mapping[str, float]) -> Verdict:

@@ -21,9 +21,9 @@ from drd_tools.diagnose.selected import Selected
 DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
 REFERENCE_DELAY_S: Final = 0.05  # usual of a motion capture by network
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
-FINE: Final = 2000
-USUAL: Final = 3.0
-FEWEST_PLACES: Final = 3
+FINE: Final = 2000  # points of a profile's integral: far finer than REACHES
+USUAL: Final = 3.0  # times the middle of a parameter's range, on a scale of ratios
+FEWEST_PLACES: Final = 3  # a profile of fewer points has no width
 
 
 def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:

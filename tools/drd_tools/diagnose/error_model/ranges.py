@@ -5,13 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.model import DRIVERS
+from drd.effects.model import COVARIATES
 from drd.effects.motion import Motion
 from drd_tools.diagnose.results import Ranges
 from drd_tools.diagnose.selected import Selected
 
 TURNING_RAD_S: Final = 0.02  # a curvature is one of a turn
-SLOWEST_M_S: Final = 1e-3
+SLOWEST_M_S: Final = 1e-3  # slower, speed is a divisor of noise
 
 
 def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
@@ -27,17 +27,17 @@ def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
         "curvature": np.abs(m.rate_rad_s[turning]) / np.maximum(np.abs(m.speed_m_s[turning]), SLOWEST_M_S),
         "temperature": m.temperature_c,
         "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
-    }.get(selected.effect.driver, np.zeros(0))
+    }.get(selected.effect.covariate, np.zeros(0))
     if not selected.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
         return {}
-    si = DRIVERS[selected.effect.driver].si
-    return {selected.effect.driver: (float(values.min()) / si, float(values.max()) / si)}
+    si = COVARIATES[selected.effect.covariate].si
+    return {selected.effect.covariate: (float(values.min()) / si, float(values.max()) / si)}
 
 
 def within(m: Motion, ranges: Ranges) -> Motion:
     """The motion with covariates held to their ranges; the wheels' speeds follow."""
     for covariate, ends in ranges.items():
-        low, high = (end * DRIVERS[covariate].si for end in ends)
+        low, high = (end * COVARIATES[covariate].si for end in ends)
         if covariate in ("time", "acceleration", "temperature"):
             name = {"time": "time_s", "acceleration": "acceleration_m_s2", "temperature": "temperature_c"}[covariate]
             m = replace(m, **{name: np.clip(getattr(m, name), low, high)})

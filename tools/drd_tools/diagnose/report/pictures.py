@@ -23,8 +23,8 @@ from drd_tools.report.style import (
     tidy,
 )
 
-WIDTH_IN: Final = 10.0
-MOST_PATHS: Final = 6
+WIDTH_IN: Final = 10.0  # a page's, inches
+MOST_PATHS: Final = 6  # more would hide each other
 MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
 ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: one wild bin would flatten all else
 LONGEST_BAR: Final = 1.6  # of what it was before; a longer one is cut, its number stands beside it

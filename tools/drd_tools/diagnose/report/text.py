@@ -21,11 +21,11 @@ EVIDENCE_HEADER: Final = (
 )
 EVIDENCE_TEXT: Final = (1, 2, 3, 8)
 LEGEND: Final = (
-    "Gain: how much better the data are foretold, as the logarithm of the likelihood. p: how often a recording in "
-    "which nothing is missing would bring any such claim. e-value: how many times likelier the data that the search "
-    "had not seen are with the effect than without. Explains: its share of the mismatch. Suspected: chance might bring "
-    "it too, or held-out recordings speak against it; supported: chance would not; confirmed: data that it was not "
-    "fitted to bear it out."
+    "Gain: the logarithm of the likelihood ratio of the data, with the effect over without. p: how often a recording "
+    "in which nothing is missing would bring any such finding. e-value: how many times likelier the data that the "
+    "search had not seen are with the effect than without. Explains: its share of the mismatch. Suspected: chance "
+    "might bring it too, or held-out recordings speak against it; supported: chance would not; confirmed: data that "
+    "it was not fitted to bear it out."
 )
 SPEAKS: Final = {
     "for": "The held-out recordings bear it out",
@@ -35,7 +35,7 @@ SPEAKS: Final = {
 RULED_OUT_HEADER: Final = ("effect", "acts on", "why")
 DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible sizes", "note")
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
-MOST: Final = 1e100
+MOST: Final = 1e100  # a larger e-value is shown as more than this
 UNITS: Final = ("m", "deg", "percent", "s")
 FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
 WHOLE: Final = 0.95  # of the recording: from here on a window is all of it

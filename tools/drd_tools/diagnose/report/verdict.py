@@ -92,14 +92,18 @@ def _named(f: Finding, with_values: bool) -> str:
 def _how_sure(findings: Sequence[Finding]) -> str:
     worst = max((f.evidence.family_wise_p for f in findings if f.evidence.family_wise_p is not None), default=None)  # fmt: skip  # noqa: E501
     chance = "" if worst is None else (
-        f"; a recording in which nothing is missing would bring such a claim in {percent(worst)} of cases"
+        f"; a recording in which nothing is missing would bring such a finding in {percent(worst)} of cases"
         + (" at most" if len(findings) > 1 else "")
     )  # fmt: skip
     if len({f.status for f in findings}) == 1:
         who = "This is" if len(findings) == 1 else "Both are" if len(findings) == 2 else "All of them are"
         return f"{who} {findings[0].status}{chance}."
-    by_status = {status: [f for f in findings if f.status == status] for status in dict.fromkeys(f.status for f in findings)}
-    shown = listed(f"{_counted(group)} {'is' if len(group) == 1 else 'are'} {status}" for status, group in by_status.items())
+    by_status = {
+        status: [f for f in findings if f.status == status] for status in dict.fromkeys(f.status for f in findings)
+    }
+    shown = listed(
+        f"{_counted(group)} {'is' if len(group) == 1 else 'are'} {status}" for status, group in by_status.items()
+    )
     return f"Of these, {shown}{chance}."
 
 
