@@ -23,7 +23,7 @@ GYRO_KEYS: Final = (
     "fog.dsp17xx.angle_unit", "fog.ecore.temperature_byte", "fog.ecore.temperature_scale_c",
     "fog.ecore.temperature_offset_c", "fog.dsp17xx.temperature_scale_c",
 )  # fmt: skip
-DIGITS: Final = 16
+DIGITS: Final = 16  # hexadecimal, 64 bits: two of a robot's configurations do not meet by chance
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ MEASURED_TREAD: Final = 0.02
 EFFECTIVE_TREAD: Final = 0.5
 SKID_SCALE: Final = 0.04
 SKID_SLIP_S: Final = 0.25
-LARGEST_VARIANCE: Final = 1e10
+LARGEST_VARIANCE: Final = 1e10  # of any state: a hundred times the largest that the filter keeps, 1e8 m^2
 Row = Annotated[list[float], Meta(min_length=N, max_length=N)]
 Rows = Annotated[list[Row], Meta(min_length=N, max_length=N)]
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]

@@ -27,9 +27,9 @@ TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effe
 JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
 OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
 WAITING: Final = 20  # comparisons until a drift of the headings would have been found (drift.IN_A_ROW)
-FIRST_COUNTS: Final = 10.0
+FIRST_COUNTS: Final = 10.0  # what common ground makes weighs as so many comparisons, (31)
 RECALLED_COUNTS: Final = 60.0  # what was learned before a restart: the ground may be another
-MEMORY_COUNTS: Final = 600.0
+MEMORY_COUNTS: Final = 600.0  # a minute of motion at 10 Hz
 
 
 Amount = Annotated[float, Meta(ge=0, le=1e10)]

@@ -17,7 +17,7 @@ from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, full_se
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-NOISE_ROUNDS: Final = 2
+NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 

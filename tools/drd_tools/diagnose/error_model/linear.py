@@ -19,12 +19,12 @@ from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.results import Array
 
-STATES: Final = 4
+STATES: Final = 4  # x, y, heading, the gyro's bias
 INPUTS: Final = 7  # gyro, left, right, lateral, and a fix's three
 OUTPUTS: Final = 4  # the wheels', and a fix's three
 COLUMNS: Final = 8  # passed at once: so many stay near the processor
 NOWHERE_M2: Final = 1e4  # before the first fix
-NO_HEADING_RAD2: Final = 10.0
+NO_HEADING_RAD2: Final = 10.0  # before the first fix: sigma of half a turn
 NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading error does leaves gains as they are
 
 

@@ -9,9 +9,10 @@ from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
 
-# What is missing from the model is no noise, but it must not keep the path from following the fixes.
+# What is missing from the model is no noise, but it must not keep the path from following the fixes. So many
+# times the data sheets' deviations.
 INFLATION: Final = 10.0
-ROUNDS: Final = 2
+ROUNDS: Final = 2  # the second is around a path that the fixes have bent already
 
 
 def follow(e: Evidence) -> Path:

@@ -16,15 +16,15 @@ from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.results import Array
 
-SUB = 4
-SPEED_SMOOTHING_S = 0.3
-TEMPERATURE_SMOOTHING_S = 5.0
+SUB = 4  # of a step: a step's mean of what is curved within it
+SPEED_SMOOTHING_S = 0.3  # the narrowest: limits how sharp a change of speed is followed
+TEMPERATURE_SMOOTHING_S = 5.0  # less would make rates of the thermometer's steps
 MOST_SHARE = 3.0  # of the smooth speed, at a stop
 REACH = 4.0  # sigmas that a Gaussian filter looks
-SLOW_S = 3.0
-TURN_SMOOTHING_S = 0.2
-CALM_SMOOTHING_S = 0.4
-CALM_SIGMAS = 3.0
+SLOW_S = 3.0  # of the path's own turn beside the gyro's: shorter would let the fixes' noise in
+TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
+CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
+CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 LATENCY_S = 0.010  # of a reference, prior
 LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior

@@ -22,28 +22,29 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-FEWEST_CLIPPED: Final = 10
+FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
 FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
 PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
 STANDS_M: Final = 1e-6  # a wheel's way in a row: less is rounding
-SHORTEST_STOP_ROWS: Final = 3
+SHORTEST_STOP_ROWS: Final = 3  # of a counter: two alike may be resolution
 LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
 HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
+# Of slip, tread and counts together: an event must be nearly certain, since no search asks again.
 STOP_SIGMAS: Final = 8.0
 # How well the tread is known, and which share of the other wheel's way must be missing: of what a calibration has
 # measured, and of what robot.yaml says.
 MEASURED: Final = (0.05, 0.3)
 BELIEVED: Final = (0.3, 0.5)
 USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
-LIKELY_SHARE: Final = 0.3
-SPIKE_SIGMAS: Final = 5.0
-MEDIAN_ROWS: Final = 5
-SURROUNDINGS_ROWS: Final = 9
-DEVIATION_PER_MAD: Final = 1.4826
-FEWEST_FIXES: Final = 20
+LIKELY_SHARE: Final = 0.3  # of the other wheel's way, missing: this much beside a certain stop is part of it
+SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: of 10^5 Gaussian rows none is further
+MEDIAN_ROWS: Final = 5  # odd; a spike of two rows is not in the median
+SURROUNDINGS_ROWS: Final = 9  # odd; wide enough to hold both flanks of a spike, narrow beside a change of speed
+DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
+FEWEST_FIXES: Final = 20  # fewer have no usual step that a jump could differ from
 LONGEST_FIX_S: Final = 0.5  # between sparser ones a robot may turn and stop
 JUMP_SIGMAS: Final = 6.0  # of one row: less, in two of them, is usual noise
-ONE_SIDED_P: Final = 1e-6
+ONE_SIDED_P: Final = 1e-6  # of jumps ahead and back by chance: an event must be nearly certain
 
 
 @dataclass(frozen=True)
@@ -190,9 +191,7 @@ class _Stop(NamedTuple):
     nats: float
 
 
-def _stop(
-    log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int, least_s: float
-) -> _Stop | None:
+def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int, least_s: float) -> _Stop | None:
     """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
 
     A interval that is only likely belongs to one that is certain: the counter has not counted between them.

@@ -11,20 +11,21 @@ from scipy.ndimage import maximum_filter1d
 from drd.config.from_nominal import data_sheet
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
+from drd.effects.effect import Calibrated
 from drd.units import (
     RAD_PER_DEG,
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
-from drd.effects.effect import Calibrated
 from drd_tools.diagnose.observe import grids
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
 
-FEWEST_STEPS: Final = 10
+FEWEST_STEPS: Final = 10  # fewer leave nothing to be fitted
+# Faster in so many percent of the rows is another unit: no gyro reads, and no robot drives so.
 MOST_DEG_S, MOST_M_S, USUAL_PERCENT = 5000.0, 100.0, 90.0
 UNSEEN: Final = 1e12  # sigma of what no sensor tells, m or rad
-NEIGHBOURS: Final = 1
+NEIGHBOURS: Final = 1  # steps on either side: where a stamp may put a count
 # Where robot.yaml does not say: data sheets of the gyros that the project supports, and a smooth floor.
 WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
@@ -32,8 +33,8 @@ BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
 LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data sheet may say so
 LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
-POSITION_SIGMA_M: Final = 0.02
-HEADING_SIGMA_DEG: Final = 0.5
+POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
+HEADING_SIGMA_DEG: Final = 0.5  # of the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +98,8 @@ class Evidence:
     `travel_m` (n,): of both wheels; `near_travel_m`: the most in a step or its neighbours, since at a stop the stamps
     decide what a step has. `still` (n,): no wheel has counted for a second before and after.
     `..._inflation_...` (n,): variance added to a step's, where a sensor said nothing of use; a gyro's of inf: the turn
-    is the wheels'. `jump_m2`, `jump_rad2` (n,): variance of a jump of the reference in the step, of each coordinate and of
-    the heading. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
+    is the wheels'. `jump_m2`, `jump_rad2` (n,): variance of a jump of the reference in the step, of each coordinate and
+    of the heading. `datasheet`: the noise as the sensors' makers, or robot.yaml, state it.
     `temperature_c` (n,): NaN where not known. `fix` (m, 3): reference poses x_m, y_m, heading_rad, each in the step
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
@@ -129,7 +130,7 @@ class Evidence:
     jump_m2: Array
     jump_rad2: Array
     has_wheels: bool = True
-    robot: Calibrated = Calibrated()
+    robot: Calibrated = Calibrated()  # noqa: RUF009 immutable
     reference_lag_s: float = 0.0
     is_far: bool = False
 

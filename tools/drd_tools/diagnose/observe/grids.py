@@ -16,14 +16,14 @@ from drd_tools.recordings.folder import Recording, ReferenceLog
 # A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the way within a turn.
 STEP_S: Final = 0.1
 # Time and memory are bounded: what is longer is cut.
-MOST_STEPS: Final = 36_000
-LONGEST_GAP_S: Final = 86_400.0
+MOST_STEPS: Final = 36_000  # an hour at 0.1 s
+LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
 HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a hole may be off, of itself and in a second
-TURNING_RAD_S: Final = 0.01
+TURNING_RAD_S: Final = 0.01  # 0.6 deg/s: more than a gyro's noise over a second, less than a turn that matters
 DENSE_S: Final = 1.0  # a reference of rows so near tells the speed
-WAY_SMOOTHING_S: Final = 0.5
-STILL_S: Final = 1.0
+WAY_SMOOTHING_S: Final = 0.5  # of the reference's positions, whose noise would be speed
+STILL_S: Final = 1.0  # before and after, without a count
 
 
 class Grid(NamedTuple):

@@ -11,8 +11,8 @@ from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
 from drd_tools.recordings.folder import Recording
 
 FULL: Final = 0.99  # of the most steps: rows are not quite even
-FEWEST_ROWS: Final = 20
-CUT_S: Final = 60.0
+FEWEST_ROWS: Final = 20  # of each sensor: fewer are no part of their own
+CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a sentence
 
 
 def parts(recording: Recording) -> list[Recording]:

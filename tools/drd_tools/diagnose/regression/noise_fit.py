@@ -14,13 +14,13 @@ from drd_tools.diagnose.regression.refine import Fit
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-DEVIATION_PER_MAD: Final = 1.4826
-FEWEST_ROWS: Final = 50
+DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
+FEWEST_ROWS: Final = 50  # a deviation of fewer is known to 12 % or worse
 # A data sheet is believed to within a factor of about 1.5; so many rows weigh as much.
 ROWS_PER_PRIOR: Final = 30
-SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)
-FEWEST_BLOCKS: Final = 20
-LEAST_COLOUR: Final = 1.15
+SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which hang together over seconds
+FEWEST_BLOCKS: Final = 20  # a deviation of fewer blocks is mostly scatter
+LEAST_COLOUR: Final = 1.15  # less is taken for the scatter of the estimate
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
 SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
 SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
@@ -30,7 +30,7 @@ FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
 def inflated(problem: Problem, left: Array) -> Inflation:
-    """Variance inflation of what selected effects leave (r,) of the whitened data, at the scale where it is worst. (78)"""
+    """Variance inflation, at its worst scale, of what selected effects leave (r,) of the whitened data. (78)"""
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = _not_inflated(problem, left)

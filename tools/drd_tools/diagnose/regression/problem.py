@@ -25,7 +25,8 @@ Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
 # all its values, and a slope.
 Wanted = tuple[Effect, Values, str]
 
-CACHED_BYTES: Final = 150e6
+CACHED_BYTES: Final = 150e6  # of whitened columns in one problem: limits the memory
+# Rounds in which effects are taken off along the motion cleared of them: the second changes second order only.
 CLEARINGS: Final = 2
 FORM: Final = "form "
 SLOPE: Final = "slope "

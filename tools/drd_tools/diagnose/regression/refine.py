@@ -12,10 +12,10 @@ from drd_tools.diagnose.regression.problem import Problem, Wanted
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-ROUNDS: Final = 12
-ENOUGH_NATS: Final = 0.02
+ROUNDS: Final = 12  # at most; it ends before where it converges: limits the time
+ENOUGH_NATS: Final = 0.02  # that a whole step would still bring
 LONGER, SHORTEST = 3.0, 0.05  # the next share of the moves, of the last, where that was good and where not
-FAIR_ROUNDS: Final = 2
+FAIR_ROUNDS: Final = 2  # before a set of effects may be given up
 HOPELESS_NATS: Final = 30.0  # that a score lies below what is asked for, although the linear model was followed
 CLEAR_ROUNDS: Final = 3  # after so many, if
 HOPED: Final = 5.0  # times what the linear model still expects would not be enough
@@ -104,7 +104,7 @@ class _Descent:
 
 
 def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, Array, float]:
-    """Cost of effects as they are (74); the moves that a linear model proposes (76); and the cost that it expects then."""
+    """Cost of effects as they are (74); the moves that a linear model proposes (76), and its cost then."""
     residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
     soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected).T for selected in selection)])
     marginal, b = Marginal(soft.T), soft @ residual

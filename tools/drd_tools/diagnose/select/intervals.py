@@ -17,7 +17,7 @@ Columns = npt.NDArray[np.float32]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
 LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no interval
-MEET_S: Final = 5.0
+MEET_S: Final = 5.0  # a hole that the grid of pieces leaves between two finds of one interval
 LEFT_SHARE: Final = 1e-2  # of an interval's square that what is held beside it must leave
 
 

@@ -19,7 +19,7 @@ from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_na
 Parameters = dict[str, float | str]
 
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
-MOST_OF_THE_WAY: Final = 0.8
+MOST_OF_THE_WAY: Final = 0.8  # what acts on more of it is no interval but acts always
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 

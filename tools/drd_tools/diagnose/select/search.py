@@ -17,24 +17,24 @@ from drd_tools.diagnose.selected import Selected
 
 _Products = tuple[Array, Array]  # of columns among themselves and with the data, beside a fit
 
-MOST_SELECTED: Final = 6
-RIVALS: Final = 6
-SWAPS: Final = 3
+MOST_SELECTED: Final = 6  # effects beside those known: limits the time of a search
+RIVALS: Final = 6  # by the linear ranking, to be refined: limits the time
+SWAPS: Final = 3  # best names in a selected effect's place: limits the time
 ROUGH_SHARE: Final = 0.6  # of its worth that an effect shows at least in the roughest variant of the library
 EXACT_SHARE: Final = 0.9  # where it is linear
 CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 # Where effects explain so much, or shift the time, sensitivities must be taken along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
-RELINEARISATIONS: Final = 3
-CONVERGED_NATS: Final = 1.0
+RELINEARISATIONS: Final = 3  # at most; it ends before where it converges
+CONVERGED_NATS: Final = 1.0  # less does not change which name is best: CLASS_NATS is more
 ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
 LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
 NEXT_TO_NOTHING: Final = 0.003
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
-CLOSE_RIVALS: Final = 3
-TURNED_RAD: Final = 0.3
+CLOSE_RIVALS: Final = 3  # linearised each by itself: limits the time
+TURNED_RAD: Final = 0.3  # of a wheel's turn, lost: a ripple's phase is then off by so much
 CLASS_NATS: Final = 4.0  # names whose scores are so near are one class
-EXACT_NATS: Final = 0.5
+EXACT_NATS: Final = 0.5  # less between two names of a class is rounding of their descent
 PAIRS: Final = 200  # of variants, the best, from which so many
 MOST_PAIRS: Final = 3  # of effects are tried
 APART_SHARE: Final = 0.01  # of a column's square that the other of its pair must leave

@@ -18,10 +18,11 @@ from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-KNOTS: Final = 8
+KNOTS: Final = 8  # an eighth of the range is the finest that a curve follows: limits its freedom
 TIME_KNOTS: Final = 16  # what swings several times in a drive
 CELLS: Final = 5  # along and across
 PLACE: Final = "place"
+# T of (83), nats of a hat: from below noise to beyond any error, half a decade apart.
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
 
 

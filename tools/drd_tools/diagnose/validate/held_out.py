@@ -19,7 +19,7 @@ from drd_tools.recordings.folder import Recording
 
 _Ranged = tuple[Selected, Ranges]
 
-NOISE_ROUNDS: Final = 2
+NOISE_ROUNDS: Final = 2  # the second with noise of which the effects are no part
 CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
 
 

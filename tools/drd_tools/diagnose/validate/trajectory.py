@@ -16,7 +16,7 @@ from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
 
-DRAWN_ROWS: Final = 2000
+DRAWN_ROWS: Final = 2000  # more than a picture has pixels across
 NO_POSES: Final = np.zeros((0, 10))
 
 
