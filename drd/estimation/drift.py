@@ -10,8 +10,8 @@ from drd.units import NS_PER_S
 
 # So many comparisons that differ to one side, each within its gate, are no noise: their normalised sum is white.
 IN_A_ROW: Final = 20
-ONE_SIDED_SIGMAS: Final = 5.0
-STILL_ONE_SIDED_SIGMAS: Final = 2.0
+ONE_SIDED_SIGMAS: Final = 5.0  # of the sum of IN_A_ROW: none by chance in days, (18)
+STILL_ONE_SIDED_SIGMAS: Final = 2.0  # below, the drift has ended
 # Another ground changes a skid-steer robot's effective tread by 20 to 40 %: a second of turning shows it.
 GROUND_CHANGE: Final = 0.2
 # Drift that begins again within this time has another cause, and the tread must have come back by then to so near.

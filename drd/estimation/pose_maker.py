@@ -17,8 +17,8 @@ from drd.estimation.uncertainty import (
 from drd.samples import Pose, Validity
 
 # Standard deviations of the heading at which the pose is degraded, and invalid.
-HEADING_DOUBTFUL_RAD = 0.5
-HEADING_LOST_RAD = 1.5
+HEADING_DOUBTFUL_RAD = 0.5  # 1 m ahead is then 0.5 m aside
+HEADING_LOST_RAD = 1.5  # ahead may be backwards
 
 
 class Lead(NamedTuple):

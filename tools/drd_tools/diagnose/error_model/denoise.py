@@ -9,7 +9,7 @@ from drd_tools.diagnose.results import Array
 
 # Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
 WIDEST: Final = 5
-AGREE_SIGMAS: Final = 2.5
+AGREE_SIGMAS: Final = 2.5  # of the mean: 1 % of what is constant keeps a narrower window
 REACH: Final = 4.0  # sigmas
 
 
