@@ -90,8 +90,8 @@ def test_a_port_that_the_daemon_holds_is_told(
     ("arguments", "words"),
     [
         (["--seconds", "5"], "--seconds goes with --live"),
-        (["--live", "--seconds", "0"], "from 1 to 86400, got 0"),
-        (["--live", "--distance", "nan"], "from 0.1 to 100000, got nan"),
+        (["--live", "--seconds", "0"], "from 1 to 86400, got '0'"),
+        (["--live", "--distance", "nan"], "from 0.1 to 100000, got 'nan'"),
         (["--live", "--turned", "around"], "invalid choice: 'around'"),
     ],
 )

@@ -10,7 +10,7 @@ from drd.effects.effect import ActsOn, Effect, Symptom
 
 @functools.cache
 def catalogue() -> dict[str, Effect]:
-    """The effects by their names, in the order in which they act (and by name within)."""
+    """The effects by their names, in the order in which they act: geometry first among the wheels', then by name."""
     found: list[Effect] = []
     for module in pkgutil.iter_modules(drd.effects.__path__):
         effect = getattr(importlib.import_module(f"drd.effects.{module.name}"), "EFFECT", None)
@@ -18,7 +18,7 @@ def catalogue() -> dict[str, Effect]:
             assert effect.id == module.name
             found.append(effect)
     order = list(ActsOn)
-    return {effect.id: effect for effect in sorted(found, key=lambda e: (order.index(e.acts_on), e.id))}
+    return {effect.id: effect for effect in sorted(found, key=lambda e: (order.index(e.acts_on), not e.geometry, e.id))}
 
 
 def showing(symptom: Symptom) -> Effect:

@@ -104,13 +104,18 @@ class Delays(NamedTuple):
 class Calibrated(NamedTuple):
     """Constants of a robot, as a calibration measures them.
 
-    Radii and tread over those believed; how much later than its motion the wheels tell it, s.
+    Radii and tread over those believed; how much later than its motion the wheels tell it at time 0, s, and by how much
+    that grows, s/s.
     """
 
     left: float = 1.0
     right: float = 1.0
     tread: float = 1.0
     wheels_lag_s: float = 0.0
+    lag_growth: float = 0.0
+
+
+NOMINAL = Calibrated()  # as robot.yaml has it
 
 
 class Chance(NamedTuple):
@@ -308,6 +313,7 @@ END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False, m
 
 __all__ = [
     "END",
+    "NOMINAL",
     "SIDE",
     "SIDES",
     "START",

@@ -1,6 +1,6 @@
 """The encoders' clock drifts against the gyro's."""
 
-from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Array, Motion
 
 
@@ -32,6 +32,9 @@ class EncoderClockSkew(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"ppm": sign * size} for size in (30e-6, 100e-6, 300e-6) for sign in (-1.0, 1.0)]
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"ppm": -constants.lag_growth}
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A crystal that drifts as it warms: time squared.

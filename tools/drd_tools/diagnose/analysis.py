@@ -8,10 +8,10 @@ from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import Noise
-from drd_tools.diagnose.regression.noise_fit import fitted, inflated
+from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Amount, Array
+from drd_tools.diagnose.results import Amount, Array, Figures
 from drd_tools.diagnose.select.library import is_plausible, release
 from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, full_search, is_rough, linearised
 from drd_tools.diagnose.selected import Selected
@@ -26,7 +26,7 @@ NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched f
 class Analysis:
     """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
 
-    `reference_lag`: how late the reference is, where that is more than usual.
+    `recording`: with its reference's stamps put right by `reference_lag`, how late it is where that is more than usual.
     """
 
     recording: Recording
@@ -36,18 +36,9 @@ class Analysis:
     null: Array
     conclusion: Conclusion
 
-    def noise_ratios(self) -> dict[str, float]:
+    def noise_ratios(self) -> Figures:
         """Ratios of the fitted noise to the data sheets'."""
-        noise, stated = self.conclusion.found.problem.noise, self.conclusion.found.problem.evidence.datasheet
-        heading = {"heading": noise.heading_rad / stated.heading_rad}
-        if not self.conclusion.found.problem.evidence.has_wheels:
-            return heading
-        return {
-            "gyro": noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s,
-            "slip": noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m,
-            "position": noise.position_m / stated.position_m,
-            **heading,
-        }
+        return ratios(self.conclusion.found.problem)
 
 
 def analyse(recording: Recording) -> Analysis:
@@ -86,7 +77,7 @@ def analyse(recording: Recording) -> Analysis:
     conclusion = conclude(found, audited.events, {c.id for c in start})
     release(found.problem)
     lag = Amount(measured.lag_s, measured.lag_sigma_s, "s") if measured.lag_s else None
-    return Analysis(recording, lag, audited.events, problem, null.left, conclusion)
+    return Analysis(measured.recording, lag, audited.events, problem, null.left, conclusion)
 
 
 def _started(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> list[Selected]:

@@ -182,7 +182,7 @@ class Result(Struct, frozen=True, kw_only=True):
     fit: Fit
     next_drive: NextDrive | None
     cut: str | UnsetType = UNSET
-    noise: dict[str, float] | UnsetType = UNSET
+    noise: Figures | UnsetType = UNSET
     reference: dict[str, Amount] | UnsetType = UNSET
 
     @property

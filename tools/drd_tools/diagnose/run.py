@@ -149,7 +149,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
     cut = cut_off(analysis.recording, e)
     return Result(
         recording=analysis.recording.name,
-        verdict=outcome.verdict(conclusion, analysis.noise_ratios()),
+        verdict=outcome.verdict(conclusion),
         findings=tuple(validated.findings),
         unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
         ruled_out=conclusion.ruled_out,
@@ -159,7 +159,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
         fit=Fit(train, figures),
         next_drive=next_drive(conclusion, analysis.recording.nominal),
         cut=UNSET if cut is None else cut,
-        noise={name: float(f"{ratio:.3g}") for name, ratio in analysis.noise_ratios().items()},
+        noise=analysis.noise_ratios(),
         reference=UNSET if analysis.reference_lag is None else {"lag": analysis.reference_lag},
     )
 

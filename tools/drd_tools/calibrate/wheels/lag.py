@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -97,7 +97,7 @@ class _Part:
     weights: Array
     sigma: float = 1.0
 
-    def regress(self, lag_s: float) -> tuple[Array, Array, Array, float]:
+    def regress(self, lag_s: float | Array) -> tuple[Array, Array, Array, float]:
         """Residual, slope of the model over the lag, the same slope by the wheels, and wheels' turn per other turn.
 
         What the other regressors explain is taken off the first three.
@@ -134,6 +134,42 @@ def reference_lag(recording: Recording) -> Lag | None:
     turn = reference.time_s, reference.heading_rad
     part = _compared(recording.name, *turn, np.zeros_like(turn[0]), turn[1], fog.time_s, _angle(fog))
     return None if part is None else _found("gyro", [part], 0.0)
+
+
+class Drift(NamedTuple):
+    """Lag of the wheels at time 0, s, and by how much it grows, s/s; `sigma`: standard deviation of that growth."""
+
+    lag_s: float
+    growth: float
+    sigma: float
+
+
+def find_drift(recording: Recording, lag: Lag) -> Drift | None:
+    """How the wheels' lag grows in a recording, from a lag that is its mean; None where the rows do not tell."""
+    part = _part(recording, lag.against)
+    if part is None:
+        return None
+    middle_s = float(part.at_s.mean())
+    x, covariance = np.array([lag.lag_s, 0.0]), np.zeros((2, 2))
+    for _ in range(MAX_STEPS):
+        late_s = x[0] + x[1] * (part.at_s - middle_s)
+        part.reweigh(part.regress(late_s)[0])
+        residual, slope, by_wheels, _ = part.regress(late_s)
+        # The wheels' own slope as the instrument: the other's noise is not in it.
+        S, Z = (np.column_stack([column, column * (part.at_s - middle_s)]) for column in (slope, by_wheels))
+        try:
+            inverse = np.linalg.inv((Z * part.weights[:, None]).T @ S)
+        except np.linalg.LinAlgError:
+            return None
+        score = Z * (part.weights * residual)[:, None]
+        move = inverse @ score.sum(axis=0)
+        x = x + move
+        if np.abs(move * [1.0, part.at_s[-1] - part.at_s[0]]).max() < CONVERGED_S:
+            break
+    blocks = np.add.reduceat(score, np.flatnonzero(np.diff(part.at_s // BLOCK_S, prepend=-1.0)), axis=0)
+    covariance = inverse @ (blocks.T @ blocks) @ inverse.T
+    sigma = math.sqrt(max(float(covariance[1, 1]), 0.0))
+    return Drift(float(x[0] - x[1] * middle_s), float(x[1]), sigma) if np.isfinite(x).all() else None
 
 
 def _found(against: str, parts: Sequence[_Part], hold_s: float) -> Lag | None:

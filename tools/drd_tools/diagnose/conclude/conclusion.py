@@ -20,6 +20,7 @@ from drd_tools.diagnose.conclude.confirm import (
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
+from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Array, Because, Gain, Smallest, Status, Support, Window
@@ -39,7 +40,8 @@ FAILING_NATS: Final = -0.01  # of both halves: 0, for or against nothing, but fo
 FORM_SHARE: Final = 0.02  # of what constants far off explain: 14 % of their size is another form
 UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: 14 % of their size is another form
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
-FAR_GENERIC_SHARE: Final = 0.25  # of a robot far from robot.yaml, of which no name has the exact form, or
+UNLIKE_SHARE: Final = 0.25  # of them where the world is unlike the model, and no name has the exact form, or
+UNLIKE_NOISE: Final = 1.5  # times the noise that is stated: from there on it is
 GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name: found by the trial
 FAMILY_WISE: Final = 0.05  # the usual 5 %, over all of the catalogue
 SUSPECTING: Final = 0.5  # chance does as well more often than not: no suspicion
@@ -151,7 +153,8 @@ def _in_place_of_several(
 
 def _generic_share(problem: Problem) -> float:
     """Share of a name's worth by which a curve without a name must be better."""
-    return FAR_GENERIC_SHARE if problem.evidence.is_far else GENERIC_SHARE
+    slip = ratios(problem).get("slip") or 0.0
+    return UNLIKE_SHARE if problem.evidence.is_far or slip > UNLIKE_NOISE else GENERIC_SHARE
 
 
 def _held(found: Found, search: Search, constants: Collection[str]) -> Found:

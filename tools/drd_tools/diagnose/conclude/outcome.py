@@ -1,6 +1,6 @@
 """Results from the conclusion: verdict, findings, model, and the series that are drawn."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,18 +12,19 @@ from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import rms_per_block
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
+from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
 from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
-MOST_NOISE: Final = 2.0  # times what is stated: data sheets are right within a factor of about 1.5
+MOST_NOISE: Final = 2.0  # times what is stated, of the wheels' slip: data sheets are right within a factor of 1.5
 BAND_SIGMAS: Final = 1.96  # 95 % of a Gaussian
 
 
-def verdict(conclusion: Conclusion, noise: Mapping[str, float]) -> Verdict:
-    """The verdict of a conclusion. `noise`: ratios to what is stated; much more of it may be physics, too."""
+def verdict(conclusion: Conclusion) -> Verdict:
+    """The verdict of a conclusion. Much more noise than is stated may be physics, too."""
     causes = conclusion.causes
     if not causes:
         return Verdict.NOTHING
@@ -31,7 +32,7 @@ def verdict(conclusion: Conclusion, noise: Mapping[str, float]) -> Verdict:
         return Verdict.UNKNOWN
     if any(c.selected is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
         return Verdict.PARTLY
-    if max(noise.values(), default=0.0) > MOST_NOISE:
+    if (ratios(conclusion.found.problem).get("slip") or 0.0) > MOST_NOISE:
         return Verdict.PARTLY
     return Verdict.EXPLAINED
 

@@ -31,10 +31,9 @@ LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
 HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
 # Of slip, tread and counts together: an event must be nearly certain, since no search asks again.
 STOP_SIGMAS: Final = 8.0
-# How well the tread is known, and which share of the other wheel's way must be missing: of what a calibration has
-# measured, and of what robot.yaml says.
-MEASURED: Final = (0.05, 0.3)
-BELIEVED: Final = (0.3, 0.5)
+TREAD_SHARE: Final = 0.05  # of a turn, by which the wheels' difference may be off, beside what follows
+# Which share of the other wheel's way must be missing: of a tread that is measured, and of robot.yaml's.
+MEASURED, BELIEVED = 0.3, 0.5
 USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
 LIKELY_SHARE: Final = 0.3  # of the other wheel's way, missing: this much beside a certain stop is part of it
 SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: of 10^5 Gaussian rows none is further
@@ -43,7 +42,7 @@ SURROUNDINGS_ROWS: Final = 9  # odd; wide enough to hold both flanks of a spike,
 DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
 FEWEST_FIXES: Final = 20  # fewer have no usual step that a jump could differ from
 LONGEST_FIX_S: Final = 0.5  # between sparser ones a robot may turn and stop
-JUMP_SIGMAS: Final = 6.0  # of one row: less, in two of them, is usual noise
+JUMP_SIGMAS: Final = 7.0  # of one row: two of them, and a turn between, make six by chance
 ONE_SIDED_P: Final = 1e-6  # of jumps ahead and back by chance: an event must be nearly certain
 
 
@@ -179,7 +178,9 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event]) -> Reco
     rates = [way / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for way in travel]
     wheel = replace(recording.nominal.wheel, counts_per_revolution=None)
     nominal = replace(recording.nominal, wheel=wheel)
-    return replace(recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, *rates, log.is_lost))
+    return replace(
+        recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, rates[0], rates[1], log.is_lost)
+    )
 
 
 class _Stop(NamedTuple):
@@ -198,7 +199,7 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
     """
     certain: list[tuple[float, float, float, float]] = []
     usual_m_s = float(np.percentile(np.abs(its) / np.diff(log.time_s), USUAL_PERCENT))
-    tread_share, least_share = MEASURED if e.robot.tread != 1.0 else BELIEVED
+    least_share = MEASURED if e.robot.tread != 1.0 else BELIEVED
     likely: list[tuple[float, float]] = []
     for begin, end in ((first + i, first + j) for i, j in _runs(its[first:last] != 0.0)):
         t0, t1 = float(log.time_s[begin]), float(log.time_s[end])
@@ -210,7 +211,7 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
         # A turn about the standing wheel leaves it where it is, up to slip and a wrong tread.
         sigma = (
             e.datasheet.slip_m_per_sqrt_m * np.sqrt(abs(travel))
-            + tread_share * e.robot.tread * e.tread_m * abs(turn)
+            + TREAD_SHARE * e.robot.tread * e.tread_m * abs(turn)
             + 4.0 * e.datasheet.count_m
         )
         if abs(missed) >= LIKELY_SHARE * abs(travel):

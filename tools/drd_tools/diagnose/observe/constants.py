@@ -3,6 +3,7 @@
 They are effects of the catalogue, whose parameters have the calibrator's values and deviations as a prior. (79)
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,19 +11,19 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Calibrated, Effect, Symptom, number
+from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
 from drd_tools.calibrate.wheels.drive import make_drive
 from drd_tools.calibrate.wheels.fit import fit_wheels
-from drd_tools.calibrate.wheels.lag import Lag, find_lag, reference_lag
+from drd_tools.calibrate.wheels.lag import Drift, Lag, find_drift, find_lag, reference_lag
 from drd_tools.diagnose.observe.audit import Audit, audit, repaired
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
 from drd_tools.diagnose.observe.grids import DENSE_S
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-SURE: Final = 3.0  # sigmas
+SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
+LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: real drives' lags change by the first in a run; no clock is so far off
 WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
-NOMINAL: Final = Calibrated()
 REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
 
 
@@ -55,7 +56,7 @@ class Constants:
         for constant, sigma in self.sigma._asdict().items():
             moved = self.robot._replace(**{constant: getattr(self.robot, constant) + sigma})
             square += (number(effect.calibrated(moved) or {}, name) - at) ** 2
-        return WIDER * square**0.5
+        return WIDER * math.sqrt(square)
 
 
 def constants(recording: Recording) -> Constants:
@@ -69,7 +70,10 @@ def constants(recording: Recording) -> Constants:
         drive = make_drive(recording)
     except ConfigError:  # hardly moves
         return Constants(recording)
-    fit, nominal, lag = fit_wheels([drive]), drive.nominal, find_lag([recording])
+    fit, nominal, lag, growth = fit_wheels([drive]), drive.nominal, find_lag([recording]), 0.0
+    drift = None if lag is None else find_drift(recording, lag)
+    if lag is not None and drift is not None and _is_drift(drift):
+        lag, growth = replace(lag, lag_s=drift.lag_s), drift.growth
     wheels_s, wheels_sigma_s = (lag.lag_s, lag.sigma_s) if lag is not None and lag.determined else (0.0, 0.0)
     late = reference_lag(recording) if recording.fog is not None else _reversed(lag)
     robot = Calibrated(
@@ -77,15 +81,27 @@ def constants(recording: Recording) -> Constants:
         right=fit.wheels.right_radius_m / nominal.right_radius_m,
         tread=fit.wheels.tread_m / nominal.tread_m,
         wheels_lag_s=wheels_s if wheels_s > SURE * wheels_sigma_s else 0.0,
+        lag_growth=growth,
     )
     left, right, tread = fit.sigma
-    sigma = Calibrated(left * robot.left, right * robot.right, tread * robot.tread, wheels_sigma_s)
+    sigma = Calibrated(
+        left * robot.left,
+        right * robot.right,
+        tread * robot.tread,
+        wheels_sigma_s,
+        0.0 if drift is None else drift.sigma,
+    )
     # A reference that is early is a gyro that is late.
     lag_s, lag_sigma_s = (
         (late.lag_s, late.sigma_s) if late is not None and late.determined and _is_late(late) else (0.0, 0.0)
     )
     put_right = replace(reference, time_s=reference.time_s - lag_s)
     return Constants(replace(recording, reference=put_right), robot, sigma, lag_s, lag_sigma_s)
+
+
+def _is_drift(drift: Drift) -> bool:
+    """Whether the lag grows by more than a drive's own changes of it, and by no more than a clock's may."""
+    return abs(drift.growth) > SURELY * drift.sigma and LEAST_DRIFT < abs(drift.growth) < MOST_DRIFT
 
 
 def _reversed(lag: Lag | None) -> Lag | None:

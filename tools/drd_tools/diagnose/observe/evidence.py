@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter1d
 from drd.config.from_nominal import data_sheet
 from drd.config.nominal import Nominal
 from drd.config.schema import ConfigError
-from drd.effects.effect import Calibrated
+from drd.effects.effect import NOMINAL, Calibrated
 from drd.units import (
     RAD_PER_DEG,
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
@@ -130,7 +130,7 @@ class Evidence:
     jump_m2: Array
     jump_rad2: Array
     has_wheels: bool = True
-    robot: Calibrated = Calibrated()  # noqa: RUF009 immutable
+    robot: Calibrated = NOMINAL
     reference_lag_s: float = 0.0
     is_far: bool = False
 
@@ -163,9 +163,9 @@ class Evidence:
         """Times at which the steps begin and end, (n + 1,)."""
         return np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
 
-    def earlier(self, increments: Array, delay_s: float) -> Array:
-        """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late."""
-        if delay_s == 0.0:
+    def earlier(self, increments: Array, delay_s: Array | float) -> Array:
+        """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late, at each edge."""
+        if not np.any(delay_s):
             return increments
         edges = self.edges_s
         total = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(increments)]))
@@ -201,7 +201,7 @@ def datasheet_noise(nominal: Nominal, has_wheels: bool = True) -> Noise:
 
 def gather(
     recording: Recording,
-    robot: Calibrated = Calibrated(),  # noqa: B008 immutable
+    robot: Calibrated = NOMINAL,
     reference_lag_s: float = 0.0,
 ) -> Evidence:
     """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.

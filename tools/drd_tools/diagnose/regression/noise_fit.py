@@ -11,12 +11,13 @@ from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import Fit
-from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.results import Array, Figures
 from drd_tools.diagnose.selected import Selected
 
 DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
 FEWEST_ROWS: Final = 50  # a deviation of fewer is known to 12 % or worse
-# A data sheet is believed to within a factor of about 1.5; so many rows weigh as much.
+# A data sheet is believed to within a factor of about this; so many rows weigh as much.
+BELIEVED: Final = 1.5
 ROWS_PER_PRIOR: Final = 30
 SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which hang together over seconds
 FEWEST_BLOCKS: Final = 20  # a deviation of fewer blocks is mostly scatter
@@ -77,12 +78,13 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     e, noise = problem.evidence, problem.noise
     wheels, fixes = _not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
-    walk = 1.0
+    walk = stated = e.datasheet.walk_rad_per_sqrt_s
     if len(wheels):
         slip = _scale(wheels[moving])
         # A gyro's samples may hang together: its walk is what it does over seconds.
-        at_rest = wheels[e.still]
-        walk = max(1.0, _scale(at_rest) * _slow(at_rest / _scale(at_rest), float(np.median(e.step_s))))
+        at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
+        at_rest_scale = _scale(at_rest)
+        walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s)
     else:
         slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
@@ -94,7 +96,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     return (
         replace(
             slipping(noise, slip),
-            walk_rad_per_sqrt_s=noise.walk_rad_per_sqrt_s * (walk if walk > LEAST_COLOUR else 1.0),
+            walk_rad_per_sqrt_s=walk if walk > BELIEVED * stated else stated,
             position_m=max(noise.position_m * position, LEAST_M),
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
         ),
@@ -121,6 +123,17 @@ def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Ar
         if nats > most:
             best, most = (factor, left), nats
     return best
+
+
+def ratios(problem: Problem) -> Figures:
+    """Ratios of a problem's noise to what is stated."""
+    noise, stated = problem.noise, problem.evidence.datasheet
+    found: Figures = {"heading": noise.heading_rad / stated.heading_rad}
+    if problem.evidence.has_wheels:
+        found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
+        found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m
+        found["position"] = noise.position_m / stated.position_m
+    return found
 
 
 def slipping(noise: Noise, factor: float) -> Noise:

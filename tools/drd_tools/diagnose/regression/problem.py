@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Effect, Errors
+from drd.effects.effect import ActsOn, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
@@ -58,7 +58,7 @@ class Problem:
         cleared: Evidence | None = None,
         inflation: Inflation = NOT_INFLATED,
         near: "Problem | None" = None,
-        geometry: Sequence[Selected] = (),
+        chain: Sequence[Selected] = (),
     ):
         self.evidence = evidence
         self.path = follow(evidence) if path is None else path
@@ -69,7 +69,7 @@ class Problem:
         )
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
-        self._geometry = tuple(geometry)
+        self._chain = tuple(chain)
         self.nuisances = nuisances(evidence, self.path)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
@@ -94,7 +94,7 @@ class Problem:
     @property
     def readings(self) -> Motion:
         """The motion, with the wheels' speeds as counters of the selected geometry tell them."""
-        return _with_geometry(self.sensitivities.motion, self._geometry)
+        return _with_chain(self.sensitivities.motion, [c for c in self._chain if c.effect.geometry])
 
     def along(self, motion: Motion) -> "Problem":
         """A problem with the effects' sensitivities along another motion."""
@@ -113,8 +113,9 @@ class Problem:
         return math.log(len(catalogue()))
 
     def penalty(self, selection: Sequence[Selected]) -> float:
-        """Penalty of effects and their parameters, nats."""
-        return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection)
+        """Penalty of effects and their parameters, nats. What has one sign only has a prior twice as dense."""
+        one_sided = sum(not c.parameter(name).signed and c.parameter(name).linear for c in selection for name in c.free)
+        return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection) - math.log(2.0) * one_sided
 
     def around(self, selection: Sequence[Selected]) -> "Problem":
         """Relinearise around the path, and along the motion, that the sensors give once the effects are taken off."""
@@ -125,14 +126,13 @@ class Problem:
         else:
             path = follow(cleared)
         return Problem(
-            self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, self, geometry_of(selection)
+            self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, self, chain_of(selection)
         )
 
     def _cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
-        delays = [c.effect.delays(0.0, c.values) for c in selection]
-        gyro_s, wheels_s = sum(d.gyro_s for d in delays), sum(d.wheels_s for d in delays)
+        gyro_s, wheels_s = _delays_s(selection, raw.edges_s)
         clear = replace(
             raw,
             gyro_rad=None if raw.gyro_rad is None else np.zeros_like(raw.gyro_rad),
@@ -151,9 +151,9 @@ class Problem:
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
             sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
             added = Sensitivity()
-            geometry = geometry_of(selection)
+            chain = chain_of(selection)
             for selected in selection:
-                added = added + sensitivities.of(_errors(sensitivities, geometry, selected.effect, selected.values))
+                added = added + sensitivities.of(_errors(sensitivities, chain, selected.effect, selected.values))
         return clear
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
@@ -178,7 +178,7 @@ class Problem:
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """Sensitivity to an effect with these parameters."""
-        return self.sensitivities.of(_errors(self.sensitivities, self._geometry, effect, values))
+        return self.sensitivities.of(_errors(self.sensitivities, self._chain, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
         """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
@@ -265,18 +265,23 @@ class Problem:
         return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
 
 
-def geometry_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
-    """The selected effects that make other speeds of the wheels, in the order in which they act."""
+def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
+    """The selected effects on whose outcome others act, in the order in which they act: geometry, and delays."""
     order = list(catalogue())
-    return tuple(sorted((c for c in selection if c.effect.geometry), key=lambda c: order.index(c.id)))
+    chained = (c for c in selection if c.effect.geometry or _is_delay(c.effect))
+    return tuple(sorted(chained, key=lambda c: order.index(c.id)))
 
 
-def _errors(sensitivities: Sensitivities, geometry: Sequence[Selected], effect: Effect, values: Values) -> Errors:
-    """Errors of an effect: along the readings of wheels of this geometry, as far as it comes before it."""
+def _is_delay(effect: Effect) -> bool:
+    return effect.acts_on is ActsOn.TIMING and effect.channel == "wheels"
+
+
+def _errors(sensitivities: Sensitivities, chain: Sequence[Selected], effect: Effect, values: Values) -> Errors:
+    """Errors of an effect: along the readings that those of the chain make which come before it."""
     motion = sensitivities.motion
     if effect.channel == "wheels":
-        ids = [c.id for c in geometry]
-        motion = _with_geometry(motion, geometry[: ids.index(effect.id)] if effect.id in ids else geometry)
+        order = list(catalogue())
+        motion = _with_chain(motion, [c for c in chain if order.index(c.id) < order.index(effect.id)])
     if effect.acts_on is ActsOn.READOUT:
         motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
     errors = effect.error(motion, values)
@@ -286,9 +291,17 @@ def _errors(sensitivities: Sensitivities, geometry: Sequence[Selected], effect: 
     return errors
 
 
-def _with_geometry(motion: Motion, geometry: Sequence[Selected]) -> Motion:
-    """The motion, with the wheels' speeds as counters of this geometry tell them. (73)"""
-    for c in geometry:
+def _delays_s(selection: Sequence[Selected], at_s: Array) -> tuple[Array, Array]:
+    """How late the gyro and the wheels are at these times, (n,) each: clocks drift along a line."""
+    ends_s = at_s[[0, -1]]
+    of_ends = [[c.effect.delays(float(t), c.values) for c in selection] for t in ends_s]
+    gyro, wheels = ([sum(getattr(d, name) for d in delays) for delays in of_ends] for name in Delays._fields)
+    return np.interp(at_s, ends_s, gyro), np.interp(at_s, ends_s, wheels)
+
+
+def _with_chain(motion: Motion, chain: Sequence[Selected]) -> Motion:
+    """The motion, with the wheels' speeds as counters tell them that these effects act on, one after the other. (73)"""
+    for c in chain:
         error = c.effect.error(motion, c.values)
         left, right = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
         motion = replace(motion, left_m_s=left, right_m_s=right)

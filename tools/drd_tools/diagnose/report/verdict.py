@@ -17,7 +17,7 @@ from drd_tools.diagnose.report.text import (
     rms,
     with_sigma,
 )
-from drd_tools.diagnose.results import Finding, Result, Series, Verdict
+from drd_tools.diagnose.results import Figures, Finding, Result, Series, Verdict
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
 SCATTER: Final = {"slip": "the wheels scatter", "gyro": "the gyro scatters"}
@@ -98,12 +98,11 @@ def _how_sure(findings: Sequence[Finding]) -> str:
     if len({f.status for f in findings}) == 1:
         who = "This is" if len(findings) == 1 else "Both are" if len(findings) == 2 else "All of them are"
         return f"{who} {findings[0].status}{chance}."
-    by_status = {
-        status: [f for f in findings if f.status == status] for status in dict.fromkeys(f.status for f in findings)
-    }
-    shown = listed(
-        f"{_counted(group)} {'is' if len(group) == 1 else 'are'} {status}" for status, group in by_status.items()
-    )
+    parts = []
+    for status in dict.fromkeys(f.status for f in findings):
+        group = [f for f in findings if f.status == status]
+        parts.append(f"{_counted(group)} {'is' if len(group) == 1 else 'are'} {status}")
+    shown = listed(parts)
     return f"Of these, {shown}{chance}."
 
 
@@ -128,8 +127,10 @@ def _what_is_left(d: Result, s: Series) -> str:
 
 def _noise(d: Result) -> list[str]:
     """Words for noise that is much larger than stated: it may be physics, too."""
-    ratios = {} if isinstance(d.noise, UnsetType) else d.noise
-    large = [(SCATTER[name], ratio) for name, ratio in ratios.items() if name in SCATTER and ratio > MOST_NOISE]
+    ratios: Figures = {} if isinstance(d.noise, UnsetType) else d.noise
+    large = [
+        (SCATTER[name], ratio) for name, ratio in ratios.items() if name in SCATTER and ratio and ratio > MOST_NOISE
+    ]
     return [f"{who} {ratio:.2g} times as much as stated, which the model takes for noise" for who, ratio in large]
 
 

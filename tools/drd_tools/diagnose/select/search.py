@@ -72,8 +72,8 @@ def coarse_search(
         others = [] if last is None else [c for c in last.fit.selection if c.id not in names]
         found = linearised(problem, replace(fit, selection=(*fit.selection, *start, *others)), null)
         known = [*known, *start]
-        better = Search(found.problem, known).backward_swapped(found.fit)
-        found = replace(found, fit=better, score=-better.cost - found.problem.penalty(better.selection))
+        swapped = Search(found.problem, known).backward_swapped(found.fit)
+        found = replace(found, fit=swapped, score=-swapped.cost - found.problem.penalty(swapped.selection))
     while (better := _better(found, known)) is not None:
         little = LITTLE_SHARE if is_rough(better.fit) else NEXT_TO_NOTHING
         if better.score < (1.0 - little) * found.score:
@@ -323,9 +323,12 @@ class Search:
     def _rivals(self, fit: Fit, rest: Fit) -> list[Selected]:
         """Effects that may be worth as much beside `rest` as what it lacks of `fit`, once they are refined."""
         worth = self.score(fit) - self.score(rest)
+
         # What is linear gains no more by being refined.
-        shares = ((gain, c, ROUGH_SHARE if any(not q.linear for q in c.effect.parameters) else EXACT_SHARE) for gain, c in self.ranked(rest)[:SWAPS])
-        return [c for gain, c, share in shares if gain > share * worth]
+        def share(c: Selected) -> float:
+            return EXACT_SHARE if all(q.linear for q in c.effect.parameters) else ROUGH_SHARE
+
+        return [c for gain, c in self.ranked(rest)[:SWAPS] if gain > share(c) * worth]
 
 
 def _is_plausible(problem: Problem, fit: Fit) -> bool:

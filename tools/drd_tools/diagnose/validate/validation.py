@@ -12,6 +12,7 @@ import msgspec
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E
+from drd_tools.diagnose.observe.constants import constants
 from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
@@ -50,6 +51,8 @@ def validate(
         save_model(file, model)
         return model, [judged(other, file)[0] for other in held_out]
 
+    # A reference that is late is no error of the pose.
+    held_out = [constants(other).recording for other in held_out]
     before = [judged(other, None)[0] for other in held_out]
     model, after = saved(())
     near = [msgspec.structs.replace(f.surrogate, why=SURROGATE) for f in findings if f.surrogate]

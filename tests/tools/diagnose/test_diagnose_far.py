@@ -1,0 +1,140 @@
+"""A robot that is far from its robot.yaml, with a reference that is late and jumps: as real ones are."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_drives import SLALOM, recorded, selected
+
+from drd.batch.logs import EncoderLog
+from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.observe.audit import audit
+from drd_tools.diagnose.observe.constants import constants, observe
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.selected import Selected
+from drd_tools.recordings.folder import Recording, read_recording
+
+TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
+GEOMETRY = (
+    selected("tread_error", k=TREAD),
+    selected("wheel_radius_error", left=LEFT, right=RIGHT),
+    selected("encoder_latency", delay=WHEELS_S),
+)
+SHARED = Path(__file__).parents[4] / "shared" / "recordings"
+
+
+def late(recording: Recording, lag_s: float = REFERENCE_S) -> Recording:
+    reference = recording.reference
+    assert reference is not None
+    return replace(recording, reference=replace(reference, time_s=reference.time_s + lag_s))
+
+
+def far(*more: Selected, seed: int = 1) -> Recording:
+    return late(recorded(("field", 200.0), seed, *GEOMETRY, *more))
+
+
+@cache
+def diagnosed() -> Analysis:
+    return analyse(far())
+
+
+def test_the_calibrator_measures_the_constants_and_the_references_lag() -> None:
+    found = constants(far())
+    assert found.robot.tread == pytest.approx(1.0 + TREAD, rel=0.02)
+    assert found.robot.left == pytest.approx(1.0 / (1.0 - LEFT), rel=0.01)
+    assert found.robot.right == pytest.approx(1.0 / (1.0 - RIGHT), rel=0.01)
+    assert found.robot.wheels_lag_s == pytest.approx(WHEELS_S, abs=0.01)
+    assert found.lag_s == pytest.approx(REFERENCE_S, abs=0.02)
+    assert found.robot.lag_growth == 0.0
+
+
+def test_constants_far_off_are_named_with_their_sizes_and_nothing_else_is() -> None:
+    causes = {c.effect: c.selected for c in diagnosed().conclusion.causes}
+    assert causes.keys() == {c.id for c in GEOMETRY}
+    for true in GEOMETRY:
+        found = causes[true.id]
+        assert found is not None
+        for name in true.free or true.values:
+            assert found.number(name) == pytest.approx(true.number(name), abs=max(3.0 * found.sigma(name), 0.01))
+
+
+def test_a_references_lag_is_told_as_its_own_fault() -> None:
+    lag = diagnosed().reference_lag
+    assert lag is not None
+    assert lag.value == pytest.approx(REFERENCE_S, abs=0.02)
+    assert analyse(recorded(SLALOM, 1)).reference_lag is None
+
+
+def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None:
+    slip = selected("surface_slip", t0=80.0, t1=110.0, left=0.12, right=0.03)
+    found = {c.effect: c.selected for c in analyse(far(slip)).conclusion.causes}
+    cause = found["surface_slip"]
+    assert cause is not None
+    assert cause.number("left") == pytest.approx(0.12, abs=0.02)
+    assert (cause.number("t0"), cause.number("t1")) == pytest.approx((80.0, 110.0), abs=2.0)
+
+
+def test_a_clock_that_drifts_is_measured_by_the_lag_that_grows() -> None:
+    drifting = recorded(("field", 200.0), 2, selected("encoder_clock_skew", ppm=-1500e-6))
+    assert constants(drifting).robot.lag_growth == pytest.approx(1500e-6, rel=0.15)
+
+
+def test_a_reference_that_jumps_names_nothing() -> None:
+    """As a lidar's map does: from 60 s on it is turned, and moved."""
+    recording = recorded(SLALOM, 3)
+    reference = recording.reference
+    assert reference is not None
+    jumped = reference.time_s > 60.0
+    first, turn = int(np.argmax(jumped)), 0.3 * jumped
+    x, y = reference.x_m - reference.x_m[first], reference.y_m - reference.y_m[first]
+    x, y = x * np.cos(turn) - y * np.sin(turn) + 0.4 * jumped, x * np.sin(turn) + y * np.cos(turn)
+    other = replace(recording, reference=replace(reference, x_m=x, y_m=y, heading_rad=reference.heading_rad + turn))
+    e = audit(other, gather(other)).evidence
+    (at,) = np.flatnonzero(e.jump_rad2)
+    assert e.time_s[at] == pytest.approx(60.0, abs=0.2)
+    assert e.jump_m2[at] > 0.1
+    assert analyse(other).conclusion.causes == []
+
+
+def test_a_wheel_whose_speed_is_dead_is_found_and_the_constants_are_those_of_the_rest() -> None:
+    """The drive holds its speeds for a quarter of a second, as real ones do: shorter rests are no event."""
+    recording = far()
+    angles = recording.wheel_angles_rad()
+    time_s = recording.encoders.time_s
+    held_s = np.arange(time_s[0], time_s[-1], 0.25)
+    speeds = [np.gradient(np.interp(held_s, time_s, angle), held_s) for angle in angles]
+    left, right = (speed[np.searchsorted(held_s, time_s, "right") - 1] for speed in speeds)
+    right = np.where((time_s >= 90.0) & (time_s < 92.5), 0.0, right)
+    wheel = replace(recording.nominal.wheel, counts_per_revolution=None)
+    dead = replace(
+        recording,
+        nominal=replace(recording.nominal, wheel=wheel),
+        wheels=EncoderLog(time_s, None, None, left, right),
+    )
+    measured, audited = observe(dead)
+    (event,) = audited.events
+    assert event.selected.id == "encoder_dropout"
+    assert event.selected.values["side"] == "right"
+    assert event.windows[0] == pytest.approx((90.0, 92.5), abs=0.1)
+    assert measured.robot.tread == pytest.approx(1.0 + TREAD, rel=0.03)
+
+
+def test_shares_of_the_mismatch_add_up() -> None:
+    shares = [c.explains for c in diagnosed().conclusion.causes]
+    assert 0.5 < sum(shares) <= 1.0 + 1e-9
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
+def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
+    """The real figures: an effective tread 64 to 84 % above nominal, wheels 0.14 to 0.19 s, reference 0.26 to 0.52."""
+    analysis = analyse(read_recording(SHARED / "warthog_grass_2024_7_29_14h8s51"))
+    found = {c.effect: c.selected for c in analysis.conclusion.causes}
+    tread, latency = found["tread_error"], found["encoder_latency"]
+    assert tread is not None
+    assert latency is not None
+    assert 0.6 < tread.number("k") < 0.85
+    assert 0.13 < latency.number("delay") < 0.2
+    assert analysis.reference_lag is not None
+    assert 0.26 < analysis.reference_lag.value < 0.55
