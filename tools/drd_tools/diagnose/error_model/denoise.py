@@ -1,9 +1,10 @@
 """Smoothing as wide as the noise asks for and the signal allows."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.signal import oaconvolve
+from scipy.fft import dct, idct, rfft
 
 from drd_tools.diagnose.results import Array
 
@@ -19,27 +20,32 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
     Each sample gets the widest window whose mean agrees with those of all narrower ones (the intersection of confidence
     intervals: Goldenshluger and Nemirovski 1997).
     """
+    n = len(values)
     variance = np.broadcast_to(np.asarray(sigma, float) ** 2, values.shape)
+    # Mirrored at the ends, a series is a sum of cosines, and smoothing is a factor of each.
+    cosines = dct(np.stack([values, variance]))
     result = values
-    low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
-    agrees = np.ones(len(values), bool)
+    low, high = np.full(n, -np.inf), np.full(n, np.inf)
+    agrees = np.ones(n, bool)
     for doubling in range(WIDEST):
         s = width * 2.0**doubling
-        if doubling and 4.0 * s > len(values):
+        if doubling and 4.0 * s > n:
             break
-        mean = _gaussian(values, s)
+        mean, spread = idct(cosines * _gaussian(n, s))
         # Of a mean with Gaussian weights of deviation s samples.
-        error = AGREE_SIGMAS * np.sqrt(np.maximum(_gaussian(variance, s), 0.0) / (2.0 * np.sqrt(np.pi) * s))
+        error = AGREE_SIGMAS * np.sqrt(np.maximum(spread, 0.0) / (2.0 * np.sqrt(np.pi) * s))
         low, high = np.maximum(low, mean - error), np.minimum(high, mean + error)
         agrees &= low <= high
         result = np.where(agrees, mean, result)
     # Where windows change, the means do not meet.
-    return _gaussian(result, 0.5 * width)
+    return np.asarray(idct(dct(result) * _gaussian(n, 0.5 * width)), float)
 
 
-def _gaussian(values: Array, sigma: float) -> Array:
-    """Smooth by a Gaussian of `sigma` samples, mirrored at the ends; a wide one takes far less time by Fourier."""
+@lru_cache(maxsize=4 * (WIDEST + 1))
+def _gaussian(n: int, sigma: float) -> Array:
+    """What a Gaussian of `sigma` samples, over REACH of them, leaves of each of n cosines."""
     reach = int(REACH * sigma + 0.5)
-    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    padded = np.pad(values, reach, mode="symmetric")
-    return np.asarray(oaconvolve(padded, weight / weight.sum(), mode="valid"), float)
+    k = np.arange(-reach, reach + 1)
+    weight = np.exp(-0.5 * (k / sigma) ** 2)
+    around = np.bincount(k % (2 * n), weight / weight.sum(), 2 * n)
+    return np.asarray(rfft(around).real[:n], float)
