@@ -5,7 +5,6 @@ noise, and by causes. Passed through the same filter, the data's innovations and
 sequences in white noise, and what is left is linear regression. (67) to (69)
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd_tools.diagnose.error_model.covariance import UPPER, Gains, run
 from drd_tools.diagnose.error_model.path import Path, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
@@ -108,7 +108,7 @@ class Linear:
         self._H[:, 0, 2], self._H[:, 1, 2] = -share * self._hx[k], -share * self._hy[k]
         self._H[:, 2, 3] = share * by_gyro_s[k]
         if like is not None and self._is_near(like):
-            self._gains: _Gains = like._gains
+            self._gains: Gains = like._gains
         else:
             self._gains = self._run_covariance()
 
@@ -122,40 +122,15 @@ class Linear:
             for h, was in ((self._hx, like._hx), (self._hy, like._hy))
         )
 
-    def _run_covariance(self) -> "_Gains":
+    def _run_covariance(self) -> Gains:
         e, noise = self.evidence, self.noise
-        n, m, k = len(e.step_s), len(e.fix), e.fix_step
-        R_wheels = noise.wheels(e, self._turn)
-        Q = noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)
-        R = np.diag([noise.position_m**2, noise.position_m**2, noise.heading_rad**2])
+        # Where the gyro is not compared, the wheels tell nothing of it.
+        R_wheels = np.where(e.gyroless, np.inf, noise.wheels(e, self._turn))
+        Q = noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)[:, *UPPER]
+        steps = np.column_stack([-self._F[:, 2, 3], R_wheels, self._hx, self._hy, Q])
+        R = np.array([noise.position_m**2, noise.position_m**2, noise.heading_rad**2]) * self.fix_inflation[:, None]
         P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
-        gains = _Gains(
-            np.zeros((n, STATES)), np.full(n, np.inf), np.zeros((m, STATES, 3)), np.zeros((m, 3, 3)),
-            np.zeros((n, STATES, STATES)), np.zeros((n, STATES, STATES)),
-        )  # fmt: skip
-        bounds: list[int] = np.searchsorted(k, np.arange(n + 1)).tolist()
-        compared, identity = (~e.gyroless).tolist(), np.eye(STATES)
-        for i in range(n):
-            if compared[i]:
-                h = float(e.step_s[i])
-                sigma = (h * h * float(P[3, 3]) + float(R_wheels[i])) ** 0.5
-                K = P[:, 3] * (-h / sigma)
-                gains.K_wheels[i], gains.sigma[i] = K, sigma
-                P = P - K[:, None] * K
-            gains.P_before[i] = P
-            F = self._F[i]
-            P = F @ P @ F.T + Q[i]
-            gains.P_after[i] = P
-            for j in range(bounds[i], bounds[i + 1]):
-                H = self._H[j]
-                PH = P @ H.T
-                gains.L[j] = L = _inverse_root(H @ PH + R * self.fix_inflation[j])
-                gains.K[j] = K = PH @ L.T
-                # Joseph's form: of a P that was huge before the first fix, a difference would be chance.
-                KL = K @ L
-                kept = identity - KL @ H
-                P = kept @ P @ kept.T + KL @ (R * self.fix_inflation[j]) @ KL.T
-        return gains
+        return run(P, steps, e.fix_step, self._H, R)
 
     @cached_property
     def _events(self) -> "_Events":
@@ -253,20 +228,6 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class _Gains:
-    """Gains of the filter. Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro is not compared. Of
-    the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
-    """
-
-    K_wheels: Array
-    sigma: Array
-    K: Array
-    L: Array
-    P_before: Array
-    P_after: Array
-
-
-@dataclass(frozen=True)
 class _Events:
     """The recursion of events: x' = A x + B s, and what is seen, C x + D s: the wheels', and a fix's three. And which
     of them are steps (n,) and fixes (m,).
@@ -278,17 +239,3 @@ class _Events:
     D: Array
     of_step: npt.NDArray[np.intp]
     of_fix: npt.NDArray[np.intp]
-
-
-def _inverse_root(S: Array) -> Array:
-    """Inverse of the lower Cholesky factor of a 3 by 3 matrix, written out: several times faster than two calls."""
-    (a, _, _), (b, c, _), (d, e, f) = S.tolist()
-    l00 = math.sqrt(a)
-    l10, l20 = b / l00, d / l00
-    l11 = math.sqrt(c - l10 * l10)
-    l21 = (e - l20 * l10) / l11
-    l22 = math.sqrt(f - l20 * l20 - l21 * l21)
-    i10 = -l10 / (l00 * l11)
-    i21 = -l21 / (l11 * l22)
-    i20 = -(l20 / l00 + l21 * i10) / l22
-    return np.array(((1.0 / l00, 0.0, 0.0), (i10, 1.0 / l11, 0.0), (i20, i21, 1.0 / l22)))
