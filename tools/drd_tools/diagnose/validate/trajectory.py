@@ -11,7 +11,7 @@ from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.results import Run
 from drd_tools.evaluate.trajectory import Poses, reference_of
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
@@ -55,13 +55,25 @@ def _figures(run: Run | None) -> Figures:
 
 
 def paths(recording: Recording, nominal: Array, corrected: Array | None) -> Paths:
-    """The paths that are drawn."""
+    """The paths that are drawn, from the reference's pose at their start."""
     r = recording.reference
     return Paths(
         None if r is None else _line(np.column_stack([r.time_s, r.x_m, r.y_m])),
-        _line(nominal),
-        None if corrected is None else _line(corrected),
+        _line(_from_reference(r, nominal)),
+        None if corrected is None else _line(_from_reference(r, corrected)),
     )
+
+
+def _from_reference(r: ReferenceLog | None, rows: Array) -> Array:
+    """Rows of poses, turned and moved to the reference's pose where both begin."""
+    if r is None or not len(rows):
+        return rows
+    start_s = max(float(r.time_s[0]), float(rows[0, 0]))
+    x0, y0, heading = (float(np.interp(start_s, rows[:, 0], rows[:, i])) for i in (1, 2, 3))
+    x, y, seen = (float(np.interp(start_s, r.time_s, v)) for v in (r.x_m, r.y_m, r.heading_rad))
+    c, s = np.cos(seen - heading), np.sin(seen - heading)
+    dx, dy = rows[:, 1] - x0, rows[:, 2] - y0
+    return np.column_stack([rows[:, 0], x + c * dx - s * dy, y + s * dx + c * dy])
 
 
 def _line(rows: Array) -> Line:
