@@ -1,11 +1,6 @@
 """Effects planted in the raw data of recorded drives."""
 
 import importlib.util
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -216,35 +211,3 @@ def test_a_folder_without_drives_is_one_clear_error(
 def test_real_and_drawn_drives_do_not_mix(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["trial", "--plant", ".", "--each", "1", "--output", str(tmp_path)])
-
-
-def children(pid: int) -> list[int]:
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-@pytest.mark.process
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_the_workers_end_with_the_command(number: signal.Signals, tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        small(tmp_path, name)
-    command = [sys.executable, "-m", "drd", "trial", "--plant", str(tmp_path), "--output", str(tmp_path / "out")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ, "PYTHONUNBUFFERED": "1"}) as process:
-        deadline_s = time.monotonic() + 180.0
-        # Two workers, and what keeps book of their semaphores.
-        while len(workers := children(process.pid)) < 3 and time.monotonic() < deadline_s:
-            time.sleep(0.05)
-        time.sleep(1.0)  # in the midst of their imports, or of a diagnosis
-        assert len(workers) == 3
-        process.send_signal(number)
-        assert process.wait(60.0) == 128 + number
-        while any(map(runs, workers)) and time.monotonic() < deadline_s:
-            time.sleep(0.05)
-    assert not any(map(runs, workers))

@@ -1,10 +1,7 @@
 """Diagnose recordings: one here, several in processes of their own; and combine them."""
 
-import multiprocessing
 import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -28,6 +25,7 @@ from drd_tools.diagnose.observe.parts import cut_off
 from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Train, Unexplained
 from drd_tools.diagnose.validate.trajectory import judged, paths
 from drd_tools.diagnose.validate.validation import Validated, validate
+from drd_tools.processes import pool_of
 from drd_tools.recordings.folder import Recording
 
 OTHER_HALF: Final = "other half of the blocks"
@@ -46,30 +44,23 @@ def run_all(
 ) -> Iterator[Written]:
     """Diagnose each recording into its folder; results in the order given, the same to the bit for any `jobs`.
 
-    Raises ConfigError and OSError.
+    SIGTERM and Ctrl-C end the processes in the midst of their work. Raises ConfigError and OSError.
     """
     if len(recordings) == 1:
         yield _written(recordings[0], held_out, folders[0])
         return
-    context = multiprocessing.get_context("spawn")  # a forked child of a process with threads may lock up
     with (
-        ProcessPoolExecutor(min(jobs, len(recordings)), context) as pool,
+        pool_of(min(jobs, len(recordings))) as pool,
         tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
     ):
         futures = [pool.submit(_apart, r, held_out, f) for r, f in zip(recordings, folders, strict=True)]
         for future in futures:
             future.add_done_callback(lambda _: bar.update())
-        try:
-            for future in futures:
-                made = future.result()
-                if not isinstance(made, Written):
-                    raise ConfigError(*made)
-                yield made
-        except BrokenProcessPool as error:
-            got = "a process that was killed: with --jobs 1 each has all of the memory"
-            raise ConfigError(", ".join(r.name for r in recordings), "", "a diagnosis", got) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
+        for future in futures:
+            made = future.result()
+            if not isinstance(made, Written):
+                raise ConfigError(*made)
+            yield made
 
 
 def _written(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
