@@ -129,7 +129,7 @@ def test_shares_of_the_mismatch_add_up() -> None:
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
 def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
     """The real figures: an effective tread 64 to 84 % above nominal, wheels 0.14 to 0.19 s, reference 0.26 to 0.52."""
-    analysis = analyse(read_recording(SHARED / "warthog_grass_2024_7_29_14h8s51"))
+    analysis = analyse(read_recording(SHARED / "warthog_grass_2024_8_8_16h11s19"))
     found = {c.effect: c.selected for c in analysis.conclusion.causes}
     tread, latency = found["tread_error"], found["encoder_latency"]
     assert tread is not None

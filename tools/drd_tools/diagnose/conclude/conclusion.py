@@ -165,8 +165,9 @@ def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
     """
     problem, fit = found.problem, found.fit
     share = FORM_SHARE * max(found.score - found.null, 0.0) if constants else 0.0
-    unseen = [sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
-    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if c.id in search.known or nats > FAILING_NATS]
+    stays = search.known.union(constants)
+    unseen = [0.0 if c.id in stays else sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
+    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if nats > FAILING_NATS]
     if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
     while others := [one for one in fit.selection if one.id not in search.known]:

@@ -19,6 +19,7 @@ BLOCK_S: Final = 20.0  # longer than slip and references hang together, (78): si
 FLIPS: Final = 999  # p is a multiple of 0.001: finer than any threshold on it
 SEGMENTS: Final = 10  # five in each half: a window of time is in both, and slow changes too
 LARGEST_NATS: Final = 690.0  # exp of more is no double
+LEAST_NORM: Final = 1e-100  # of a column: what is less was never seen, and to scale it would overflow
 SEED: Final = 20  # any: the same recording gives the same p
 
 
@@ -94,7 +95,8 @@ def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> fl
     if found is None:
         return 0.0
     T = [h.problem.tangents([found]) if found.free else np.zeros((len(h.soft), 0)) for h in (train, test)]
-    scale = FREE / np.maximum(np.linalg.norm(T[0], axis=0), 1e-300)
+    norms = np.linalg.norm(T[0], axis=0)
+    scale = np.divide(FREE, norms, out=np.zeros_like(norms), where=norms > LEAST_NORM)
     left = [h.problem.data - h.problem.effect_rows([found]) for h in (train, test)]
     with_it = _predicted(train.soft, np.column_stack([train.freed, T[0] * scale]), left[0])
     nats = with_it(test.soft, np.column_stack([test.freed, T[1] * scale]), left[1])
