@@ -11,6 +11,7 @@ import numpy as np
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
 from drd_tools.diagnose.error_model.linear import COLUMNS, Sensitivity
+from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interval
@@ -118,7 +119,7 @@ class Library:
 
     def __init__(self, problem: Problem):
         e = problem.evidence
-        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels]
+        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels and not _is_absent(e, x)]
         self.candidates: list[Candidate] = []
         self.intervals = [Intervals(problem, effect) for effect in effects if is_of_interval(effect)]
         whitened: list[Columns] = []
@@ -144,6 +145,15 @@ class Library:
                     first += len(columns)
         self.columns = np.concatenate(whitened, axis=1)
         self.products: Columns = self.columns.T @ self.columns
+
+
+def _is_absent(e: Evidence, effect: Effect) -> bool:
+    """Whether the calibration of a robot far from robot.yaml looked for a delay or a drift, and found none.
+
+    What its lag does in a run would pass for one.
+    """
+    measured = effect.calibrated(e.robot) if e.is_far and effect.acts_on is ActsOn.TIMING else None
+    return measured is not None and not any(measured.values())
 
 
 def variants(problem: Problem, effect: Effect) -> list[Parameters]:
