@@ -46,7 +46,8 @@ class Constants:
             if values is None or not any(values.values()):
                 continue
             prior = {name: (float(value), self._sigma(effect, name)) for name, value in values.items()}
-            found.append(Selected(effect, values, tuple(values), prior=prior))
+            if any(abs(mean) > sigma for mean, sigma in prior.values()):  # else it is as robot.yaml has it
+                found.append(Selected(effect, values, tuple(values), prior=prior))
         return tuple(found)
 
     def _sigma(self, effect: Effect, name: str) -> float:

@@ -158,13 +158,14 @@ def _one_more(search: "Search", found: Found) -> Found | None:
     tried = search.grown(found.fit)
     if not tried:
         return None
-    best = tried[0]
-    before = {c.id for c in found.fit.selection}
-    added = [c for c in best.selection if c.id not in before]
-    if not _needs_linearising(added, search.score(best) - found.score):
+    best, selection, least = tried[0], tried[0].selection, found.null
+    if found.problem.evidence.is_far:  # its constants are linearised around already, and explain most
+        before = {c.id for c in found.fit.selection}
+        selection, least = tuple(c for c in selection if c.id not in before), found.score
+    if not _needs_linearising(selection, search.score(best) - least):
         return Found(found.problem, best, search.score(best), found.null)
     # Along another path, or with other noise, the best may explain less than nothing does here.
-    margin = CLOSE_SHARE * (search.score(best) - found.score)
+    margin = CLOSE_SHARE * max(search.score(best) - least, 0.0)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
     chosen = max((linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
     return chosen if chosen.score > found.score else None
