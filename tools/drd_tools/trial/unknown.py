@@ -18,6 +18,7 @@ def _size(unit: str, text: str, si: float = 1.0, high: float = 1e3) -> Parameter
 
 PERIOD: Final = Parameter("period", "s", "period", 10.0, 1e5, signed=False, linear=False)
 PHASE: Final = Parameter("phase", "rad", "phase", 0.0, 6.3, linear=False)
+ORDER: Final = Parameter("order", "1", "periods in a turn of the wheel", 0.2, 20.0, signed=False, linear=False)
 PITCH: Final = Parameter("pitch", "m", "distance of the intervals", 0.5, 100.0, signed=False, linear=False)
 DEG: Final = math.pi / 180.0
 
@@ -33,7 +34,7 @@ class Hidden(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         """One, with a period and a pitch of which a drive holds a few."""
-        middle = {PERIOD.name: 0.35 * m.end_s, PHASE.name: 0.0, PITCH.name: 4.0}
+        middle = {PERIOD.name: 0.35 * m.end_s, PHASE.name: 0.0, PITCH.name: 4.0, ORDER.name: 2.7}
         return [{q.name: middle[q.name] for q in self.parameters if not q.linear}]
 
     def drawn(self, m: Motion, chance: Chance) -> Values:
@@ -42,6 +43,7 @@ class Hidden(Effect):
             PERIOD.name: between(0.25, 0.6, chance.period) * m.end_s,
             PHASE.name: between(0.0, 2.0 * math.pi, chance.phase),
             PITCH.name: between(3.0, 6.0, chance.pitch),
+            ORDER.name: between(1.4, 3.8, chance.pitch),  # a drive at the usual speeds samples it several times
         }
         return {q.name: found[q.name] for q in self.parameters if not q.linear}
 
@@ -95,6 +97,21 @@ class MotorField(Hidden):
     def error(self, m: Motion, p: Values) -> Errors:
         """Acts on the gyro."""
         return Errors(gyro_rad_s=number(p, "k") * np.cos(m.left_wheel_rad - number(p, "phase")))
+
+
+class WheelGear(Hidden):
+    """A gear behind the left wheel's encoder is off its centre: it turns more often than the wheel, or less."""
+
+    id = "unknown_wheel_gear"
+    acts_on = ActsOn.WHEELS
+    covariate = "wheel_phase"
+    parameters = (_size("1", "amplitude", high=0.1), ORDER, PHASE)
+
+    def error(self, m: Motion, p: Values) -> Errors:
+        """Acts on the left wheel."""
+        return Errors(
+            left_m_s=number(p, "k") * np.cos(number(p, "order") * m.left_wheel_rad + number(p, "phase")) * m.left_m_s
+        )
 
 
 class LoadTransfer(Hidden):
@@ -164,7 +181,7 @@ HIDDEN: Final[dict[str, Hidden]] = {
     effect.id: effect
     for effect in (
         BiasTide(), ScaleHysteresis(), BiasAcceleration(), MotorField(),
-        LoadTransfer(), SlipMap(), BreathingDelay(), WarmTyres(),
+        WheelGear(), LoadTransfer(), SlipMap(), BreathingDelay(), WarmTyres(),
     )
 }  # fmt: skip
 PREFIX: Final = "unknown_"

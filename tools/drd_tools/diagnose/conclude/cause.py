@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drd.effects.effect import ActsOn
 from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Array, Gain, Status, Support, Window
+from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import CHANNELS, Curve
 from drd_tools.diagnose.selected import Selected
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One cause. `selected` is None where it has no name; `curve` is then all that is known of it, and `surrogate` the
-    name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the effect at the curve's
-    knots.
+    """One cause. `selected` is None where it has no name; `curve` or `ripple` is then all that is known of it, and
+    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the effect
+    at the curve's knots.
     """
 
     selected: Selected | None
@@ -24,6 +26,7 @@ class Cause:
     sentence: str
     probability: float
     curve: Curve | None = None
+    ripple: Ripple | None = None
     surrogate: Selected | None = None
     gain: Gain = NO_GAIN
     fitted: Array | None = None
@@ -41,6 +44,8 @@ class Cause:
     @property
     def acts_on(self) -> str:
         """Where it acts: gyro, wheels, body or timing."""
+        if self.ripple is not None:
+            return ActsOn.WHEELS.value
         if self.selected is None:
             assert self.curve is not None
             return CHANNELS[self.curve.channel].acts_on
@@ -52,6 +57,8 @@ class Cause:
         """The variable that it depends on."""
         if self.selected is not None:
             return self.selected.effect.covariate
+        if self.ripple is not None:
+            return f"{self.ripple.side}_wheel_angle"
         assert self.curve is not None
         return self.curve.covariate
 

@@ -26,6 +26,7 @@ from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Array, Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.select.intervals import same_window
 from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.select.orders import Ripple, ripples
 from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
@@ -71,6 +72,8 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
     found, findings = _in_place_of_several(found, search, splines, chance, constants)
+    periodic = ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)
+    total += sum(ripple.gain for ripple in periodic)
     for selected, reported in zip(
         found.fit.selection, reported_estimates(found.problem, found.fit, search.known), strict=True
     ):
@@ -92,6 +95,7 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
         same = any(f.selected is None and f.curve is not None and f.curve.covariate == left.covariate for f in findings)
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
+    findings += [_periodic(ripple) for ripple in periodic]
     findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
     findings = _shared(findings, all_explained)
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
@@ -312,19 +316,43 @@ def _unknown(
         f"{curve.covariate.replace('_', ' ')}: "
         f"{curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
-    support, odds = Support(curve.gain, p, e), math.exp(min(max(curve.gain, -LARGEST_NATS), LARGEST_NATS))
     return Cause(
         selected=None,
         status=status,
         also_fits=also_fits,
         windows=(),
-        support=support,
+        support=Support(curve.gain, p, e),
         explains=explains,
         sentence=text,
-        probability=odds / (1.0 + odds),
+        probability=_against_nothing(curve.gain),
         curve=curve,
         surrogate=surrogate,
     )
+
+
+def _periodic(ripple: Ripple) -> Cause:
+    text = (
+        f"Something that is in no catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
+        f"{ripple.sigma_order:.2g} times in a turn of it, as a gear does: the wheel reads up to "
+        f"{100.0 * ripple.amplitude:.2g} +- {100.0 * ripple.sigma:.1g} % too much, and too little."
+    )
+    return Cause(
+        selected=None,
+        status=Status.SUPPORTED,
+        also_fits=(),
+        windows=(),
+        support=Support(ripple.gain, ripple.p, None),
+        explains=0.0,
+        sentence=text,
+        probability=_against_nothing(ripple.gain),
+        ripple=ripple,
+    )
+
+
+def _against_nothing(nats: float) -> float:
+    """Probability of what gains so much, against that nothing is there."""
+    odds = math.exp(min(max(nats, -LARGEST_NATS), LARGEST_NATS))
+    return odds / (1.0 + odds)
 
 
 def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:

@@ -15,6 +15,7 @@ from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
+from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
@@ -92,7 +93,7 @@ def model_of(terms: Iterable[Term], recording: Recording, names: str, version: s
 def finding_of(cause: Cause, problem: Problem) -> Finding:
     """The finding that reports a cause."""
     motion, time_s = problem.sensitivities.motion, problem.evidence.time_s
-    amounts, choices = ({}, {}) if cause.selected is None else parameters_of(cause.selected)
+    amounts, choices = _periodic(cause.ripple) if cause.selected is None else parameters_of(cause.selected)
     return Finding(
         effect=cause.effect,
         status=cause.status,
@@ -111,6 +112,17 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
     )
 
 
+def _periodic(ripple: Ripple | None) -> tuple[dict[str, Amount], dict[str, str]]:
+    """What is known of a cause without a name: side, order and amplitude of one that repeats with a wheel's angle."""
+    if ripple is None:
+        return {}, {}
+    amounts = {
+        "order": Amount(ripple.order, ripple.sigma_order, "1"),
+        "amplitude": Amount(ripple.amplitude, ripple.sigma, "1"),
+    }
+    return amounts, {"side": ripple.side}
+
+
 def findings_of(conclusion: Conclusion) -> list[Finding]:
     """All causes as they are reported, the best first."""
     return [finding_of(cause, conclusion.found.problem) for cause in conclusion.causes]
@@ -118,6 +130,8 @@ def findings_of(conclusion: Conclusion) -> list[Finding]:
 
 def course_of(cause: Cause) -> Course:
     """Series that are drawn of a cause."""
+    if cause.ripple is not None:
+        return Course(cause.effect, _folded(cause.ripple), cause.gain)
     curve, fitted, nothing = cause.curve, cause.fitted, np.zeros(0)
     if curve is None:
         return Course(cause.effect, None, cause.gain)
@@ -138,6 +152,26 @@ def course_of(cause: Cause) -> Course:
         high=fit + band,
     )
     return Course(cause.effect, mismatch, cause.gain)
+
+
+def _folded(ripple: Ripple) -> Mismatch:
+    """The error over a period, and the ripple."""
+    phase_rad, error, sigma = ripple.folded
+    fit_rad = np.linspace(0.0, 2.0 * np.pi, 73)
+    fit, band = ripple.amplitude * np.cos(fit_rad + ripple.phase), BAND_SIGMAS * ripple.sigma
+    return Mismatch(
+        covariate=f"{ripple.order:.4g}_times_the_{ripple.side}_wheel_angle",
+        covariate_unit="deg",
+        error_unit="%",
+        channel=f"{ripple.side} wheel",
+        x=np.degrees(phase_rad),
+        mismatch=100.0 * error,
+        sigma=100.0 * sigma,
+        fit_x=np.degrees(fit_rad),
+        fit=100.0 * fit,
+        low=100.0 * (fit - band),
+        high=100.0 * (fit + band),
+    )
 
 
 def _relative_sigma(selected: Selected) -> float:

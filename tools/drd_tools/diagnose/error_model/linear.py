@@ -202,6 +202,20 @@ class Linear:
             rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
         return rows.T
 
+    def adjoint(self, rows: Array) -> Array:
+        """Transposed `rows`: of whitened rows (n + 3 m,), what a unit of each step's gyro, left, right and lateral
+        increment projects onto them, (n, 4).
+        """
+        v, n = self._events, len(self.evidence.step_s)
+        y = np.zeros((len(v.A), OUTPUTS))
+        y[v.of_step, 0] = rows[:n]
+        y[v.of_fix, 1:] = rows[n:].reshape(-1, 3)
+        sums = np.einsum("noi,no->ni", v.C, y)[::-1, :, None]
+        after = Recursion(v.A.transpose(0, 2, 1)[::-1]).states(sums)[0][::-1, :, 0]
+        projected = np.einsum("nki,nk->ni", v.B, after) + np.einsum("noi,no->ni", v.D, y)
+        result: Array = projected[v.of_step, :4]
+        return result
+
     def whiten(self, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
         """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
         rows, n = self.rows(sensitivities), len(self.evidence.step_s)

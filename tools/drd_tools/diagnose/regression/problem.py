@@ -167,6 +167,18 @@ class Problem:
         rows[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))[:, None]
         return rows[self.evidence.observed]
 
+    def adjoint(self, rows: Array) -> Array:
+        """Transposed `whiten`: of rows (r,), what a unit of each step's increments projects onto them.
+
+        (n, 4): of gyro, left, right and lateral.
+        """
+        n = len(self.evidence.step_s)
+        every = np.zeros(n + 3 * len(self.evidence.fix))
+        every[self.evidence.observed] = rows
+        every[:n] /= self.inflation.wheels
+        every[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))
+        return self.linear.adjoint(every)
+
     @property
     def row_time_s(self) -> Array:
         """Time of each row, (r,)."""

@@ -1,0 +1,176 @@
+"""Order spectrum: what repeats with a wheel's angle, at any order, as a gearbox makes it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.regression.marginal import Marginal
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import FREE, nuisance_design
+from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.selected import Selected
+
+FEWEST_TURNS: Final = 10.0  # of a wheel: fewer resolve no order
+LEAST_ORDER: Final = 0.2  # slower is a smooth curve of time or place
+MOST_ORDER: Final = 60.0  # a motor's shaft behind two stages of a gearbox
+MOST_PERIODS: Final = 0.8  # in a usual step: of more, its mean keeps less than a quarter
+OWN_ORDER: Final = 1.0  # of an eccentric wheel, which is in the catalogue
+PER_TURN: Final = 8  # cells of the grid in the shortest period: linear shares of a cell lose 5 % of its power
+OVERSAMPLED: Final = 4  # frequencies within the spectrum's width: at most 5 % of a peak's power lies between two
+BACKGROUND: Final = 101  # widths: its median is then known to a sixth
+MOST_SPREAD: Final = 64  # bins of the steps' sizes in the norm: finer changes it by less than a percent
+MOST_RIPPLES: Final = 3  # a stage of a gearbox has one
+KNOTS: Final = 12  # of a period, for the picture: harmonics up to the sixth
+SUB: Final = 8  # of a step, over which a hat is averaged: a usual step holds MOST_PERIODS at most
+RIDGE: Final = 1e-6  # of the hats' largest product: phases that the steps never show stay near 0
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """A wheel's relative error `amplitude cos(order angle + phase)`, with sigmas.
+
+    `gain`: nats, its freedom paid. `p`: probability that chance makes any order of either wheel stand out so.
+    """
+
+    side: str
+    order: float
+    sigma_order: float
+    amplitude: float
+    sigma: float
+    phase: float
+    gain: float
+    p: float
+    folded: "Folded"
+
+
+class Folded(NamedTuple):
+    """The relative error about its mean, and its sigma, at phases of a period, (k,) each, whatever its shape."""
+
+    phase_rad: Array
+    error: Array
+    sigma: Array
+
+
+class _Peak(NamedTuple):
+    """The highest peak of a spectrum, over its background's mean; `tried`: how many orders are in it."""
+
+    above: float
+    side: str
+    order: float
+    tried: float
+
+
+def ripples(problem: Problem, selection: Sequence[Selected], least_nats: float, most_p: float) -> list[Ripple]:
+    """Orders that stand out beside the selected effects, the strongest first; not a wheel's own turn. (90)"""
+    found: list[Ripple] = []
+    if not problem.evidence.has_wheels:
+        return found
+    residual, columns = problem.data - problem.effect_rows(selection), nuisance_design(problem, selection)
+    for _ in range(MOST_RIPPLES):
+        held = Marginal(columns)
+        left = held.projected(residual)
+        peaks = _peaks(problem, left)
+        if not peaks:
+            break
+        tried, peak = sum(p.tried for p in peaks), max(peaks)
+        S = _waves(problem, peak.side, peak.order)
+        ripple = _measured(problem, held, left, S, peak, tried)
+        if ripple is None or ripple.gain < least_nats or ripple.p > most_p:
+            break
+        angle = _angle(problem, peak.side)
+        if abs(peak.order - OWN_ORDER) * np.ptp(angle) > 2.0 * math.pi:
+            found.append(ripple)
+        columns = np.column_stack([columns, FREE * S / np.linalg.norm(S, axis=0)])
+    return found
+
+
+def _angle(problem: Problem, side: str) -> Array:
+    """Angle of a wheel at the steps' edges, (n + 1,)."""
+    e = problem.evidence
+    return np.concatenate([[0.0], np.cumsum(e.left_m if side == "left" else e.right_m)]) / e.radius_m
+
+
+def _waves(problem: Problem, side: str, order: float) -> Array:
+    """Whitened sensitivities to the two phases of a ripple, (r, 2): over a step, it has its integral's difference."""
+    at = order * _angle(problem, side)
+    ways = [np.diff(f) * (problem.evidence.radius_m / order) for f in (np.sin(at), -np.cos(at))]
+    return problem.whiten([_of(side, way) for way in ways])
+
+
+def _of(side: str, way_m: Array) -> Sensitivity:
+    return Sensitivity(left_m=way_m) if side == "left" else Sensitivity(right_m=way_m)
+
+
+def _peaks(problem: Problem, left: Array) -> list[_Peak]:
+    """The highest peak of each wheel, of cleared data (r,)."""
+    score, found = problem.adjoint(left), []
+    for side, of_step in (("left", score[:, 1]), ("right", score[:, 2])):
+        angle, weight = _angle(problem, side), -np.diff(of_step, prepend=0.0, append=0.0)
+        width = 2.0 * math.pi / max(float(np.ptp(angle)), 1e-9)
+        if 1.0 / width < FEWEST_TURNS:
+            continue
+        orders, above = _spectrum(angle, weight)
+        if len(orders):
+            best = int(np.argmax(above))
+            near = orders[best] + np.linspace(-0.5, 0.5, 41) * width
+            power = np.abs(np.exp(1j * np.outer(near, angle)) @ weight)
+            order = float(near[np.argmax(power)])
+            found.append(_Peak(float(above[best]), side, order, len(orders) / OVERSAMPLED))
+    return found
+
+
+def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
+    """Orders (k,), and their power over its background's mean (k,), of weights at angles (n + 1,)."""
+    step = np.abs(np.diff(angle))
+    most = min(MOST_ORDER, 2.0 * math.pi * MOST_PERIODS / float(np.average(step, weights=step)))
+    size = 2.0 * math.pi / (PER_TURN * most)
+    count = 2 ** math.ceil(math.log2(OVERSAMPLED * float(np.ptp(angle)) / size))
+    place = (angle - angle.min()) / size
+    cell = place.astype(int)
+    share = place - cell
+    grid = np.bincount(cell, weight * (1.0 - share), count) + np.bincount(cell + 1, weight * share, count)
+    orders = np.arange(count // 2 + 1) * (2.0 * math.pi / (count * size))
+    seen = (orders >= LEAST_ORDER) & (orders <= most)
+    orders, power = orders[seen], np.abs(np.fft.rfft(grid)[seen]) ** 2
+    # What a unit of each order moves the steps by: little where steps hold whole periods.
+    number, edges = np.histogram(step, MOST_SPREAD)
+    norm = (2.0 - 2.0 * np.cos(np.outer(orders, 0.5 * (edges[1:] + edges[:-1])))) @ number
+    power = np.divide(power, norm, out=np.zeros_like(power), where=norm > 0.0)
+    background = median_filter(power, BACKGROUND * OVERSAMPLED, mode="reflect") / math.log(2.0)  # of an exponential
+    return orders, np.divide(power, background, out=np.zeros_like(power), where=background > 0.0)
+
+
+def _measured(problem: Problem, held: Marginal, left: Array, S: Array, peak: _Peak, tried: float) -> Ripple | None:
+    """Amplitude, phase and gain of a peak with whitened sensitivities S (r, 2)."""
+    G, b = held.beside(S.T @ S, held.columns.T @ S), S.T @ left
+    if not np.linalg.det(G) > 0.0:
+        return None
+    covariance = np.linalg.inv(G)
+    x = covariance @ b
+    amplitude = float(np.hypot(*x))
+    sigma = float(np.sqrt(x @ covariance @ x)) / amplitude
+    gain = 0.5 * float(b @ x) - math.log(tried) - 2.0 * problem.per_parameter
+    # A line's frequency is known to sqrt(12) / span of its phase's sigma (Rife and Boorstyn 1974).
+    sigma_order = math.sqrt(12.0) * sigma / amplitude / float(np.ptp(_angle(problem, peak.side)))
+    p = min(1.0, tried * math.exp(-peak.above))
+    phase, folded = math.atan2(-x[1], x[0]), _folded(problem, held, left, peak)
+    return Ripple(peak.side, peak.order, sigma_order, amplitude, sigma, phase, gain, p, folded)
+
+
+def _folded(problem: Problem, held: Marginal, left: Array, peak: _Peak) -> Folded:
+    """What the data say of each phase of a period, by hats over it."""
+    angle, knots = _angle(problem, peak.side), np.linspace(0.0, 2.0 * math.pi, KNOTS + 1)
+    within = (np.arange(SUB) + 0.5) / SUB
+    at = np.mod(peak.order * (angle[:-1, None] + np.diff(angle)[:, None] * within), 2.0 * math.pi)
+    hats = np.eye(KNOTS)[:, [*range(KNOTS), 0]]  # a ring
+    travel_m = problem.evidence.radius_m * np.diff(angle)
+    S = problem.whiten([_of(peak.side, travel_m * np.interp(at, knots, hat).mean(axis=1)) for hat in hats])
+    G = held.beside(S.T @ S, held.columns.T @ S)
+    about_mean = np.eye(KNOTS) - 1.0 / KNOTS  # the mean is the wheel's radius
+    covariance = about_mean @ np.linalg.inv(G + RIDGE * np.diag(G).max() * np.eye(KNOTS)) @ about_mean
+    return Folded(knots[:-1], covariance @ (S.T @ left), np.sqrt(np.diag(covariance)))
