@@ -10,7 +10,6 @@ import pytest
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES, drive
 from drd_tools.diagnose.advise.next_drive import (
-    NOTHING,
     SETTLED_NATS,
     _driven,
     next_drive,
@@ -22,7 +21,7 @@ from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine_all
-from drd_tools.diagnose.results import NextDrive, Status, Support
+from drd_tools.diagnose.results import NOTHING, NextDrive, Status, Support
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import Curve
 from drd_tools.diagnose.selected import Selected
@@ -45,7 +44,7 @@ def selected(name: str, **values: float) -> Selected:
 def finding(
     of: Selected | None, *also_fits: str, status: Status = Status.CONFIRMED, curve: Curve | None = None
 ) -> Cause:
-    return Cause(of, status, also_fits, (), Support(50.0, 0.001, 1e6), 0.9, "", 0.99, curve)
+    return Cause(of, status, also_fits, (), Support(50.0, 0.001, 1e6), 0.9, "", {}, curve)
 
 
 @cache

@@ -72,6 +72,8 @@ def test_findings_have_names_sizes_and_probabilities(diagnosis: Diagnosis) -> No
     assert "gyro_scale_error" in (finding.effect, *finding.also_fits)
     assert abs(k.value - 0.01) < 4.0 * k.std
     assert 1.0 / (2 + len(finding.also_fits)) < finding.probability <= 1.0
+    assert sum(finding.probabilities.values()) == pytest.approx(1.0)
+    assert set(finding.also_fits) <= finding.probabilities.keys()
     assert finding.windows[0] == pytest.approx((0.1, 120.0), abs=0.2)
     assert [term.effect.id for term in diagnosis.model.terms] == [finding.effect]
 
@@ -81,7 +83,7 @@ def test_the_report_is_that_of_the_command(diagnosis: Diagnosis, tmp_path: Path)
     assert {f.name for f in files} >= {"diagnosis.json", "model.yaml", "report.html"}
     content = json.loads((tmp_path / "out/diagnosis.json").read_text())
     assert content["verdict"] == "explained"
-    assert "probability" not in content["findings"][0]
+    assert content["findings"][0]["probabilities"] == diagnosis.findings[0].probabilities
     assert content["findings"][0]["parameters"]["k"]["value"] == diagnosis.findings[0].parameters["k"].value
 
 

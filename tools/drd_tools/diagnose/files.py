@@ -34,7 +34,7 @@ def _finite(value: Any) -> Any:
             value = {**value, "parameters": {**value["choices"], **value["parameters"]}}
             if "status" not in value and not value["seen"]:
                 del value["seen"]
-        return {k: _finite(v) for k, v in value.items() if k not in ("choices", "probability", "why")}
+        return {k: _finite(v) for k, v in value.items() if k not in ("choices", "why")}
     if isinstance(value, (list, tuple)):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,6 +15,7 @@ Figures = dict[str, float | None]  # of an evaluation, by name and unit
 Window = tuple[float, float]
 
 UNNAMED: Final = "unknown"  # in place of an effect's name
+NOTHING: Final = "nothing"  # in place of an effect, that there is none
 
 
 class Verdict(StrEnum):
@@ -70,8 +71,8 @@ class HeldOut(Struct, frozen=True):
 class Finding(Struct, frozen=True, kw_only=True):
     """One cause: an effect of the catalogue with its parameters, or what is known of one without a name.
 
-    `probability`: posterior one, against what else was tried in its place and against nothing; NaN where a finding
-    was read from a file. `surrogate`: the name that comes nearest to a cause without one.
+    `probabilities`: of its name and of each that was tried in its place, of "unknown" and of "nothing", one together;
+    those below 0.001 are left out. `surrogate`: the name that comes nearest to a cause without one.
     """
 
     effect: str
@@ -88,7 +89,12 @@ class Finding(Struct, frozen=True, kw_only=True):
     surrogate: Term | None = field(name="stand_in", default=None)
     sentence: str
     held_out: HeldOut | UnsetType = UNSET
-    probability: float = math.nan
+    probabilities: dict[str, float] = {}
+
+    @property
+    def probability(self) -> float:
+        """Posterior probability of its name; NaN where a file does not tell."""
+        return self.probabilities.get(self.effect, math.nan)
 
     @property
     def is_named(self) -> bool:

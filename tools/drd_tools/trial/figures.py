@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final, NamedTuple
 
 from drd_tools.trial.results import NotMade, Record, Row
-from drd_tools.trial.score import Score, of_names, score, wilson
+from drd_tools.trial.score import Score, calibration_error, of_names, score, wilson
 
 Cells = list[str]
 Pair = tuple[Record, Score]
@@ -194,12 +194,15 @@ class Figures:
     def _quoted_ours(self) -> list[Cells]:
         named, all_scores = [s for _, s in self.of(*self.named_kinds)], [s for _, s in self.pairs]
         false, inside = [x for s in named for x in _false(s)], [x for s in named for x in _inside(s)]
+        sure, brier = [x for _, s in self.pairs for x in s.probabilities], [x for _, s in self.pairs for x in s.brier]
         overlaps, shares = [x for s in named for x in _overlaps(s)], [x for s in named for x in _shares(s)]
         residual = [s.worse for s in all_scores if s.worse is not None]
         path = [s.worse_path for s in all_scores if s.worse_path is not None]
         rows: list[tuple[str, Sequence[object], str]] = [
             ("names that are wrong even as a class", false, " ".join(share(false))),
             ("truth within the 90 % intervals", inside, " ".join(share(inside))),
+            ("expected calibration error of the names' probabilities", sure, f"{calibration_error(sure):.2f}"),
+            ("Brier score of the names' probabilities", brier, f"{sum(brier) / max(len(brier), 1):.2f}"),
             ("median overlap of windows of time", overlaps, quantile(overlaps)),
             ("median share of the oracle's improvement on another drive", shares, quantile(shares)),
             ("residual of another drive worse by more than 2 %", residual, str(sum(residual))),

@@ -9,13 +9,14 @@ from msgspec import UNSET, Struct, UnsetType
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
-from drd_tools.diagnose.results import UNNAMED, Finding, Status, Support, Verdict
+from drd_tools.diagnose.results import NOTHING, UNNAMED, Finding, Status, Support, Verdict
 from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
 from drd_tools.trial.unknown import PREFIX
 
 LEAST_GAIN: Final = 25.0  # squared sigmas that the oracle takes off another drive, there for a share to mean anything
 NOT_LINEAR: Final = 2.0  # of the residual's expectation
 WORSE: Final = 0.02
+BINS: Final = 10  # of probabilities: the usual number
 Z_90: Final = 1.6448536269514722  # two-sided 90 %
 Z_95: Final = 1.959963984540054
 
@@ -49,6 +50,7 @@ class Score(Struct, frozen=True, kw_only=True):
     suspected. `named`: findings with a name, `false_named`: those of them that are wrong even as a class. `windows`:
     effects of an interval of time that were named, and the share of overlap (intersection over union). `share`:
     improvement of the other drive's residual, of what the oracle's is; None where the oracle's is lost in the noise.
+    `probabilities`: of the first names, with whether they are right; `brier`: of all names of a finding.
     `worse`: what was found made the other drive's residual (`worse_path`: path) worse than no correction by more than
     WORSE; None where there was no other drive, or it says nothing.
     """
@@ -66,6 +68,8 @@ class Score(Struct, frozen=True, kw_only=True):
     false_named: int
     intervals: tuple[Interval, ...]
     windows: tuple[tuple[str, float], ...]
+    probabilities: tuple[tuple[float, bool], ...]
+    brier: tuple[float, ...]
     share: float | None
     worse: bool | None
     worse_path: bool | None
@@ -95,10 +99,27 @@ def score(record: Record) -> Score:
         false_named=sum(c.isdisjoint(right) for c in named),
         intervals=tuple(i for e, f in pairs for i in estimates(e, f) if i.std > 0.0),
         windows=tuple((e.effect, iou) for e, f in pairs if (iou := overlap(e, f)) is not None),
+        probabilities=tuple((f.probability, f.effect in right) for f in findings if f.probabilities),
+        brier=tuple(_brier(f, right) for f in findings if f.probabilities),
         share=share,
         worse=worse,
         worse_path=worse_path,
     )
+
+
+def _brier(finding: Finding, right: Sequence[str]) -> float:
+    """Squared error of a finding's probabilities (Brier 1950), 0 to 2. Where none of its names is right, nothing is."""
+    true = next((name for name in finding.probabilities if name in right), NOTHING)
+    missed = 0.0 if true in finding.probabilities else 1.0
+    return missed + sum((p - (name == true)) ** 2 for name, p in finding.probabilities.items())
+
+
+def calibration_error(pairs: Sequence[tuple[float, bool]]) -> float:
+    """Expected calibration error of probabilities and whether they were right, in BINS bins (Guo et al. 2017)."""
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for p, is_right in pairs:
+        bins.setdefault(min(int(BINS * p), BINS - 1), []).append((p, is_right))
+    return sum(abs(sum(p - is_right for p, is_right in own)) for own in bins.values()) / max(len(pairs), 1)
 
 
 def of_names(record: Record, method: str) -> Score:

@@ -24,7 +24,7 @@ from drd_tools.diagnose.observe.evidence import Evidence, Noise, gather
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
-from drd_tools.diagnose.results import Alternative, Array, NextDrive, Status
+from drd_tools.diagnose.results import NOTHING, Alternative, Array, NextDrive, Status
 from drd_tools.diagnose.select.library import Candidate, columns_of, variants
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
@@ -33,7 +33,6 @@ from drd_tools.simulate.conditions import PERFECT, Reference
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 
-NOTHING: Final = "nothing"
 SETTLED_NATS: Final = 5.0  # more than conclude.CLASS_NATS: the two are then no longer one class
 MINUTES: Final = (1, 2, 3, 4, 5, 6)  # of a drive that somebody will make
 MINUTES_OF_ENDS: Final = (2, 4, 6)  # each needs a drive of its own, since the last fix moves

@@ -21,7 +21,7 @@ from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, nuisance_design
-from drd_tools.diagnose.results import Array, Finding, Ranges, Status, Support, Window
+from drd_tools.diagnose.results import NOTHING, Array, Finding, Ranges, Status, Support, Window
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected
@@ -175,8 +175,14 @@ def _finding(
         evidence=Support(gain, p, e),
         explains=1.0,
         sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(statistics)} together do.",
-        probability=e / (1.0 + e) / (1 + len(also)),
+        probabilities=_alike(best, also, e),
     )
+
+
+def _alike(best: str, also: Sequence[str], e: float) -> dict[str, float]:
+    """Probabilities where nothing tells names from one another, and data unseen tell all from nothing by odds of e."""
+    nothing = 1.0 / (1.0 + e)
+    return {**dict.fromkeys([best, *also], (1.0 - nothing) / (1 + len(also))), NOTHING: nothing}
 
 
 def _scatter(parts: Sequence[Part], index: list[int]) -> float:

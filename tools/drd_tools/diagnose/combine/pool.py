@@ -106,7 +106,7 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
         ),
         explains=sum(f.explains or 0.0 for f in found) / count,
         sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).",
-        probability=max(f.probability for f in found),
+        probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
 
 

@@ -24,7 +24,7 @@ class Cause:
     support: Support
     explains: float
     sentence: str
-    probability: float
+    probabilities: dict[str, float]
     curve: Curve | None = None
     ripple: Ripple | None = None
     surrogate: Selected | None = None

@@ -1,13 +1,12 @@
 """Causes from selected effects: how sure each is, what else it could be, where, and in words."""
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import ActsOn
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.confirm import (
     LARGEST_NATS,
@@ -18,24 +17,21 @@ from drd_tools.diagnose.conclude.confirm import (
     predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
+from drd_tools.diagnose.conclude.rivals import posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
-from drd_tools.diagnose.results import Array, Because, Gain, Smallest, Status, Support, Window
-from drd_tools.diagnose.select.intervals import same_window
-from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.regression.refine import refine, refine_all
+from drd_tools.diagnose.results import NOTHING, UNNAMED, Array, Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple, ripples
-from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
+from drd_tools.diagnose.select.search import Found, Search
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
 
-RIVALS: Final = 8  # names tried in an effect's place, the best by the linear ranking: limits the time
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said. Found
 # by the trial.
 LEAST_NATS: Final = 12.0
-FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
 FAILING_NATS: Final = -0.01  # of both halves: 0, for or against nothing, but for rounding
 # A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
 FORM_SHARE: Final = 0.02  # of what constants far off explain: 14 % of their size is another form
@@ -203,61 +199,30 @@ def _finding(
     p = family_wise_p(worth, chance)
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
-    rivals = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:RIVALS]
-    fits = refine_all(problem, [[*rest.selection, r] for r in rivals], found.score - FAR_NATS)
-    pairs = [(r, f) for r, f in zip(rivals, fits, strict=True) if all(is_possible(problem, c) for c in f.selection)]
-    scores = [_best_score(found, search, selected, r, f) for r, f in pairs]
-    least = found.score - CLASS_NATS
-    alike = [r.id for (r, _), s in zip(pairs, scores, strict=True) if s + _forgiven_nats(problem, selected, r) > least]
-    also = unique(alike)
-    rival = splines.best(fit.selection, selected)
-    score_of_name = worth - problem.penalty([selected])
+    rivals = rivals_of(found, search, selected, rest)
+    rival, asked = splines.best(fit.selection, selected), max(GENERIC_NATS, _generic_share(problem) * worth)
     # A constant that a calibration gives is no curve, whatever varies about it.
-    if (
-        not is_constant
-        and rival is not None
-        and rival.gain > score_of_name + max(GENERIC_NATS, _generic_share(problem) * worth)
-    ):
+    unnamed = None if is_constant or rival is None else rival.gain - asked
+    probabilities = rivals.probabilities(unnamed)
+    if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
-        return _unknown(rival, p, worth / total, surrogate, also_fits=(selected.id, *also), e=e, status=status)
+        also = (selected.id, *rivals.alike)
+        return _unknown(rival, p, worth / total, surrogate, also, e, status, probabilities)
     curve = _curve(splines, found, selected, rival)
     explains = min(1.0, worth / total)
     return Cause(
         selected=reported,
         status=status,
-        also_fits=also,
+        also_fits=rivals.alike,
         windows=_windows(selected, problem.evidence.time_s),
         support=Support(worth, p, e),
         explains=explains,
-        sentence=sentence(reported, explains, also),
-        probability=_probability(found.score, [*scores, search.score(rest)]),
+        sentence=sentence(reported, explains, rivals.alike),
+        probabilities=probabilities,
         curve=curve,
         gain=Gain(*gain_over_time(problem, fit, selected)),
         fitted=None if curve is None else _at_knots(splines, selected, curve),
     )
-
-
-def _probability(score: float, others: Sequence[float]) -> float:
-    """Posterior probability of a score among others: they are log marginal likelihoods. (80)"""
-    return float(1.0 / np.exp(np.minimum(np.array([score, *others]) - score, LARGEST_NATS)).sum())
-
-
-def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
-    """Score of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
-    score = search.score(fit)
-    if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
-        score = max(score, linearised(found.problem, fit, found.null).score)
-    return score
-
-
-def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> float:
-    """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
-    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
-
-
-def unique(names: Iterable[str]) -> tuple[str, ...]:
-    """Names without repetitions, in order."""
-    return tuple(dict.fromkeys(names))
 
 
 def _at_knots(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
@@ -292,7 +257,7 @@ def _event_finding(selected: Selected, event: Event) -> Cause:
         support=support,
         explains=1.0,
         sentence=text,
-        probability=e / (1.0 + e),
+        probabilities=posterior({selected.id: event.nats, NOTHING: 0.0}),
     )
 
 
@@ -304,6 +269,7 @@ def _unknown(
     also_fits: tuple[str, ...] = (),
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
+    probabilities: dict[str, float] | None = None,
 ) -> Cause:
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
@@ -324,7 +290,7 @@ def _unknown(
         support=Support(curve.gain, p, e),
         explains=explains,
         sentence=text,
-        probability=_against_nothing(curve.gain),
+        probabilities=probabilities or posterior({UNNAMED: curve.gain, NOTHING: 0.0}),
         curve=curve,
         surrogate=surrogate,
     )
@@ -344,15 +310,9 @@ def _periodic(ripple: Ripple) -> Cause:
         support=Support(ripple.gain, ripple.p, None),
         explains=0.0,
         sentence=text,
-        probability=_against_nothing(ripple.gain),
+        probabilities=posterior({UNNAMED: ripple.gain, NOTHING: 0.0}),
         ripple=ripple,
     )
-
-
-def _against_nothing(nats: float) -> float:
-    """Probability of what gains so much, against that nothing is there."""
-    odds = math.exp(min(max(nats, -LARGEST_NATS), LARGEST_NATS))
-    return odds / (1.0 + odds)
 
 
 def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:

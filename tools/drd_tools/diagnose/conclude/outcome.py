@@ -108,7 +108,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
         explains=cause.explains,
         surrogate=None if cause.surrogate is None else term_of(motion, cause.surrogate),
         sentence=cause.sentence,
-        probability=cause.probability,
+        probabilities=cause.probabilities,
     )
 
 

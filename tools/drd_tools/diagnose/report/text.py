@@ -61,9 +61,14 @@ def evidence_rows(findings: Iterable[Finding], duration_s: float) -> list[tuple[
             "-" if evidence.family_wise_p is None else f"{evidence.family_wise_p:.2g}",
             "-" if e_value is None else power(e_value),
             "-" if f.explains is None else percent(f.explains),
-            ", ".join(f.also_fits) or "none",
+            ", ".join(_likely(f, name) for name in f.also_fits) or "none",
         ))  # fmt: skip
     return rows
+
+
+def _likely(f: Finding, name: str) -> str:
+    """A name that fits as well, and its probability."""
+    return f"{name} ({p:.2f})" if (p := f.probabilities.get(name)) is not None else name
 
 
 def what_it_is(f: Finding) -> str:

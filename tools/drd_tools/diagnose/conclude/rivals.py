@@ -1,0 +1,86 @@
+"""What else a selected effect could be: other names in its place, no name, or nothing."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from drd.effects.effect import ActsOn
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine_all
+from drd_tools.diagnose.results import NOTHING, UNNAMED
+from drd_tools.diagnose.select.intervals import same_window
+from drd_tools.diagnose.select.library import is_possible
+from drd_tools.diagnose.select.search import CLASS_NATS, Found, Search, linearised
+from drd_tools.diagnose.selected import Selected
+
+TRIED: Final = 8  # names tried in an effect's place, the best by the linear ranking: limits the time
+FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
+LEAST_PROBABILITY: Final = 0.001  # less is not reported
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Scores of the names in one effect's place, nats above that nothing is there: its own, and `others`.
+
+    `alike`: names that the recording cannot tell from its own.
+    """
+
+    name: str
+    own: float
+    others: Mapping[str, float]
+    alike: tuple[str, ...]
+
+    def probabilities(self, unnamed: float | None) -> dict[str, float]:
+        """Posterior probabilities, the largest first. `unnamed`: score of a curve, less what is asked of it.
+
+        The scores are log marginal likelihoods with the prior of each name in them. (80)
+        """
+        nats = {self.name: self.own, **self.others, NOTHING: 0.0}
+        if unnamed is not None:
+            nats[UNNAMED] = unnamed
+        return posterior(nats)
+
+
+def posterior(nats: Mapping[str, float]) -> dict[str, float]:
+    """Probabilities of alternatives from their log marginal likelihoods, the largest first."""
+    most = max(nats.values())
+    weights = {n: math.exp(max(x - most, -700.0)) for n, x in nats.items()}  # exp of less is 0
+    total = sum(weights.values())
+    kept = {n: w for n, w in weights.items() if w >= LEAST_PROBABILITY * total}
+    return {n: w / sum(kept.values()) for n, w in sorted(kept.items(), key=lambda item: -item[1])}
+
+
+def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit) -> Rivals:
+    """Try other names beside `rest`, the fit without the effect."""
+    problem, nothing = found.problem, search.score(rest)
+    tried = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:TRIED]
+    fits = refine_all(problem, [[*rest.selection, r] for r in tried], found.score - FAR_NATS)
+    others: dict[str, float] = {}
+    alike: list[str] = []
+    for rival, fit in zip(tried, fits, strict=True):
+        if not all(is_possible(problem, c) for c in fit.selection):
+            continue
+        score = _best_score(found, search, selected, rival, fit)
+        others[rival.id] = max(score - nothing, others.get(rival.id, -math.inf))
+        if score + _forgiven_nats(problem, selected, rival) > found.score - CLASS_NATS:
+            alike.append(rival.id)
+    return Rivals(selected.id, found.score - nothing, others, unique(alike))
+
+
+def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
+    """Score of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
+    score = search.score(fit)
+    if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
+        score = max(score, linearised(found.problem, fit, found.null).score)
+    return score
+
+
+def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> float:
+    """Cost of a rival that does not speak against it: two sizes where one is enough cost it no likelihood."""
+    return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
+
+
+def unique(names: Iterable[str]) -> tuple[str, ...]:
+    """Names without repetitions, in order."""
+    return tuple(dict.fromkeys(names))
