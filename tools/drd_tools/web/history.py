@@ -43,18 +43,23 @@ class History:
         self._told: Any = None
 
     def add(self, time_s: float, pose: Pose) -> dict[str, Any] | None:
-        """A pose, at a time that never goes back. Returns the event that it is, if it is one."""
-        if time_s >= self._next_s - _SLACK_S:
+        """A pose, at a time that never goes back. Returns the event that it is, if it is one; each event has a row."""
+        event = self._event(time_s, pose)
+        is_due = time_s >= self._next_s - _SLACK_S
+        if is_due or event is not None:
             (xx, xy, _), (_, yy, _), (_, _, hh) = pose.covariance_m_rad
-            validity = VALIDITIES.index(pose.validity)
             self._ring[self._count % _ROWS] = (
                 time_s,
                 *(pose.x_m, pose.y_m, pose.heading_rad, pose.speed_m_s, pose.rate_rad_s),
                 *(xx, xy, yy, hh, pose.position_bound_99_m),
-                validity,
+                VALIDITIES.index(pose.validity),
             )
             self._count += 1
-            self._next_s = max(self._next_s + PERIOD_S, time_s)
+        if is_due:
+            self._next_s = max(self._next_s, time_s - _SLACK_S) + PERIOD_S
+        return event
+
+    def _event(self, time_s: float, pose: Pose) -> dict[str, Any] | None:
         told = (pose.validity, tuple(reason.source for reason in pose.reasons))
         if told == self._told:
             return None

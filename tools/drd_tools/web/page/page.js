@@ -135,8 +135,9 @@ function rowOf(pose) {
 function takePose(pose) {
   state.pose = pose;
   const { rows } = state;
-  if (rows.length && pose.time_s < rows.at(-1).t + 0.9 * PERIOD_S) return;
-  rows.push(rowOf(pose));
+  const [row, last] = [rowOf(pose), rows.at(-1)];
+  if (last && row.t < last.t + 0.9 * PERIOD_S && row.validity === last.validity) return;
+  rows.push(row);
   const first = rows.findIndex((row) => row.t > pose.time_s - SPAN_S);
   if (first > 0) rows.splice(0, first);
   const since = state.events.findLastIndex((event) => event.time_s <= pose.time_s - SPAN_S);
@@ -215,7 +216,7 @@ function show() {
   showTime(row);
   showPose(row);
   showFindings(live, event, state.health, state.status);
-  showEvents(state.events, (time_s) => look(time_s));
+  showEvents(state.events, (time_s) => look(state.rows.find((row) => row.t >= time_s - 1e-3)?.t ?? time_s));
   showRates(state.health, state.status);
   showLearned(state.health);
   showCounters(state.health, state.status);
