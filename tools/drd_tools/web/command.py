@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import logging
 import signal
+import socket
 import sys
 from pathlib import Path
 from typing import Final
@@ -35,6 +36,8 @@ examples:
 
 Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the address cannot be listened on, 2 bad usage.
 """
+# All addresses of this machine: none that a browser elsewhere could open.
+_EVERYWHERE: Final = ("0.0.0.0", "[::]")
 
 
 def main(argv: list[str]) -> int:
@@ -62,7 +65,8 @@ async def _serve(link: DaemonLink, host: str, port: int, token: str | None, name
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     server = Server(link, Guard(token, names, port))
     async with serving(server, host.strip("[]"), port) as chosen:
-        print(f"http://{host}:{chosen}/" + (f"?token={token}" if token else ""), flush=True)
+        name = socket.gethostname() if host in _EVERYWHERE else host
+        print(f"http://{name}:{chosen}/" + (f"?token={token}" if token else ""), flush=True)
         stopping = asyncio.create_task(stop.wait())
         await asyncio.wait((stopping, server.work), return_when=asyncio.FIRST_COMPLETED)
         if server.work.done():

@@ -124,7 +124,7 @@ export class PathMap {
       line(px, 0, px, height, i === 0);
       c.fillStyle = this.colour("--quiet");
       c.textAlign = "center";
-      if (px > 46 && px < width - 24) c.fillText(label(i * step), px, height - 7);
+      if (px > 46 && px < width - 34) c.fillText(label(i * step), px, height - 7);
     }
     for (let i = Math.floor(top / step); this.sy(i * step) < height; i--) {
       const py = Math.round(this.sy(i * step)) + 0.5;
@@ -197,6 +197,7 @@ export class PathMap {
     c.strokeStyle = this.colour("--panel");
     c.lineWidth = 4;
     c.stroke();
+    c.fillStyle = this.colour("--ink");
     c.fill();
     c.restore();
   }

@@ -234,11 +234,23 @@ function showTime(row) {
   [scrub.min, scrub.max] = [begin, end];
   if (state.at === null || state.at < begin) scrub.value = state.at === null ? end : begin;
   scrub.setAttribute("aria-valuetext", row ? clock(row.t) : "");
-  const most = drawStrip($("strip-canvas"), state.rows, begin, end, state.at ?? end);
-  $("scale").textContent = most ? `99 % bound, up to ${fine(most, "m")}` : "";
+  drawStripWhereOld(begin, end);
   $("from").textContent = state.rows.length ? clock(begin) : "";
   $("to").textContent = state.at === null ? (state.rows.length ? clock(end) : "") : `${clock(state.at)}, ${span(end - state.at)} ago`;
   $("live").setAttribute("aria-pressed", state.at === null);
+}
+
+let stripKey = "";
+
+/** Once a second, or where somebody drags in it: an hour is much to draw. */
+function drawStripWhereOld(begin, end) {
+  const canvas = $("strip-canvas");
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const key = [Math.floor(end), state.rows.length ? Math.floor(begin) : null, state.at, canvas.clientWidth, devicePixelRatio, dark].join();
+  if (key === stripKey) return;
+  stripKey = key;
+  const most = drawStrip(canvas, state.rows, begin, end, state.at ?? end);
+  $("scale").textContent = most ? `99 % bound, up to ${fine(most, "m")}` : "";
 }
 
 /** Look at this time; null: the newest. */
