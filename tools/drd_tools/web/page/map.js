@@ -97,7 +97,7 @@ export class PathMap {
     // A bound far larger than the run must not make the run a dot.
     if (at) hold(at.x, at.y, Math.min(at.bound, Math.max(5, right - left, top - bottom)));
     [this.x, this.y] = [(left + right) / 2, (bottom + top) / 2];
-    const margin = 48;
+    const margin = 54; // pixels: buttons, legend and figures at the edges
     const scale = Math.min((width - 2 * margin) / Math.max(right - left, 2), (height - 2 * margin) / Math.max(top - bottom, 2));
     this.scale = Math.min(MOST_SCALE, Math.max(LEAST_SCALE, scale));
   }

@@ -27,6 +27,7 @@ const state = {
 
 let socket = null;
 let waitMs = 500;
+let triedMs = 0;
 let number = null; // of the newest pose message
 let waiting = null; // messages that came while the history was fetched
 
@@ -35,6 +36,7 @@ function connect() {
   url.protocol = url.protocol.replace("http", "ws");
   url.search = "";
   socket = new WebSocket(url);
+  triedMs = performance.now();
   socket.onmessage = (event) => {
     state.heardMs = performance.now();
     const message = JSON.parse(event.data);
@@ -57,8 +59,8 @@ function lose() {
 }
 
 setInterval(() => {
-  const isDeaf = performance.now() - state.heardMs > DEAF_MS;
-  if (socket && state.connected && isDeaf) {
+  const isDeaf = performance.now() - Math.max(state.heardMs, triedMs) > DEAF_MS;
+  if (socket && isDeaf) {
     socket.onclose = null;
     socket.close();
     lose();
@@ -209,7 +211,8 @@ function show() {
   if (live && validity && link !== "live") $("validity").textContent = `was ${validity}`;
   $("robot").textContent = state.health?.robot ?? "drd";
   document.title = `${state.health?.robot ?? "drd"}: ${validity && link === "live" ? VALIDITIES[rowOf(state.pose).validity] : linkText(link)}`;
-  $("when").textContent = live || !row ? "" : `as it was at ${clock(row.t)}`;
+  const why = link === "live" ? (event?.reasons ?? []).map((reason) => `${reason.source}: ${reason.text}`).join("; ") : "";
+  $("when").textContent = live || !row ? why : `as it was at ${clock(row.t)}`;
   $("pose-time").textContent = row ? (live && link === "live" ? "" : clock(row.t)) : "";
   $("empty").hidden = row !== null;
   map.draw(state.rows, row);
