@@ -38,6 +38,7 @@ COMMANDS = {
     "compare": Command("drd_tools.compare.command", "show recorded against simulated increments", "tools"),
     "diagnose": Command("drd_tools.diagnose.command", "find the physics that the nominal model leaves out", "tools"),
     "trial": Command("drd_tools.trial.command", "score the diagnosis on drives whose answer is known", "tools"),
+    "web": Command("drd_tools.web.command", "pose, health and a map in the browser; metrics for Prometheus", "web"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),
 }
 

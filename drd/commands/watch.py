@@ -14,12 +14,16 @@ from typing import Any, Final
 import zenoh
 
 from drd.commands import command
+from drd.commands.pose_lines import print_poses
 from drd.output.session import isolated_config, tidy
 from drd.units import DEG_PER_RAD, NS_PER_S
 
 DESCRIPTION: Final = """\
 Show the pose, its uncertainty, the reasons where it is not simply valid, and the counters that change, live, from a
 running drd. Ctrl-C ends it. The robot does not notice: drd sends the same to whoever listens.
+
+With --json each pose is one line of JSON, as it was published, until the reader of the pipe leaves. A reader that is
+slower than the poses gets the newest; `sequence` tells what it missed.
 """
 EPILOG: Final = """\
 examples:
@@ -27,11 +31,15 @@ examples:
   drd watch --connect tcp/192.168.1.10:7447 --prefix fleet/mybot
   drd watch --zenoh-config zenoh-tls-client.json5
   drd watch --plain --seconds 60 > minute.txt
+  drd watch --json | jq --unbuffered .position_bound_99_m
+  drd watch --json --once --seconds 2
 
 Exit code: 0 good, 1 drd cannot be reached or nothing was heard from it within --seconds, 2 bad usage.
 """
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
+# How long --once waits where --seconds does not say.
+ONCE_S: Final = 5.0
 
 
 def main(argv: list[str]) -> int:
@@ -39,10 +47,15 @@ def main(argv: list[str]) -> int:
     arguments = _arguments(argv)
     plain = arguments.plain or not sys.stdout.isatty()
     where = arguments.connect if arguments.zenoh_config is None else str(arguments.zenoh_config)
+    seconds = arguments.seconds if arguments.seconds is not None else ONCE_S if arguments.once else math.inf
     view = View(arguments.prefix, where)
     try:
-        with zenoh.open(_zenoh_config(arguments)) as session:
-            _show(session, view, arguments.prefix, arguments.seconds, plain)
+        with zenoh.open(zenoh_config(arguments)) as session:
+            if arguments.json:
+                heard = print_poses(session, arguments.prefix, seconds, 1 if arguments.once else math.inf) > 0
+            else:
+                _show(session, view, arguments.prefix, seconds, plain, arguments.once)
+                heard = view.has_pose if arguments.once else view.heard
     except zenoh.ZError as error:
         print(f"drd watch: {where}, prefix {arguments.prefix}: {tidy(error)}", file=sys.stderr)
         print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
@@ -53,40 +66,57 @@ def main(argv: list[str]) -> int:
         # The reader (head, less) has left. Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    return 0 if view.heard else 1
+    if not heard and (arguments.json or arguments.once):
+        print(f"drd watch: no pose heard under '{arguments.prefix}' at {where} within {seconds:g} s", file=sys.stderr)
+    return 0 if heard else 1
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = command("drd watch", DESCRIPTION, EPILOG)
+    parser = command("drd watch", DESCRIPTION, EPILOG, [daemon_arguments()])
+    add = parser.add_argument
+    add("--seconds", type=float, metavar="N", help=f"end after N seconds (default: never; with --once {ONCE_S:g})")
+    add("--once", action="store_true", help="end after the first pose; exit code 1 if none comes within --seconds")
+    form = parser.add_mutually_exclusive_group().add_argument
+    form("--plain", action="store_true", help="one line a second, as is done where the output is not a terminal")
+    form("--json", action="store_true", help="one line of JSON for each pose")
+    return parser.parse_args(argv)
+
+
+def daemon_arguments() -> argparse.ArgumentParser:
+    """Which daemon to listen to, for `parents`: --connect, --zenoh-config, --prefix."""
+    parser = argparse.ArgumentParser(add_help=False)
     add = parser.add_argument
     text = "Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)"
     add("--connect", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=text)
     text = "Zenoh's own configuration file instead of --connect: certificates, for instance"
     add("--zenoh-config", type=Path, metavar="FILE", help=text)
     add("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
-    add("--seconds", type=float, default=math.inf, metavar="N", help="end after N seconds")
-    add("--plain", action="store_true", help="one line a second, as is done where the output is not a terminal")
-    return parser.parse_args(argv)
+    return parser
 
 
-def _zenoh_config(arguments: argparse.Namespace) -> zenoh.Config:
+def zenoh_config(arguments: argparse.Namespace) -> zenoh.Config:
+    """A client of the daemon that `daemon_arguments` name. Raises zenoh.ZError."""
     if arguments.zenoh_config is None:
         return isolated_config("client", (), (arguments.connect,))
     return zenoh.Config.from_file(arguments.zenoh_config)
 
 
-def _show(session: Any, view: "View", prefix: str, seconds: float, plain: bool) -> None:
+def _show(session: Any, view: "View", prefix: str, seconds: float, plain: bool, once: bool) -> None:
     poses = session.declare_subscriber(f"{prefix}/pose", zenoh.handlers.RingChannel(256))
     health = session.declare_subscriber(f"{prefix}/health", zenoh.handlers.RingChannel(16))
     start_s, drawn = time.monotonic(), 0
     while (now_s := time.monotonic()) - start_s < seconds:
-        time.sleep(min(1.0 if plain else 0.1, max(0.0, start_s + seconds - now_s)))
+        time.sleep(min(1.0 if plain and not once else 0.1, max(0.0, start_s + seconds - now_s)))
         now_s = time.monotonic()
         while sample := poses.try_recv():
             view.take_pose(sample.payload.to_bytes(), now_s)
         while sample := health.try_recv():
             view.take_health(sample.payload.to_bytes())
-        if plain:
+        if once:
+            if view.has_pose:
+                print(view.line(now_s), flush=True)
+                return
+        elif plain:
             print(view.line(now_s), flush=True)
         else:
             drawn = _redraw(view.lines(now_s), drawn)
@@ -114,6 +144,11 @@ class View:
         self._changed: dict[str, int] = {}
         self.heard = False
         self.unreadable = 0
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether a pose was heard."""
+        return self._heard_s is not None
 
     def take_pose(self, payload: bytes, now_s: float) -> None:
         """A message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""

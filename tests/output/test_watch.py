@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.commands.pose_lines import pose_line
 from drd.commands.watch import View, main
 from drd.config.keys import Output
 from drd.output.messages import encode, pose_json
@@ -217,3 +218,63 @@ def test_deep_nesting_is_survived() -> None:
         view.take_health(payload)
         view.take_pose(payload, 1.0)
     assert view.unreadable >= 2
+
+
+def watch_in_a_pipe(*arguments: str) -> "subprocess.Popen[bytes]":
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    program = "import sys; from drd.commands.watch import main; sys.exit(main(sys.argv[1:]))"
+    line = [sys.executable, "-c", program, *arguments]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
+
+
+def test_json_lines_are_the_poses_as_published(capsys: pytest.CaptureFixture[str]) -> None:
+    with a_daemon() as endpoint:
+        assert main(["--connect", endpoint, "--seconds", "1", "--json"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 1
+    assert all(json.loads(line) == json.loads(pose_json(POSE, 1)) for line in lines)
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_a_pipe_that_closes_ends_the_lines_even_where_no_pose_comes(poses: bool) -> None:
+    with a_daemon(poses=poses) as endpoint, watch_in_a_pipe("--connect", endpoint, "--json") as process:
+        assert process.stdout
+        assert process.stderr
+        if poses:
+            process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(30) == 0
+
+
+def test_once_is_one_pose(capsys: pytest.CaptureFixture[str]) -> None:
+    with a_daemon() as endpoint:
+        assert main(["--connect", endpoint, "--json", "--once"]) == 0
+        assert main(["--connect", endpoint, "--once"]) == 0
+    line, text = capsys.readouterr().out.splitlines()
+    assert json.loads(line)["sequence"] == POSE.sequence
+    assert text.startswith("degraded")
+
+
+@pytest.mark.parametrize("form", ["--json", "--plain"])
+def test_once_without_a_pose_fails_and_says_how_long_it_waited(form: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with a_daemon(poses=False) as endpoint:
+        assert main(["--connect", endpoint, form, "--once", "--seconds", "0.3"]) == 1
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert "within 0.3 s" in error
+
+
+@given(st.binary(max_size=50) | ANY.map(lambda value: json.dumps(value).encode()))
+@settings(deadline=None)
+def test_whatever_is_published_becomes_one_line_of_strict_json_or_none(payload: bytes) -> None:
+    line = pose_line(payload)
+    if line is not None:
+        assert "\n" not in line
+        assert isinstance(json.loads(line, parse_constant=pytest.fail), dict)
+
+
+def test_a_line_of_json_survives_deep_nesting_and_endless_numbers() -> None:
+    for payload in (b'{"a":' * 100_000, b'{"a":' * 900 + b"1" + b"}" * 900, b'{"a":' + b"9" * 6000 + b"}"):
+        assert pose_line(payload) is None or json.loads(payload)
+    assert pose_line(b'{"a":1e400}') == '{"a":null}'

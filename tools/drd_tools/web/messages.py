@@ -1,0 +1,48 @@
+"""What the daemon publishes, checked: whatever arrives becomes one of these or is counted as unreadable."""
+
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+
+VALIDITIES: Final = ("initialising", "valid", "degraded", "invalid")
+Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # a longer one overflows as a float
+
+
+class Reason(msgspec.Struct):
+    """Why a pose is not simply valid; `since_s` seconds before it."""
+
+    source: str
+    text: str
+    since_s: float
+
+
+class Pose(msgspec.Struct):
+    """The fields of `drd/pose` that are shown; drd/output/README.md has their meaning."""
+
+    sequence: Whole
+    wall_ns: Whole
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_m_s: float
+    rate_rad_s: float
+    covariance_m_rad: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+    position_bound_99_m: float
+    validity: Literal["initialising", "valid", "degraded", "invalid"]
+    reasons: list[Reason]
+
+
+def read_pose(payload: bytes) -> Pose | None:
+    """None: unreadable."""
+    try:
+        return msgspec.json.decode(payload, type=Pose)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def read_health(payload: bytes) -> dict[str, Any] | None:
+    """The health as it is, which other versions of the daemon may have otherwise; None: unreadable."""
+    try:
+        return msgspec.json.decode(payload, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
