@@ -73,7 +73,7 @@ class Compensation:
     `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
     `outside`: a covariate of the last sample was outside the range in which an effect was seen. `lateral_m_s`: the
     body's own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples
-    were.
+    were. `relative_tread`: the effective tread over the stated one.
     """
 
     def __init__(
@@ -85,6 +85,7 @@ class Compensation:
         self._wheels = [t for t in live if t.effect.channel == "wheels"]
         self._body = [t for t in live if t.effect.channel == "body"]
         self._timing = [t for t in live if t.effect.acts_on is ActsOn.TIMING]
+        self.relative_tread = math.prod(t.effect.relative_tread(t.values) for t in live)
         self._has_gyro, self._zero_ns = has_gyro, zero_ns
         self._radius_m = robot.wheel_radius_m * robot.left_scale, robot.wheel_radius_m * robot.right_scale
         self._speed, self._rate = Trend(), Trend()

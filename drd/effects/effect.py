@@ -227,6 +227,10 @@ class Effect:
         """Parameters (SI) of a robot with these constants; None where they say nothing of this effect."""
         return None
 
+    def relative_tread(self, p: Values) -> float:
+        """Effective tread over the one that robot.yaml states."""
+        return 1.0
+
     def drawn(self, m: Motion, chance: Chance) -> Values:
         """Values (SI) of the parameters that are not linear, for a simulated trial along a motion."""
         found: dict[str, float | str] = {SIDE.name: chance.side, START.name: chance.begin_s, END.name: chance.end_s}

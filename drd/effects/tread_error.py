@@ -22,6 +22,9 @@ class TreadError(Effect):
     def calibrated(self, constants: Calibrated) -> Values | None:
         return {"k": constants.tread - 1.0}
 
+    def relative_tread(self, p: Values) -> float:
+        return 1.0 + number(p, "k")
+
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Tyres that scrub more in fast, in hard, or in left turns.
         speed, rate = np.abs(m.speed_m_s), m.rate_rad_s

@@ -1,6 +1,7 @@
 """How the robot steers: whether its wheels slip sideways in each turn, as the effective tread tells."""
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from drd.config.keys import Config
@@ -12,6 +13,12 @@ from drd.estimation.learning import Drive, Learned, WheelNoise
 # whose standard deviation is so large a part of it, since tyres are wide.
 TAPE_SIGMAS: Final = 3.0
 TAPE_PART: Final = 0.05
+
+
+def as_driven(config: Config, relative_tread: float) -> Config:
+    """The configuration with the drive that a model's effective tread tells: what takes it off hides it. (34)"""
+    is_skid = config.robot.drive == "auto" and abs(relative_tread - 1.0) > TAPE_SIGMAS * TAPE_PART
+    return replace(config, robot=replace(config.robot, drive="skid")) if is_skid else config
 
 
 class Steering:

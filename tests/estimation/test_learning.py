@@ -14,6 +14,8 @@ from sensors import NO_BIAS, ROBOT, T0, S, Sample, drive, feed, make
 
 from drd.config.keys import Config
 from drd.config.schema import loads
+from drd.effects.compensation import Compensation
+from drd.effects.model import make_model
 from drd.estimation.estimate import SKID_SCALE, estimate_of
 from drd.estimation.estimator import Estimator
 from drd.estimation.filter import (
@@ -272,3 +274,16 @@ def test_what_was_learned_is_kept_in_the_state() -> None:
     assert again.filter.noise.turn_rad2_per_rad == pytest.approx(e.filter.noise.turn_rad2_per_rad, rel=1e-9)
     assert again.filter.nominal.wheel_lag_s == e.filter.nominal.wheel_lag_s
     assert again.filter.P[HEADING, HEADING] == saved.P[HEADING, HEADING]
+
+
+@pytest.mark.parametrize(("k", "drive_kind"), [(0.7, Drive.SKID), (0.05, Drive.UNKNOWN)])
+def test_a_models_effective_tread_tells_how_the_robot_steers(k: float, drive_kind: Drive) -> None:
+    tread = make_model([{"effect": "tread_error", "parameters": {"k": {"value": k, "std": 0.02}}}])
+    config = loads(NO_BIAS, Config).value
+    removal = Compensation(tread.terms, config.robot, has_gyro=True)
+    e = Estimator(config, compensation=removal)
+    assert removal.relative_tread == pytest.approx(1.0 + k)
+    assert e.steering.drive is drive_kind
+    feed(e, drive(40.0, tread_m=0.5 * (1.0 + k)))
+    # Taken off, the tread is the nominal one: nothing on the way would tell.
+    assert e.steering.drive is (Drive.SKID if drive_kind is Drive.SKID else Drive.DIFFERENTIAL)
