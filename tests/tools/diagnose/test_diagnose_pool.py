@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from drd_tools.diagnose.combine.joint import SufficientStatistics, united
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.files import load
-from drd_tools.diagnose.results import Because, Result, Smallest, Unexplained
+from drd_tools.diagnose.results import Amount, Because, Finding, Result, Smallest, Status, Support, Unexplained, Verdict
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
 
@@ -52,3 +52,39 @@ def test_what_any_recording_rules_out_is_as_it_would_be_seen_best(tmp_path: Path
 def test_a_recording_that_shows_a_covariate_at_one_value_has_no_range_of_it() -> None:
     assert united([{"curvature": (0.1, 0.5)}, {}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.1, 0.9)}
     assert united([{}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.2, 0.9)}
+
+
+def tread(value: float, std: float = 0.002) -> Finding:
+    return Finding(
+        effect="tread_error", status=Status.CONFIRMED, also_fits=(), acts_on="wheels", windows=((0.0, 1.0),),
+        parameters={"k": Amount(value, std, "1")}, covariate="yaw_rate", evidence=Support(50.0, 0.001, 1e9),
+        explains=1.0, sentence="Found.",
+    )  # fmt: skip
+
+
+def seeing(folder: Path, smallest: float, *findings: Finding) -> Result:
+    result = replace(said(folder, "other"), detectable={"tread_error": Smallest(smallest, "1")}, findings=findings)
+    return replace(result, recording=f"{len(findings)} at {smallest} of {findings}", verdict=Verdict.EXPLAINED)
+
+
+def test_a_name_in_one_recording_that_others_would_show_is_withdrawn(tmp_path: Path) -> None:
+    alone = seeing(tmp_path, 0.001, tread(0.02))
+    one, two = seeing(tmp_path, 0.002), seeing(tmp_path, 0.003)
+    (finding,) = together(alone, one, two).findings
+    assert finding.status is Status.SUSPECTED
+    assert "2 others would show it" in finding.sentence
+
+
+def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp_path: Path) -> None:
+    alone, blind = seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.02)
+    assert [f.status for f in together(alone, seeing(tmp_path, 0.002), blind).findings] == [Status.CONFIRMED]
+    again = seeing(tmp_path, 0.0015, tread(0.021))
+    found = together(alone, again, seeing(tmp_path, 0.002), seeing(tmp_path, 0.003)).findings
+    assert [f.status for f in found] == [Status.CONFIRMED]
+    assert "contradict" not in found[0].sentence
+
+
+def test_constants_that_contradict_each_other_are_told(tmp_path: Path) -> None:
+    (finding,) = together(seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.002, tread(0.05))).findings
+    assert "contradict each other: k is 0.02 to 0.05." in finding.sentence
+    assert finding.parameters["k"].std > 0.01

@@ -22,8 +22,8 @@ from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
-from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Train, Unexplained
-from drd_tools.diagnose.validate.trajectory import judged, paths
+from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Status, Train, Unexplained
+from drd_tools.diagnose.validate.trajectory import checked, judged, paths
 from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.processes import pool_of
 from drd_tools.recordings.folder import Recording
@@ -98,10 +98,13 @@ def together(
     result = combined([d.result for d in made], [d.statistics for d in made if d.statistics is not None])
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:
-        terms = outcome.terms_found(result.findings)
+        terms = outcome.terms_found(f for f in result.findings if f.status is not Status.SUSPECTED)
         validated = validate(Path(folder) / "model.yaml", build, terms, result.findings, held_out)
     fit = Fit(result.fit.train, validated.figures)
-    result = msgspec.structs.replace(result, recording=names, findings=tuple(validated.findings), fit=fit)
+    verdict = checked(result.verdict, validated.findings, validated.poses_after)
+    result = msgspec.structs.replace(
+        result, recording=names, verdict=verdict, findings=tuple(validated.findings), fit=fit
+    )
     courses = {c.effect: c for d in reversed(made) for c in d.series.findings}
     series = msgspec.structs.replace(
         made[0].series,
@@ -140,7 +143,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
     cut = cut_off(analysis.recording, e)
     return Result(
         recording=analysis.recording.name,
-        verdict=outcome.verdict(conclusion),
+        verdict=checked(outcome.verdict(conclusion), validated.findings, [train.after, *validated.poses_after]),
         findings=tuple(validated.findings),
         unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
         ruled_out=conclusion.ruled_out,

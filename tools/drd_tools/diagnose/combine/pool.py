@@ -28,6 +28,7 @@ from drd_tools.diagnose.results import (
 SURER: Final = list(Status)
 # Values of one parameter further apart than this, in sigmas of their difference, are not one value.
 APART_SIGMAS: Final = 4.0
+FEWEST_AGAINST: Final = 2  # recordings: one alone may be the one that is wrong
 LARGEST_NATS: Final = 690.0  # exp of more is no double
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
@@ -48,7 +49,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     findings: list[Finding] = []
     for name, said in _grouped(results).items():
         if name in catalogue() and catalogue()[name].lasting:
-            findings.append(_one_of(said, len(results)))
+            findings.append(_borne_out(_one_of(said, len(results)), said, results))
         else:
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
@@ -105,9 +106,38 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
             math.exp(min(LARGEST_NATS, log_e)),
         ),
         explains=sum(f.explains or 0.0 for f in found) / count,
-        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).",
+        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_apart(found)}",
         probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
+
+
+def _apart(found: Sequence[Finding]) -> str:
+    """Sentence about values that contradict each other, by parameter."""
+    told = []
+    for name, first in found[0].parameters.items():
+        values = [f.parameters[name] for f in found if name in f.parameters]
+        if _contradict(values):
+            spread = f"{min(v.value for v in values):.3g} to {max(v.value for v in values):.3g} {first.unit}"
+            told.append(f"{name} is {spread.removesuffix(' 1')}")
+    return f" They contradict each other: {', '.join(told)}." if told else ""
+
+
+def _borne_out(finding: Finding, said: Sequence[_Said], results: Sequence[Result]) -> Finding:
+    """The finding; withdrawn to a suspicion where one recording says so and several that would show it do not."""
+    others = [r for r in results if _name(r) != said[0].recording and _would_show(r, finding)]
+    if len(said) > 1 or len(others) < FEWEST_AGAINST:
+        return finding
+    text = f"{finding.sentence} {len(others)} others would show it and do not: it is withdrawn."
+    return replace(finding, status=Status.SUSPECTED, sentence=text)
+
+
+def _would_show(result: Result, finding: Finding) -> bool:
+    """Whether a recording would have found an effect half as large, and says neither its name nor one of its class."""
+    if any({f.effect, *f.also_fits} & {finding.effect, *finding.also_fits} for f in result.findings):
+        return False
+    least = result.detectable.get(finding.effect)
+    sizes = [abs(a.value) for a in finding.parameters.values() if least is not None and a.unit == least.unit]
+    return bool(sizes) and least is not None and least.smallest is not None and least.smallest < 0.5 * max(sizes)
 
 
 def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
@@ -117,13 +147,24 @@ def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
         amounts = [p[name] for p in parameters if name in p]
         if any(not a.std > 0.0 for a in amounts):
             continue
-        weights = [a.std**-2 for a in amounts]
-        mean = sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights)
-        std = sum(weights) ** -0.5
-        square = sum(w * (a.value - mean) ** 2 for w, a in zip(weights, amounts, strict=True)) / sum(weights)
-        apart = any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
-        found[name] = Amount(mean, max(std, math.sqrt(square)) if apart else std, first.unit)
+        mean, std = _weighted(amounts)
+        square = std**2 * sum(((a.value - mean) / a.std) ** 2 for a in amounts)
+        found[name] = Amount(mean, max(std, math.sqrt(square)) if _contradict(amounts) else std, first.unit)
     return found
+
+
+def _weighted(amounts: Sequence[Amount]) -> tuple[float, float]:
+    """Mean with the inverse of the variances, and its standard deviation."""
+    total = sum(a.std**-2 for a in amounts)
+    return sum(a.std**-2 * a.value for a in amounts) / total, total**-0.5
+
+
+def _contradict(amounts: Sequence[Amount]) -> bool:
+    """Whether values with standard deviations are not one value."""
+    if any(not a.std > 0.0 for a in amounts):
+        return False
+    mean, std = _weighted(amounts)
+    return any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
 
 
 def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:

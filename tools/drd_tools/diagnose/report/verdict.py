@@ -18,6 +18,7 @@ from drd_tools.diagnose.report.text import (
     with_sigma,
 )
 from drd_tools.diagnose.results import Figures, Finding, Result, Series, Verdict
+from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
 SCATTER: Final = {"slip": "the wheels scatter", "gyro": "the gyro scatters"}
@@ -113,6 +114,9 @@ def _what_is_left(d: Result, s: Series) -> str:
         parts.append(
             f"the end of the path is {'still ' if any(f.is_named for f in d.findings) else ''}{length(end_m)} off"
         )
+    outside = d.fit.train.after.get(OUTSIDE)
+    if outside is not None and not is_predicted(d.fit.train.after):
+        parts.append(f"{percent(0.01 * outside)} of the poses leave their own 99 % bound")
     for row in s.held_out:
         if row.before is None or row.after is None:
             continue

@@ -28,6 +28,7 @@ class Validated(NamedTuple):
     model: Model
     findings: list[Finding]
     figures: Validation
+    poses_after: Sequence[Figures]
     bars: list[Bar]
 
 
@@ -96,4 +97,4 @@ def _validated(
             unit = "%" if unit == "percent" else unit
             bars.append(Bar(name, quantity.replace("_", " "), unit, first[q], second[q]))
     figures = Validation(dict(zip(names, before, strict=True)), dict(zip(names, after, strict=True)))
-    return Validated(model, findings, figures, bars)
+    return Validated(model, findings, figures, after, bars)
