@@ -202,6 +202,19 @@ def encode_diagnostics(statuses: Sequence[Diagnostic], wall_ns: int) -> bytes:
     return bytes(message.data)
 
 
+def encode_trigger(success: bool, message: str) -> bytes:
+    """The answer of std_srvs/Trigger."""
+    writer = CdrWriter()
+    writer.data.append(success)
+    writer.text(message)
+    return bytes(writer.data)
+
+
+def encode_empty() -> bytes:
+    """A message without fields, for which rosidl puts a byte."""
+    return _ENCAPSULATION + b"\0"
+
+
 def _stamp(wall_ns: int) -> bytes:
     seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
     return _STAMP.pack(max(-(2**31), min(seconds, 2**31 - 1)), nanoseconds)

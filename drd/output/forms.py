@@ -1,0 +1,170 @@
+"""The forms in which a query may be asked and answered: JSON, or a service of ROS 2."""
+
+import math
+import struct
+import time
+from typing import Any, NamedTuple, Protocol
+
+import zenoh
+
+from drd.output import ros2
+from drd.output.cdr import encode_empty, encode_trigger
+from drd.output.messages import Refused, decode_request, encode
+
+COMMANDS = ("set_pose", "reset", "calibrate_bias")
+QUESTIONS = ("pose", "health", "config")
+
+_UINT32 = struct.Struct("<I")
+_POSE = struct.Struct("<43d")  # position 3, quaternion 4, covariance 36
+_CDR_HEADER = 4
+
+
+class Reply(NamedTuple):
+    """What goes back; `failed`: as Zenoh's error, which no service of ROS 2 has a word for."""
+
+    payload: bytes
+    encoding: zenoh.Encoding
+    failed: bool = False
+    attachment: bytes | None = None
+
+
+class Form(Protocol):
+    """`name` of the handler, `key` of the queryable; `complete` as Zenoh has it."""
+
+    name: str
+    key: str
+    complete: bool
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """The handler's request. Raises Refused."""
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
+        """What the handler has said; `attachment` is the query's."""
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """Why it is not carried out."""
+
+
+class JsonForm:
+    """A JSON object each way, without attachments."""
+
+    complete = False
+
+    def __init__(self, name: str, key: str):
+        self.name, self.key = name, key
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002  # others' clients may have one
+        """See Form."""
+        return decode_request(payload)
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(encode(values), zenoh.Encoding.APPLICATION_JSON)
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(encode({"error": text}), zenoh.Encoding.APPLICATION_JSON, failed=True)
+
+
+class _Service:
+    """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer."""
+
+    complete = True  # rmw_zenoh asks complete queryables only
+
+    def __init__(self, name: str, key: str):
+        self.name, self.key = name, key
+
+    @staticmethod
+    def _check(attachment: bytes) -> None:
+        if len(attachment) != ros2.ATTACHMENT_BYTES:
+            raise Refused(f"attachment of {len(attachment)} bytes; rmw_zenoh's has {ros2.ATTACHMENT_BYTES}")
+
+    @staticmethod
+    def _good(attachment: bytes, payload: bytes) -> Reply:
+        return Reply(
+            payload, zenoh.Encoding.APPLICATION_CDR, attachment=ros2.reply_attachment(attachment, time.time_ns())
+        )
+
+
+class TriggerService(_Service):
+    """std_srvs/Trigger: nothing to say, and the answer tells whether it was done."""
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
+        """See Form."""
+        self._check(attachment)
+        return {}
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return self._good(attachment, encode_trigger(True, ""))
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """See Form."""
+        if len(attachment) != ros2.ATTACHMENT_BYTES:
+            return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+        return self._good(attachment, encode_trigger(False, text))
+
+
+class SetPoseService(_Service):
+    """robot_localization/SetPose: PoseWithCovarianceStamped in, nothing back; so a refusal can only be Zenoh's error.
+
+    Taken is the planar part: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
+    """
+
+    def __init__(self, name: str, key: str, frame_id: str):
+        super().__init__(name, key)
+        self._frame_id = frame_id
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """See Form."""
+        self._check(attachment)
+        frame_id, values = _pose_with_covariance(payload)
+        if frame_id not in ("", self._frame_id):
+            raise Refused(f"header.frame_id: expected {self._frame_id!r}, got {frame_id!r}")
+        return planar(values)
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return self._good(attachment, encode_empty())
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+
+
+def planar(values: tuple[float, ...]) -> dict[str, Any]:
+    """The request of `set_pose` from position 3, quaternion x, y, z, w, and covariance 36 (row-major, REP-103).
+
+    Raises Refused for what is no pose.
+    """
+    x_m, y_m, _, qx, qy, qz, qw = values[:7]
+    xx, xy, yx, yy, hh = (values[7 + i] for i in (0, 1, 6, 7, 35))
+    if not all(map(math.isfinite, values)):
+        raise Refused("pose: expected finite numbers")
+    if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and texts of few digits
+        raise Refused("pose.orientation: expected a unit quaternion")
+    # Larger eigenvalue of the symmetric part.
+    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), 0.5 * (xy + yx))
+    if min(xx, yy, hh) < 0:
+        raise Refused("pose.covariance: expected variances from 0")
+    return {
+        "x_m": x_m,
+        "y_m": y_m,
+        "heading_rad": math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)),
+        "sigma_m": math.sqrt(largest),
+        "sigma_rad": math.sqrt(hh),
+    }
+
+
+def _pose_with_covariance(data: bytes) -> tuple[str, tuple[float, ...]]:
+    """The header's frame and the numbers of a geometry_msgs/PoseWithCovarianceStamped in CDR. Raises Refused."""
+    if data[:2] != b"\x00\x01":
+        raise Refused("payload is not little-endian CDR")
+    body = data[_CDR_HEADER:]
+    try:
+        (length,) = _UINT32.unpack_from(body, 8)  # behind the stamp
+        end = 12 + length
+        frame_id = body[12 : end - 1].decode()
+        return frame_id, _POSE.unpack_from(body, end + -end % 8)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise Refused("payload is no PoseWithCovarianceStamped") from error
