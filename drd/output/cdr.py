@@ -7,7 +7,7 @@ An encoder holds the message laid out once for one pair of frames, and is not fo
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drd.samples import Pose
 from drd.units import NS_PER_S
@@ -61,6 +61,40 @@ class CdrWriter:
         self.pad(4)
         self.data += _stamp(wall_ns)
         self.text(frame_id)
+
+
+class CdrReader:
+    """Takes values from a message, one after the other. Raises ValueError for what it does not hold."""
+
+    def __init__(self, data: bytes) -> None:
+        if data[:2] != _ENCAPSULATION[:2]:
+            raise ValueError("not little-endian CDR")
+        self._body, self._at = data[len(_ENCAPSULATION) :], 0
+
+    def header(self) -> tuple[int, str]:
+        """std_msgs/Header: stamp in ns, and frame."""
+        seconds, nanoseconds = self._take(_STAMP, 4)
+        return seconds * NS_PER_S + nanoseconds, self.text()
+
+    def text(self) -> str:
+        """A string."""
+        (length,) = self._take(_COUNT, 4)
+        end = self._at + length
+        if not 0 < length <= len(self._body) - self._at:
+            raise ValueError("a text goes beyond the end")
+        data, self._at = self._body[self._at : end - 1], end
+        return data.decode()
+
+    def doubles(self, count: int) -> tuple[float, ...]:
+        """So many float64 without their count, which is fixed."""
+        return self._take(struct.Struct(f"<{count}d"), 8)
+
+    def _take(self, form: struct.Struct, alignment: int) -> tuple[Any, ...]:
+        at = self._at + -self._at % alignment
+        if at + form.size > len(self._body):
+            raise ValueError("too short")
+        self._at = at + form.size
+        return form.unpack_from(self._body, at)
 
 
 class _Laid:

@@ -1,22 +1,17 @@
 """The forms in which a query may be asked and answered: JSON, or a service of ROS 2."""
 
 import math
-import struct
 import time
 from typing import Any, NamedTuple, Protocol
 
 import zenoh
 
 from drd.output import ros2
-from drd.output.cdr import encode_empty, encode_trigger
+from drd.output.cdr import CdrReader, encode_empty, encode_trigger
 from drd.output.messages import Refused, decode_request, encode
 
 COMMANDS = ("set_pose", "reset", "calibrate_bias")
 QUESTIONS = ("pose", "health", "config")
-
-_UINT32 = struct.Struct("<I")
-_POSE = struct.Struct("<43d")  # position 3, quaternion 4, covariance 36
-_CDR_HEADER = 4
 
 
 class Reply(NamedTuple):
@@ -118,10 +113,7 @@ class SetPoseService(_Service):
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
         """See Form."""
         self._check(attachment)
-        frame_id, values = _pose_with_covariance(payload)
-        if frame_id not in ("", self._frame_id):
-            raise Refused(f"header.frame_id: expected {self._frame_id!r}, got {frame_id!r}")
-        return planar(values)
+        return pose_request(payload, self._frame_id)
 
     def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
         """See Form."""
@@ -132,21 +124,29 @@ class SetPoseService(_Service):
         return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
 
 
-def planar(values: tuple[float, ...]) -> dict[str, Any]:
-    """The request of `set_pose` from position 3, quaternion x, y, z, w, and covariance 36 (row-major, REP-103).
+def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
+    """The request of `set_pose` from geometry_msgs/PoseWithCovarianceStamped as CDR. Raises Refused.
 
-    Raises Refused for what is no pose.
+    Its frame must be `frame_id` or empty.
     """
-    x_m, y_m, _, qx, qy, qz, qw = values[:7]
-    xx, xy, yx, yy, hh = (values[7 + i] for i in (0, 1, 6, 7, 35))
+    try:
+        reader = CdrReader(data)
+        _, frame = reader.header()
+        values = reader.doubles(43)  # position 3, quaternion 4, covariance 36 (row-major, REP-103)
+    except ValueError as error:
+        raise Refused(f"payload is no PoseWithCovarianceStamped: {error}") from error
+    if frame not in ("", frame_id):
+        raise Refused(f"header.frame_id: expected {frame_id!r}, got {frame!r}")
     if not all(map(math.isfinite, values)):
         raise Refused("pose: expected finite numbers")
+    x_m, y_m, _, qx, qy, qz, qw = values[:7]
+    xx, xy, yx, yy, hh = (values[7 + i] for i in (0, 1, 6, 7, 35))
     if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and texts of few digits
         raise Refused("pose.orientation: expected a unit quaternion")
-    # Larger eigenvalue of the symmetric part.
-    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), 0.5 * (xy + yx))
     if min(xx, yy, hh) < 0:
         raise Refused("pose.covariance: expected variances from 0")
+    # Larger eigenvalue of the symmetric part.
+    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), 0.5 * (xy + yx))
     return {
         "x_m": x_m,
         "y_m": y_m,
@@ -154,17 +154,3 @@ def planar(values: tuple[float, ...]) -> dict[str, Any]:
         "sigma_m": math.sqrt(largest),
         "sigma_rad": math.sqrt(hh),
     }
-
-
-def _pose_with_covariance(data: bytes) -> tuple[str, tuple[float, ...]]:
-    """The header's frame and the numbers of a geometry_msgs/PoseWithCovarianceStamped in CDR. Raises Refused."""
-    if data[:2] != b"\x00\x01":
-        raise Refused("payload is not little-endian CDR")
-    body = data[_CDR_HEADER:]
-    try:
-        (length,) = _UINT32.unpack_from(body, 8)  # behind the stamp
-        end = 12 + length
-        frame_id = body[12 : end - 1].decode()
-        return frame_id, _POSE.unpack_from(body, end + -end % 8)
-    except (struct.error, UnicodeDecodeError) as error:
-        raise Refused("payload is no PoseWithCovarianceStamped") from error
