@@ -216,7 +216,7 @@ def test_a_command_that_is_shown_is_one(page: str, line: str) -> None:
 
 def test_a_command_that_is_named_is_one() -> None:
     for page, text in PAGES.items():
-        assert set(re.findall(r"`(?:sudo )?(?:/opt/drd/bin/)?drd ([a-z][a-z-]*)", text)) <= set(COMMANDS), page
+        assert set(re.findall(r"`(?:sudo )?(?:/opt/drd/bin/)?drd ([a-z][a-z0-9-]*)", text)) <= set(COMMANDS), page
 
 
 def test_the_commands_are_found_in_the_pages() -> None:

@@ -1,6 +1,7 @@
 """`drd ros2` against another node of rclpy, with the middleware that rclpy has; on the loopback only."""
 
 import contextlib
+import json
 import os
 import random
 import signal
@@ -17,6 +18,7 @@ import pytest
 from links import HANDLERS, PATIENCE_S, POSE, a_link, free_endpoint
 
 from drd.output.messages import Refused
+from drd.output.ros2 import TYPE_HASHES
 
 rclpy: Any = pytest.importorskip("rclpy", reason="rclpy is not installed; `make ros2-test` brings it")
 
@@ -68,6 +70,17 @@ def spin_until(reader: Any, condition: Callable[[], Any], each: Callable[[], Non
         assert time.monotonic() < deadline
         each()
         rclpy.spin_once(reader, timeout_sec=0.05)
+
+
+@pytest.mark.parametrize("name", TYPE_HASHES)
+def test_the_hash_of_a_type_is_that_of_the_installed_package(name: str) -> None:
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", sys.prefix).split(os.pathsep)
+    files = [Path(prefix, "share", name).with_suffix(".json") for prefix in prefixes]
+    file = next((file for file in files if file.exists()), None)
+    if file is None:
+        pytest.skip(f"the package of {name} is not installed")
+    [found] = [h["hash_string"] for h in json.loads(file.read_text())["type_hashes"] if h["type_name"] == name]
+    assert found == TYPE_HASHES[name]
 
 
 class Drive:

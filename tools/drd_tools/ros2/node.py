@@ -130,8 +130,10 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
         return response
 
     def _move(self, data: bytes) -> None:
+        frame_id = self._messages.frame_id
         try:
-            refusal = self._ask("set_pose", pose_request(data, self._messages.frame_id))
+            request = pose_request(data, frame_id) if frame_id else None
+            refusal = self._ask("set_pose", request) if request else "no odometry from drd yet: its frame is not known"
         except Refused as error:
             refusal = str(error)
         if refusal is not None:
