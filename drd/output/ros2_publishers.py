@@ -31,18 +31,20 @@ class _Publisher:
 
 
 class Ros2Publishers:
-    """Declares what `output` says; `swift` is how the odometry goes, as the pose does.
+    """Declares what `output` says. Raises zenoh.ZError, each method.
 
-    The others go in Zenoh's batches, as its usual data: a burst of more express messages than its queue for them
-    holds would drop some. None waits for a slow reader. Raises zenoh.ZError, each method.
+    None waits for a slow reader, as the pose does not. Zenoh holds two express messages of one priority, and a third
+    in the burst of one pose would be dropped on a busy machine: the odometry has a priority of its own behind pose and
+    odometry of `drd`, and the others go in Zenoh's batches, as its usual data.
     """
 
-    def __init__(self, session: Any, output: Output, swift: Mapping[str, Any]):
+    def __init__(self, session: Any, output: Output):
         odometry = topic_name(output.ros2_topic)
         assert odometry is not None  # open_session has checked it
         namespace, topics = odometry.rpartition("/")[0], output.ros2_topics
         node = Ros2Node(output.ros2_domain, namespace, output.ros2_hash, str(session.zid()))
-        usual = {"congestion_control": zenoh.CongestionControl.DROP}
+        usual: dict[str, Any] = {"congestion_control": zenoh.CongestionControl.DROP}
+        swift = usual | {"priority": zenoh.Priority.INTERACTIVE_HIGH, "express": True}
 
         def publisher(topic: str | None, type_name: str) -> _Publisher | None:
             if topic is None:

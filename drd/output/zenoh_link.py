@@ -64,7 +64,7 @@ class ZenohLink:
         self._health = session.declare_publisher(
             f"{prefix}/health", encoding=json, congestion_control=zenoh.CongestionControl.DROP
         )
-        self._ros2 = Ros2Publishers(session, output, swift) if output.ros2 else None
+        self._ros2 = Ros2Publishers(session, output) if output.ros2 else None
         self._desk.declare(session, prefix, self._ros2.services if self._ros2 else ())
         tokens = [f"{prefix}/alive", *(self._ros2.tokens if self._ros2 else ())]
         self._tokens = [session.liveliness().declare_token(key) for key in tokens]

@@ -265,6 +265,12 @@ def test_a_call_without_rmw_zenohs_attachment_is_an_error(service: tuple[str, st
         assert link.counters["commands"] == 0
 
 
+def test_a_get_with_a_wildcard_calls_no_service() -> None:
+    with a_link(ros2=True, commands=True) as (link, other):
+        assert list(other.get("0/reset/**", payload=EMPTY, attachment=ATTACHMENT, timeout=5.0)) == []
+        assert (link.counters["queries_refused"], link.counters["commands"]) == (1, 0)
+
+
 def test_without_commands_there_are_no_services() -> None:
     with a_link(ros2=True) as (_, other):
         tokens = [str(r.ok.key_expr) for r in other.liveliness().get("@ros2_lv/**", timeout=5.0)]
