@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ STORE.register(
 )
 WALL_NS = 1_700_000_000_000_000_001
 GID = bytes(range(16))
+TIMES_NS = count(1)  # each sample of the wheels has a later one
 TURNS = WheelTurns(9, 1.5, -2.5, 0.25, -0.5)
 HEALTH = {
     "robot": "carl",
@@ -45,12 +47,13 @@ ROBOT1 = {"ros2": True, "ros2_topic": "/robot1/odom", "ros2_joints": ("left", "r
 
 def publish(link: Any) -> None:
     link.publish_pose(POSE, WALL_NS)
-    publish.count += 1  # type: ignore[attr-defined]
-    link.publish_turns(TURNS._replace(t_ns=publish.count), WALL_NS)  # type: ignore[attr-defined]
+    link.publish_turns(TURNS._replace(t_ns=next(TIMES_NS)), WALL_NS)
     link.publish_health(HEALTH)
 
 
-publish.count = 0  # type: ignore[attr-defined]
+def first(link: Any, other: Any, key: str) -> bytes:
+    data: bytes = first_sample(subscribe(other, key), lambda: publish(link)).payload.to_bytes()
+    return data
 
 
 def dds(type_name: str) -> str:
@@ -127,10 +130,19 @@ def test_joint_states_say_each_sample_once() -> None:
         assert message.velocity.tolist() == [0.25, -0.5]
         while subscriber.try_recv():
             pass
-        for t_ns in (10**9, 10**9, 10**9 + 1):
-            link.publish_turns(TURNS._replace(t_ns=t_ns), WALL_NS)
-        sequences = [kinds_of(subscriber.recv().attachment)[0] for _ in range(2)]
-        assert sequences[1] == sequences[0] + 1
+        for t_ns, wall_ns in ((10**9, 1), (10**9, 2), (10**9 + 1, 3)):
+            link.publish_turns(TURNS._replace(t_ns=t_ns), wall_ns)
+        assert [kinds_of(subscriber.recv().attachment)[1] for _ in range(2)] == [1, 3]
+
+
+def test_the_imu_is_in_the_robots_frame_and_the_transform_from_the_poses() -> None:
+    with a_link(ros2=True, frame_id="world", child_frame_id="carl") as (link, other):
+        imu: Any = STORE.deserialize_cdr(first(link, other, "0/imu/**"), "sensor_msgs/msg/Imu")
+        tf: Any = STORE.deserialize_cdr(first(link, other, "0/tf/**"), "tf2_msgs/msg/TFMessage")
+    assert imu.header.frame_id == "carl"
+    [transform] = tf.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("world", "carl")
+    assert (transform.transform.translation.x, transform.transform.translation.y) == (POSE.x_m, POSE.y_m)
 
 
 def test_diagnostics_tell_validity_and_reasons() -> None:
