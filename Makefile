@@ -3,16 +3,17 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
+ROS2 := .venv-ros2
 DEMO_SECONDS ?= 30
 SOAK_HOURS ?= 24
 HONESTY ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test vm-test lint bench soak honesty clean
+.PHONY: help setup demo test ros2-test vm-test lint bench soak honesty clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
 
 setup: $(STAMP) ## make .venv and install drd with all that its tests need
 
@@ -49,6 +50,15 @@ test: $(STAMP) ## run all tests but those of the virtual machine
 	$(BIN)/python -m pytest --ignore=tests/tools
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/tools --numprocesses=auto --dist=loadfile
 
+# rclpy's wheels start each Python process of their environment a second time: they have one of their own.
+$(ROS2)/installed: pyproject.toml
+	$(PYTHON) -m venv $(ROS2)
+	$(ROS2)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[ros2]' pytest
+	@touch $@
+
+ros2-test: $(ROS2)/installed ## the node of ROS 2 against rclpy and Fast DDS
+	$(ROS2)/bin/python -m pytest tests/tools/ros2
+
 # Without root, or where a package cannot be had, the tests say so and are skipped. The first kernel that runs here is
 # taken: Debian's own, or a newer one, which is fetched then. DRD_VM_KERNEL=installed or DRD_VM_KERNEL=newer asks for one.
 vm-test: $(STAMP) ## boot Debian with vcan and systemd (as root), install drd there and break things
@@ -76,5 +86,5 @@ honesty: $(STAMP) ## the estimator's promises on real and simulated drives, besi
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m drd_tools.honesty --json out/honesty.json $(HONESTY)
 
 clean: ## remove what these targets have made
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(ROS2) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -76,6 +76,16 @@ class WheelSample(NamedTuple):
     lost_s: float
 
 
+class WheelTurns(NamedTuple):
+    """How far each wheel has turned since the start, as its counts say, and how fast; forward positive."""
+
+    t_ns: int
+    left_rad: float
+    right_rad: float
+    left_rad_s: float
+    right_rad_s: float
+
+
 class Validity(Enum):
     """How far the pose can be trusted."""
 

@@ -12,7 +12,7 @@ from typing import Any
 import zenoh
 
 from drd.config.keys import Output
-from drd.output.queries import COMMANDS, QUESTIONS
+from drd.output.forms import COMMANDS, QUESTIONS
 from drd.output.session import isolated_config
 from drd.output.zenoh_link import ZenohLink
 from drd.samples import Pose, Validity

@@ -17,7 +17,7 @@ import pytest
 
 from drd.cli import COMMANDS, main
 from drd.config.keys import Output
-from drd.output import queries
+from drd.output import forms
 from drd.output.messages import pose_dict
 from drd.output.zenoh_link import ZenohLink
 from drd.samples import Pose, Validity
@@ -127,7 +127,7 @@ def test_the_subscriber_prints_the_poses_of_a_running_link() -> None:
 
 def test_the_keys_are_those_of_the_link() -> None:
     names = [name.removeprefix("drd/") for name in table("drd/output/README.md", "key")]
-    assert sorted(names) == sorted({*queries.QUESTIONS, *queries.COMMANDS, "odom", "alive"})
+    assert sorted(names) == sorted({*forms.QUESTIONS, *forms.COMMANDS, "odom", "alive"})
 
 
 def test_the_fields_are_those_of_the_pose() -> None:
@@ -216,7 +216,7 @@ def test_a_command_that_is_shown_is_one(page: str, line: str) -> None:
 
 def test_a_command_that_is_named_is_one() -> None:
     for page, text in PAGES.items():
-        assert set(re.findall(r"`(?:sudo )?(?:/opt/drd/bin/)?drd ([a-z][a-z-]*)", text)) <= set(COMMANDS), page
+        assert set(re.findall(r"`(?:sudo )?(?:/opt/drd/bin/)?drd ([a-z][a-z0-9-]*)", text)) <= set(COMMANDS), page
 
 
 def test_the_commands_are_found_in_the_pages() -> None:

@@ -320,6 +320,20 @@ class ModelFile:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ros2Topics:
+    """Topics of ROS 2 beside the odometry: in its namespace, or absolute with a slash; null = not published."""
+
+    tf: str | None = "/tf"
+    """Transform from frame_id to child_frame_id; null where another node, such as robot_localization, publishes it"""
+    imu: str | None = "imu"
+    """Yaw rate without its bias and heading (sensor_msgs/Imu), in child_frame_id"""
+    diagnostics: str | None = "/diagnostics"
+    """Validity and reasons, as often as the health"""
+    joint_states: str | None = "joint_states"
+    """Turns of the wheels by their counts, where ros2_joints names the joints"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Output:
     """Zenoh: where the pose is published."""
 
@@ -344,14 +358,17 @@ class Output:
     """Allow set_pose, reset and calibrate_bias over Zenoh, to whoever reaches an end point or, with zenoh_config, to
     whom its access_control allows it; each one is logged"""
     ros2: bool = False
-    """Publish nav_msgs/Odometry for ROS 2 (rmw_zenoh) too; connect to its router, tcp/localhost:7447, and change
-    listen"""
+    """Be a node of ROS 2 (rmw_zenoh): odometry and ros2_topics; with commands the services set_pose and reset, too.
+    Connect to its router, tcp/localhost:7447, and change listen"""
     ros2_domain: Annotated[int, Meta(ge=0, le=232)] = 0
     """ROS_DOMAIN_ID"""
     ros2_topic: str = "odom"
-    """ROS 2 topic, namespace included"""
+    """ROS 2 topic of the odometry, namespace included"""
     ros2_hash: bool = True
     """Type hash in the key (Iron and later); false for Humble"""
+    ros2_joints: Annotated[tuple[str, ...], "joints, left and right"] = ()
+    """The two wheels' joints in the robot's description, left and right; none: no joint states"""
+    ros2_topics: Ros2Topics = Ros2Topics()
 
     def beside(self, folder: Path) -> "Output":
         """The same with its file found from `folder`, where the configuration lies."""

@@ -56,7 +56,7 @@ class Pairing:
 
     So the skew between two nodes does not become a turn. Samples tile time: each begins where the last one ended,
     or `lost_s` after it. Two nodes give at most one sample in half a nominal period, so that one pair of readings
-    is one sample; readings of the same time always give one.
+    is one sample; readings of the same time always give one. `end`: time and both travels where the last one ended.
     """
 
     def __init__(self, window_s: float, gap_s: float, period_s: float):
@@ -65,9 +65,8 @@ class Pairing:
         self._gap_ns = round(gap_s * NS_PER_S)
         self._least_ns = round(0.5 * period_s * NS_PER_S)
         self._tracks = {side: _Track() for side in Side}
-        # Time and both travels where the last interval ended, and whether one since then is not known.
-        self._end: tuple[int, float, float] | None = None
-        self._broken = False
+        self.end: tuple[int, float, float] | None = None
+        self._broken = False  # a travel since then is not known
         self._lost_ns = 0
 
     def add(self, side: Side, t_ns: int, travel_m: float, *, moved: bool) -> WheelSample | None:
@@ -91,8 +90,8 @@ class Pairing:
         if left.newer is None or right.newer is None:
             return None
         t_ns = min(left.newer.t_ns, right.newer.t_ns)
-        if self._end is not None:
-            elapsed_ns = t_ns - self._end[0]
+        if self.end is not None:
+            elapsed_ns = t_ns - self.end[0]
             if elapsed_ns <= 0 or (elapsed_ns < self._least_ns and left.newer.t_ns != right.newer.t_ns):
                 return None
         left_m, right_m = left.at(t_ns, self._window_ns), right.at(t_ns, self._window_ns)
@@ -100,7 +99,7 @@ class Pairing:
 
     def _sample_to(self, t_ns: int, left_m: float, right_m: float) -> WheelSample | None:
         """End an interval here; None where it is only a new start."""
-        end, self._end = self._end, (t_ns, left_m, right_m)
+        end, self.end = self.end, (t_ns, left_m, right_m)
         broken, self._broken = self._broken, False
         if end is None:
             return None

@@ -9,7 +9,7 @@ from drd.encoders import make_layout
 from drd.encoders.counter import MARGIN_COUNTS, Counter, Outcome, SpeedIntegral, Travel
 from drd.encoders.layout import CounterRestart, wheels
 from drd.encoders.pairing import Pairing
-from drd.samples import CanFrame, Side, WheelReading, WheelSample
+from drd.samples import CanFrame, Side, WheelReading, WheelSample, WheelTurns
 from drd.units import NS_PER_S
 
 # Taken for the resolution where readings are no whole counts: far below any motion that matters.
@@ -38,6 +38,11 @@ class EncoderStream:
         self.resolution_m = max(map(abs, self._metres.values())) if counted else UNCOUNTED_RESOLUTION_M
         self._travels = {side: self._travel(side, encoders, robot, base) for side in Side}
         self._pairing = Pairing(encoders.pair_window_s, encoders.gap_s, 1.0 / encoders.rate_hz)
+        self._metres_per_rad = {
+            Side.LEFT: robot.wheel_radius_m * robot.left_scale,
+            Side.RIGHT: robot.wheel_radius_m * robot.right_scale,
+        }
+        self._newest: WheelSample | None = None
         self._replies: deque[CanFrame] = deque(maxlen=MAX_REPLIES)
         self._counters = {"frames": 0, "foreign": 0, "samples": 0}
 
@@ -62,8 +67,19 @@ class EncoderStream:
                 self._replies.extend(event.reply)
             elif (sample := self._read(frame.t_ns, event)) is not None:
                 samples.append(sample)
+                self._newest = sample
         self._counters["samples"] += len(samples)
         return samples
+
+    def turns(self) -> WheelTurns | None:
+        """The wheels' turns at the newest sample; None before it, after a gap, and where no counts are read."""
+        sample, end = self._newest, self._pairing.end
+        if self._layout.reports_speed or sample is None or end is None or end[0] != sample.t_ns:
+            return None
+        left_m, right_m = self._metres_per_rad[Side.LEFT], self._metres_per_rad[Side.RIGHT]
+        left_rad_s = sample.left_m / (sample.interval_s * left_m)
+        right_rad_s = sample.right_m / (sample.interval_s * right_m)
+        return WheelTurns(sample.t_ns, end[1] / left_m, end[2] / right_m, left_rad_s, right_rad_s)
 
     def restart(self) -> None:
         """The bus was opened again. The counters ran on: whether their motion is lost is the gap's length alone."""

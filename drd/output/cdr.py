@@ -1,24 +1,126 @@
-"""nav_msgs/Odometry as ROS 2 puts it on the wire: classic CDR (OMG DDSI-RTPS 2.3, clause 10), little-endian."""
+"""ROS 2's messages as they go over the wire: classic CDR (OMG DDSI-RTPS 2.3, clause 10), little-endian.
+
+An encoder holds the message laid out once for one pair of frames, and is not for several threads at a time. Every
+`wall_ns` is CLOCK_REALTIME and becomes the message's stamp, held at the int32 seconds that the message has.
+"""
 
 import math
 import struct
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from drd.samples import Pose
 from drd.units import NS_PER_S
 
 # Variance (m^2, rad^2, (m/s)^2, (rad/s)^2) of what is not known. A zero would tell a fusing filter "exact".
 UNKNOWN_VARIANCE = 1e6
+# First element of an Imu's covariance whose quantity is not measured at all (REP-145, and Imu.msg itself).
+NOT_MEASURED = -1.0
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR_LE, no options
 _STAMP = struct.Struct("<iI")  # builtin_interfaces/Time: int32 sec, uint32 nanosec
-_DOUBLES = struct.Struct("<85d")  # position 3, quaternion 4, covariance 36, linear 3, angular 3, covariance 36
+_COUNT = struct.Struct("<I")
 _POSE_COVARIANCE = 7
 _TWIST = 43
 _TWIST_COVARIANCE = 49
+_IMU_RATE_Z = 15
+_IMU_YAW_VARIANCE = 12
+_IMU_RATE_Z_VARIANCE = 24
+
+
+class CdrWriter:
+    """Appends values to a message. Alignment counts from behind the encapsulation header."""
+
+    def __init__(self, start: bytes = _ENCAPSULATION) -> None:
+        self.data = bytearray(start)
+
+    def pad(self, alignment: int) -> None:
+        """Zeros up to the next multiple of `alignment` bytes."""
+        self.data += bytes(-(len(self.data) - len(_ENCAPSULATION)) % alignment)
+
+    def count(self, value: int) -> None:
+        """A uint32, as which a sequence's length goes ahead of it."""
+        self.pad(4)
+        self.data += _COUNT.pack(value)
+
+    def text(self, text: str) -> None:
+        """uint32 length with the terminating zero, then the bytes and that zero."""
+        data = text.encode("utf-8", "replace") + b"\0"
+        self.count(len(data))
+        self.data += data
+
+    def doubles(self, values: Sequence[float]) -> None:
+        """A sequence of float64."""
+        self.count(len(values))
+        if values:
+            self.pad(8)
+            self.data += struct.pack(f"<{len(values)}d", *values)
+
+    def header(self, wall_ns: int, frame_id: str) -> None:
+        """std_msgs/Header."""
+        self.pad(4)
+        self.data += _stamp(wall_ns)
+        self.text(frame_id)
+
+
+class CdrReader:
+    """Takes values from a message, one after the other. Raises ValueError for what it does not hold."""
+
+    def __init__(self, data: bytes) -> None:
+        if data[:2] != _ENCAPSULATION[:2]:
+            raise ValueError("not little-endian CDR")
+        self._body, self._at = data[len(_ENCAPSULATION) :], 0
+
+    def header(self) -> tuple[int, str]:
+        """std_msgs/Header: stamp in ns, and frame."""
+        seconds, nanoseconds = self._take(_STAMP, 4)
+        return seconds * NS_PER_S + nanoseconds, self.text()
+
+    def text(self) -> str:
+        """A string."""
+        (length,) = self._take(_COUNT, 4)
+        end = self._at + length
+        if not 0 < length <= len(self._body) - self._at:
+            raise ValueError("a text goes beyond the end")
+        data, self._at = self._body[self._at : end - 1], end
+        return data.decode()
+
+    def doubles(self, count: int) -> tuple[float, ...]:
+        """So many float64 without their count, which is fixed."""
+        return self._take(struct.Struct(f"<{count}d"), 8)
+
+    def _take(self, form: struct.Struct, alignment: int) -> tuple[Any, ...]:
+        at = self._at + -self._at % alignment
+        if at + form.size > len(self._body):
+            raise ValueError("too short")
+        self._at = at + form.size
+        return form.unpack_from(self._body, at)
+
+
+class _Laid:
+    """A message of fixed strings: header, texts, then nothing but doubles, which `values` has."""
+
+    def __init__(self, before: bytes, texts: Sequence[str], values: list[float]):
+        head = CdrWriter(_ENCAPSULATION + before)
+        self._stamp_at = len(head.data)
+        head.data += bytes(_STAMP.size)
+        for text in texts:
+            head.text(text)
+        head.pad(8)
+        self._doubles = struct.Struct(f"<{len(values)}d")
+        self._doubles_at = len(head.data)
+        self._buffer = head.data + bytes(self._doubles.size)
+        self.values = values
+
+    def encode(self, wall_ns: int) -> bytes:
+        """The message as it stands."""
+        self._buffer[self._stamp_at : self._stamp_at + _STAMP.size] = _stamp(wall_ns)
+        self._doubles.pack_into(self._buffer, self._doubles_at, *self.values)
+        return bytes(self._buffer)
 
 
 class OdometryEncoder:
-    """Encodes poses of one pair of frames into a buffer laid out once. Not for several threads at a time.
+    """nav_msgs/Odometry.
 
     The robot is planar: z, roll and pitch are 0 with UNKNOWN_VARIANCE, as their truth is not observed. The twist is
     in the child frame: linear.x is the speed, angular.z the rate, each with its variance; linear.y is 0 with
@@ -26,27 +128,18 @@ class OdometryEncoder:
     """
 
     def __init__(self, frame_id: str, child_frame_id: str):
-        head = bytearray(_ENCAPSULATION + bytes(_STAMP.size))
-        for text in (frame_id, child_frame_id):
-            _append_string(head, text)
-        # Alignment counts from behind the encapsulation header: doubles lie on multiples of 8 from there.
-        _pad(head, 8)
-        self._doubles_at = len(head)
-        self._buffer = head + bytes(_DOUBLES.size)
-        self._values = [0.0] * 85
+        # position 3, quaternion 4, covariance 36, linear 3, angular 3, covariance 36
+        values = [0.0] * 85
         for i in range(6):
-            self._values[_POSE_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
-            self._values[_TWIST_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
+            values[_POSE_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
+            values[_TWIST_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
+        self._laid = _Laid(b"", (frame_id, child_frame_id), values)
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
-        """One message; `wall_ns` (CLOCK_REALTIME) becomes its stamp, held at int32 seconds as the message has them."""
-        seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
-        _STAMP.pack_into(self._buffer, len(_ENCAPSULATION), max(-(2**31), min(seconds, 2**31 - 1)), nanoseconds)
-        v = self._values
+        """One message."""
+        v = self._laid.values
         v[0], v[1] = pose.x_m, pose.y_m
-        # Wrapped first: half of a large angle loses digits. NaN passes through fmod; infinity would not.
-        half = 0.5 * math.fmod(pose.heading_rad, 4.0 * math.pi) if math.isfinite(pose.heading_rad) else math.nan
-        v[5], v[6] = math.sin(half), math.cos(half)
+        v[5], v[6] = _quaternion_zw(pose.heading_rad)
         xx, xy, xh, yy, yh, hh = pose.covariance
         # Row-major 6x6 of x, y, z, roll, pitch, yaw; x, y and yaw are rows and columns 0, 1 and 5.
         c = _POSE_COVARIANCE
@@ -55,16 +148,114 @@ class OdometryEncoder:
         v[c + 30], v[c + 31], v[c + 35] = xh, yh, hh
         v[_TWIST], v[_TWIST + 5] = pose.speed_m_s, pose.rate_rad_s
         v[_TWIST_COVARIANCE], v[_TWIST_COVARIANCE + 35] = pose.speed_sigma_m_s**2, pose.rate_sigma_rad_s**2
-        _DOUBLES.pack_into(self._buffer, self._doubles_at, *v)
-        return bytes(self._buffer)
+        return self._laid.encode(wall_ns)
 
 
-def _append_string(buffer: bytearray, text: str) -> None:
-    """uint32 length with the terminating zero, then the bytes and that zero."""
-    data = text.encode("utf-8", "replace") + b"\0"
-    _pad(buffer, 4)
-    buffer += struct.pack("<I", len(data)) + data
+class TransformEncoder:
+    """tf2_msgs/TFMessage with one transform: from `frame_id` to the robot, `child_frame_id`."""
+
+    def __init__(self, frame_id: str, child_frame_id: str):
+        # translation 3, quaternion 4, behind the sequence's length
+        self._laid = _Laid(_COUNT.pack(1), (frame_id, child_frame_id), [0.0] * 7)
+
+    def encode(self, pose: Pose, wall_ns: int) -> bytes:
+        """One message."""
+        v = self._laid.values
+        v[0], v[1] = pose.x_m, pose.y_m
+        v[5], v[6] = _quaternion_zw(pose.heading_rad)
+        return self._laid.encode(wall_ns)
 
 
-def _pad(buffer: bytearray, alignment: int) -> None:
-    buffer += bytes(-(len(buffer) - len(_ENCAPSULATION)) % alignment)
+class ImuEncoder:
+    """sensor_msgs/Imu in the robot's own frame, `frame_id`: the yaw rate free of bias, and the heading.
+
+    The orientation is that of the odometry: its yaw with its variance, roll and pitch 0 with UNKNOWN_VARIANCE; so
+    are the rates about x and y. Acceleration is not measured, which its covariance says.
+    """
+
+    def __init__(self, frame_id: str):
+        # quaternion 4, covariance 9, rates 3, covariance 9, accelerations 3, covariance 9
+        values = [0.0] * 37
+        for at in (4, 8, 16, 20):
+            values[at] = UNKNOWN_VARIANCE
+        values[28] = NOT_MEASURED
+        self._laid = _Laid(b"", (frame_id,), values)
+
+    def encode(self, pose: Pose, wall_ns: int) -> bytes:
+        """One message."""
+        v = self._laid.values
+        v[2], v[3] = _quaternion_zw(pose.heading_rad)
+        v[_IMU_YAW_VARIANCE] = pose.covariance[5]
+        v[_IMU_RATE_Z], v[_IMU_RATE_Z_VARIANCE] = pose.rate_rad_s, pose.rate_sigma_rad_s**2
+        return self._laid.encode(wall_ns)
+
+
+class JointStateEncoder:
+    """sensor_msgs/JointState of the joints `names`, without efforts."""
+
+    def __init__(self, names: Sequence[str]):
+        head = CdrWriter()
+        head.header(0, "")
+        head.count(len(names))
+        for name in names:
+            head.text(name)
+        self._head = bytes(head.data)
+
+    def encode(self, positions_rad: Sequence[float], velocities_rad_s: Sequence[float], wall_ns: int) -> bytes:
+        """One message; either sequence is in the order of the names, or empty where it is not known."""
+        message = CdrWriter(self._head)
+        message.data[len(_ENCAPSULATION) : len(_ENCAPSULATION) + _STAMP.size] = _stamp(wall_ns)
+        for values in (positions_rad, velocities_rad_s, ()):
+            message.doubles(values)
+        return bytes(message.data)
+
+
+class Diagnostic(NamedTuple):
+    """diagnostic_msgs/DiagnosticStatus; `level`: 0 good, 1 warning, 2 error, 3 stale."""
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    values: Mapping[str, str]
+
+
+def encode_diagnostics(statuses: Sequence[Diagnostic], wall_ns: int) -> bytes:
+    """diagnostic_msgs/DiagnosticArray."""
+    message = CdrWriter()
+    message.header(wall_ns, "")
+    message.count(len(statuses))
+    for status in statuses:
+        message.data.append(status.level)
+        for text in (status.name, status.message, status.hardware_id):
+            message.text(text)
+        message.count(len(status.values))
+        for pair in status.values.items():
+            for text in pair:
+                message.text(text)
+    return bytes(message.data)
+
+
+def encode_trigger(success: bool, message: str) -> bytes:
+    """The answer of std_srvs/Trigger."""
+    writer = CdrWriter()
+    writer.data.append(success)
+    writer.text(message)
+    return bytes(writer.data)
+
+
+def encode_empty() -> bytes:
+    """A message without fields, for which rosidl puts a byte."""
+    return _ENCAPSULATION + b"\0"
+
+
+def _stamp(wall_ns: int) -> bytes:
+    seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
+    return _STAMP.pack(max(-(2**31), min(seconds, 2**31 - 1)), nanoseconds)
+
+
+def _quaternion_zw(heading_rad: float) -> tuple[float, float]:
+    """z and w of the turn about the vertical; NaN for a heading that is not finite."""
+    # Wrapped first: half of a large angle loses digits. NaN passes through fmod; infinity would not.
+    half = 0.5 * math.fmod(heading_rad, 4.0 * math.pi) if math.isfinite(heading_rad) else math.nan
+    return math.sin(half), math.cos(half)

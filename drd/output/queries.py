@@ -5,17 +5,16 @@ import contextlib
 import logging
 import queue
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zenoh
 
 from drd.output.allowance import Allowance
 from drd.output.command_log import CommandLog, neighbours
-from drd.output.messages import MAX_REQUEST_BYTES, Refused, decode_request, encode
+from drd.output.forms import COMMANDS, QUESTIONS, Form, JsonForm, Reply
+from drd.output.messages import MAX_REQUEST_BYTES, Refused
 
-COMMANDS = ("set_pose", "reset", "calibrate_bias")
-QUESTIONS = ("pose", "health", "config")
 MAX_IN_FLIGHT = 64
 # Beyond, queries are refused before anything is read: parsing them would take the time that poses need.
 QUERIES_PER_S = 200.0
@@ -56,84 +55,74 @@ class QueryDesk:
         counters.update(dict.fromkeys(("queries", "query_errors", "queries_refused", "commands"), 0))
         threading.Thread(target=self._work, name="zenoh-replies", daemon=True).start()
 
-    def declare(self, session: Any, prefix: str) -> None:
-        """Make every handler's name a queryable under `prefix`.
+    def declare(self, session: Any, prefix: str, services: Sequence[Form] = ()) -> None:
+        """Make every handler's name a queryable under `prefix`, and each of `services` one, too.
 
         The callbacks run in Zenoh's receiving threads (`indirect=False`): threads of Python's own would keep the
         interpreter from exiting if the session were not closed.
         """
         self._session = session
-        for name in (*QUESTIONS, *COMMANDS):
-            key = f"{prefix}/{name}"
-            callback = zenoh.handlers.Callback(self._callback(name, key), indirect=False)
-            session.declare_queryable(key, callback)
+        for form in (*(JsonForm(name, f"{prefix}/{name}") for name in (*QUESTIONS, *COMMANDS)), *services):
+            callback = zenoh.handlers.Callback(self._callback(form), indirect=False)
+            session.declare_queryable(form.key, callback, complete=form.complete)
 
     def close(self) -> None:
         """Refuse what comes from now on and let the reply thread end. Call before the session is closed."""
         self._closed = True
         self._outbox.put(None)
 
-    def _callback(self, name: str, key: str) -> Callable[[Any], None]:
-        return lambda query: self._receive(name, key, query)
+    def _callback(self, form: Form) -> Callable[[Any], None]:
+        return lambda query: self._receive(form, query)
 
-    def _receive(self, name: str, key: str, query: Any) -> None:
+    def _receive(self, form: Form, query: Any) -> None:
         """In Zenoh's thread: only bounded work, and nothing raises."""
         self._count("queries")
-        if name in COMMANDS and str(query.key_expr) != key:
+        if form.name in COMMANDS and str(query.key_expr) != form.key:
             # A get on `prefix/**` means to read; it must not reset the robot.
             self._count("queries_refused")
             query.drop()
-        elif name in COMMANDS and not self._commands_allowed:
-            self._refuse(name, key, query, "queries_refused", f"{name} is not allowed: output.commands is false")
+        elif form.name in COMMANDS and not self._commands_allowed:
+            self._refuse(form, query, "queries_refused", f"{form.name} is not allowed: output.commands is false")
         elif not self._allowance.take():
-            self._refuse(name, key, query, "queries_refused", f"more than {QUERIES_PER_S:g} queries a second")
+            self._refuse(form, query, "queries_refused", f"more than {QUERIES_PER_S:g} queries a second")
         else:
             try:
-                payload = self._payload(query)
+                request = form.read(_bytes(query.payload, "payload"), _attachment(query))
             except Refused as error:
-                self._refuse(name, key, query, "query_errors", str(error))
+                self._refuse(form, query, "query_errors", str(error))
                 return
-            if not self._submit(name, key, query, payload):
+            if not self._submit(form, query, request):
                 busy = f"stopping, or busy with {MAX_IN_FLIGHT} queries"
-                self._refuse(name, key, query, "queries_refused", busy)
+                self._refuse(form, query, "queries_refused", busy)
 
-    @staticmethod
-    def _payload(query: Any) -> dict[str, Any]:
-        if query.payload is None:
-            return {}
-        # Looked at before the bytes are copied.
-        if len(query.payload) > MAX_REQUEST_BYTES:
-            raise Refused(f"payload of {len(query.payload)} bytes; at most {MAX_REQUEST_BYTES} are read")
-        return decode_request(query.payload.to_bytes())
-
-    def _submit(self, name: str, key: str, query: Any, payload: dict[str, Any]) -> bool:
+    def _submit(self, form: Form, query: Any, request: dict[str, Any]) -> bool:
         with self._lock:
             if self._closed or self._in_flight >= MAX_IN_FLIGHT:
                 return False
             self._in_flight += 1
         try:
-            self._loop.call_soon_threadsafe(self._handle, name, key, query, payload)
+            self._loop.call_soon_threadsafe(self._handle, form, query, request)
         except RuntimeError:  # the loop is closed
             self._release()
             return False
         return True
 
-    def _handle(self, name: str, key: str, query: Any, payload: dict[str, Any]) -> None:
+    def _handle(self, form: Form, query: Any, request: dict[str, Any]) -> None:
         """In the event loop."""
         refusal = None
         try:
-            answer = encode(self._handlers[name](payload))
-            if name in COMMANDS:
+            reply = form.answer(_attachment(query), self._handlers[form.name](request))
+            if form.name in COMMANDS:
                 self._count("commands")
-                self._command_log.accepted(key, query.payload)
+                self._command_log.accepted(form.key, query.payload)
         except Refused as error:
             refusal = str(error)
         except Exception:
-            log.exception("zenoh: handler=%s failed", name)
+            log.exception("zenoh: handler=%s failed", form.name)
             refusal = "internal error, see the log"
         if refusal is not None:
-            answer = self._refusal(name, key, query, "query_errors", refusal)
-        self._outbox.put(lambda: self._reply(query, key, answer, refusal is not None))
+            reply = self._refusal(form, query, "query_errors", refusal)
+        self._outbox.put(lambda: _send(form, query, reply))
         self._outbox.put(self._release)
 
     def _work(self) -> None:
@@ -146,25 +135,15 @@ class QueryDesk:
         except zenoh.ZError:  # the session is closed
             return []
 
-    def _refuse(self, name: str, key: str, query: Any, counter: str, text: str) -> None:
-        self._reply(query, "", self._refusal(name, key, query, counter, text), failed=True)
+    def _refuse(self, form: Form, query: Any, counter: str, text: str) -> None:
+        _send(form, query, self._refusal(form, query, counter, text))
 
-    def _refusal(self, name: str, key: str, query: Any, counter: str, text: str) -> bytes:
+    def _refusal(self, form: Form, query: Any, counter: str, text: str) -> Reply:
         """Count and log; the answer."""
         self._count(counter)
-        if name in COMMANDS:
-            self._command_log.refused(key, query.payload, text)
-        return encode({"error": text})
-
-    @staticmethod
-    def _reply(query: Any, key: str, payload: bytes, failed: bool) -> None:
-        # A session that closes meanwhile fails the reply; nobody waits for it any more. Leaving the query's context
-        # finalises it, so that the getter ends at once.
-        with contextlib.suppress(zenoh.ZError), query:
-            if failed:
-                query.reply_err(payload, encoding=zenoh.Encoding.APPLICATION_JSON)
-            else:
-                query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+        if form.name in COMMANDS:
+            self._command_log.refused(form.key, query.payload, text)
+        return form.refusal(_attachment(query), text)
 
     def _release(self) -> None:
         with self._lock:
@@ -173,3 +152,30 @@ class QueryDesk:
     def _count(self, counter: str) -> None:
         with self._lock:
             self.counters[counter] += 1
+
+
+def _bytes(data: Any, what: str) -> bytes:
+    """Of a query; looked at before the bytes are copied. Raises Refused."""
+    if data is None:
+        return b""
+    if len(data) > MAX_REQUEST_BYTES:
+        raise Refused(f"{what} of {len(data)} bytes; at most {MAX_REQUEST_BYTES} are read")
+    copied: bytes = data.to_bytes()
+    return copied
+
+
+def _attachment(query: Any) -> bytes:
+    """The query's attachment; one that is too long is none."""
+    with contextlib.suppress(Refused):
+        return _bytes(query.attachment, "attachment")
+    return b""
+
+
+def _send(form: Form, query: Any, reply: Reply) -> None:
+    # A session that closes meanwhile fails the reply; nobody waits for it any more. Leaving the query's context
+    # finalises it, so that the getter ends at once.
+    with contextlib.suppress(zenoh.ZError), query:
+        if reply.failed:
+            query.reply_err(reply.payload, encoding=reply.encoding)
+        else:
+            query.reply(form.key, reply.payload, encoding=reply.encoding, attachment=reply.attachment)

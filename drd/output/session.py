@@ -1,5 +1,6 @@
 """Zenoh sessions that reach only what they are told to: no scouting, no shared memory."""
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -95,8 +96,7 @@ def session_config(output: Output) -> zenoh.Config:
 
 def check_output(output: Output) -> None:
     """What can be known without opening a session. Raises ConfigError naming the key."""
-    if topic_name(output.ros2_topic) is None:
-        raise ConfigError("configuration", "output.ros2_topic", "a ROS 2 topic name", repr(output.ros2_topic))
+    _check_ros2(output)
     if output.zenoh_config is not None:
         _from_file(output.zenoh_config)
         return
@@ -107,6 +107,15 @@ def check_output(output: Output) -> None:
             except zenoh.ZError as error:
                 got = f"{endpoint!r}: {tidy(error)}"
                 raise ConfigError("configuration", f"output.{name}", "Zenoh end points", got) from error
+
+
+def _check_ros2(output: Output) -> None:
+    topics = {f"topics.{name}": topic for name, topic in dataclasses.asdict(output.ros2_topics).items()}
+    for name, topic in {"topic": output.ros2_topic, **topics}.items():
+        if topic is not None and topic_name(topic) is None:
+            raise ConfigError("configuration", f"output.ros2_{name}", "a ROS 2 topic name", repr(topic))
+    if len(output.ros2_joints) not in (0, 2):
+        raise ConfigError("configuration", "output.ros2_joints", "two joints, or none", f"{len(output.ros2_joints)}")
 
 
 def _from_file(file: str) -> zenoh.Config:

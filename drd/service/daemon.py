@@ -185,6 +185,8 @@ class Daemon:
         now_ns = time.monotonic_ns()
         self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
         self._link.publish_pose(pose, self._pose_wall_ns)
+        if self._link.wants_turns and (turns := self.pipeline.encoders.turns()) is not None:
+            self._link.publish_turns(turns, self._pose_wall_ns + turns.t_ns - pose.t_ns)
         if self._recorder is not None:
             self._recorder.pose(pose, self._pose_wall_ns)
         self._traffic.add(time.monotonic_ns() - input_ns)

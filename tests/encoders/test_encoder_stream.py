@@ -221,3 +221,28 @@ def test_random_frames_never_raise_and_never_become_impossible_motion(name: str,
     for before, sample in pairwise(samples):
         start_ns = sample.t_ns - round((sample.interval_s + sample.lost_s) * NS_PER_S)
         assert abs(start_ns - before.t_ns) <= 1
+
+
+def test_turns_are_those_of_the_wheels_whatever_their_scales() -> None:
+    robot = replace(ROBOT, left_scale=1.1, right_scale=0.9)
+    encoders = replace(CIA406, right=Right(reversed=True))
+    stream = EncoderStream(encoders, robot, BASE)
+    assert stream.turns() is None
+    for k in range(4):  # 20 and -50 counts of 1000 in 50 ms, and the right one is mounted the other way round
+        run(stream, [position(Side.LEFT, 50 * k, 20 * k), position(Side.RIGHT, 50 * k, 10_000 - 50 * k)])
+    turns = stream.turns()
+    assert turns is not None
+    assert turns.t_ns == 150 * NS_PER_MS
+    assert (turns.left_rad, turns.right_rad) == pytest.approx((0.12 * pi, 0.3 * pi))
+    assert (turns.left_rad_s, turns.right_rad_s) == pytest.approx((0.8 * pi, 2 * pi))
+
+
+def test_turns_are_not_known_in_a_gap_and_never_from_speeds(tmp_path: Path) -> None:
+    stream, _ = drive(CIA406, [0, 10, 20])
+    assert stream.turns() is not None
+    run(stream, [position(side, 5000, 30) for side in Side])
+    assert stream.turns() is None
+    stream = EncoderStream(dbc_speeds(tmp_path), ROBOT, BASE)
+    for k in range(4):
+        assert len(stream.feed(CanFrame(50 * k * NS_PER_MS, 256, False, bytes(8)))) == (k > 0)
+    assert stream.turns() is None

@@ -1,6 +1,7 @@
 """Writes the corpus's seeds: `python tests/fuzz/seeds.py`. Findings stand beside them."""
 
 import json
+import struct
 import sys
 from io import BytesIO
 from pathlib import Path
@@ -124,6 +125,9 @@ def main() -> None:
         "request/pose": '{"x_m": 1, "sigma_m": 1e-3}',
     }.items():
         found[name] = text.encode()
+    # A stamp, the frame odom, and a pose with quaternion 0, 0, 0, 1.
+    numbers = struct.pack("<43d", *[0.0] * 6, *[1.0] * 37)
+    found["pose_request/unit"] = b"\0\1\0\0" + struct.pack("<iII12s", 1, 2, 5, b"odom") + numbers
     for name, data in found.items():
         file = HERE / "corpus" / name
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -25,6 +25,7 @@ from drd.estimation.calibration import load_calibration
 from drd.fog import make_protocol
 from drd.fog.dsp17xx import BODY, HEADER, crc32_mpeg2
 from drd.fog.stream import FogStream
+from drd.output import forms
 from drd.output.messages import Refused, decode_request
 from drd.pipeline import Pipeline
 from drd.ports.can_errors import problems, state_after
@@ -267,8 +268,17 @@ def request(data: bytes) -> None:
         assert isinstance(decode_request(data), dict)
 
 
+def pose_request(data: bytes) -> None:
+    """The request of ROS 2's set_pose, CDR."""
+    with suppress(Refused):
+        made = forms.pose_request(data, "odom")
+        assert made["sigma_m"] >= 0.0
+        assert made["sigma_rad"] >= 0.0
+        assert abs(made["heading_rad"]) <= math.pi
+
+
 TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
     target.__name__: target
     for target in (fog_ecore, fog_dsp3000, fog_dsp17xx, can, dbc, calibration, model, config, folder, mcap,
-                   mcap_messages, state, request)
+                   mcap_messages, state, request, pose_request)
 }  # fmt: skip

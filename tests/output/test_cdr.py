@@ -2,11 +2,19 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from drd.output.cdr import UNKNOWN_VARIANCE, OdometryEncoder
+from drd.output.cdr import (
+    UNKNOWN_VARIANCE,
+    Diagnostic,
+    ImuEncoder,
+    JointStateEncoder,
+    OdometryEncoder,
+    TransformEncoder,
+    encode_diagnostics,
+)
 from drd.samples import Pose, Validity
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
@@ -33,8 +41,11 @@ def a_pose(**changes: Any) -> Pose:
     return Pose(**(values | changes))
 
 
-def decode(data: bytes) -> Any:
-    return ROS2.deserialize_cdr(data, "nav_msgs/msg/Odometry")
+def decode(data: bytes, kind: str = "nav_msgs/msg/Odometry") -> Any:
+    """What another implementation reads, which wrote the same bytes too."""
+    message = ROS2.deserialize_cdr(data, kind)
+    assert bytes(ROS2.serialize_cdr(message, kind)) == data
+    return message
 
 
 def test_odom_and_base_link_take_724_bytes_behind_a_little_endian_header() -> None:
@@ -98,3 +109,60 @@ def test_nothing_of_one_pose_is_left_in_the_next() -> None:
     first = encoder.encode(a_pose(), 5)
     encoder.encode(a_pose(x_m=9.0, heading_rad=-2.0, covariance=(1, 2, 3, 4, 5, 6)), 6)
     assert encoder.encode(a_pose(), 5) == first
+
+
+@given(NAMES, NAMES, st.integers(0, 2**60), st.tuples(FINITE, FINITE, st.floats(-1e4, 1e4)))
+@settings(deadline=None)
+def test_a_transform_is_the_pose_of_the_odometry(
+    frame: str, child: str, wall_ns: int, state: tuple[float, ...]
+) -> None:
+    pose = a_pose(x_m=state[0], y_m=state[1], heading_rad=state[2])
+    [transform] = decode(TransformEncoder(frame, child).encode(pose, wall_ns), "tf2_msgs/msg/TFMessage").transforms
+    odometry = decode(OdometryEncoder(frame, child).encode(pose, wall_ns))
+    assert (transform.header, transform.child_frame_id) == (odometry.header, child)
+    assert transform.transform.rotation == odometry.pose.pose.orientation
+    translation, position = transform.transform.translation, odometry.pose.pose.position
+    assert (translation.x, translation.y, translation.z) == (position.x, position.y, position.z)
+
+
+@given(NAMES)
+@settings(deadline=None)
+def test_an_imu_message_says_which_of_its_quantities_are_known(frame: str) -> None:
+    message = decode(ImuEncoder(frame).encode(a_pose(), 3_000_000_004), "sensor_msgs/msg/Imu")
+    stamp, q, rates = message.header.stamp, message.orientation, message.angular_velocity
+    assert (message.header.frame_id, stamp.sec, stamp.nanosec) == (frame, 3, 4)
+    assert (q.x, q.y, q.z, q.w) == (0.0, 0.0, pytest.approx(math.sin(0.25)), pytest.approx(math.cos(0.25)))
+    assert (rates.x, rates.y, rates.z) == (0.0, 0.0, 4.0)
+    unknown = [UNKNOWN_VARIANCE, 0, 0, 0, UNKNOWN_VARIANCE, 0, 0, 0]
+    assert message.orientation_covariance.tolist() == [*unknown, 66.0]
+    assert message.angular_velocity_covariance.tolist() == [*unknown, 0.0625]
+    assert message.linear_acceleration_covariance.tolist() == [-1, 0, 0, 0, 0, 0, 0, 0, 0]
+
+
+@given(st.lists(st.tuples(NAMES, FINITE, FINITE), max_size=4), st.booleans())
+@settings(deadline=None)
+def test_joint_states_keep_their_order(joints: list[tuple[str, float, float]], with_velocities: bool) -> None:
+    names, positions, velocities = ([joint[i] for joint in joints] for i in range(3))
+    encoder = JointStateEncoder(names)  # type: ignore[arg-type]
+    data = encoder.encode(positions, velocities if with_velocities else (), 3_000_000_004)  # type: ignore[arg-type]
+    message = decode(data, "sensor_msgs/msg/JointState")
+    assert (message.header.frame_id, message.header.stamp.sec, message.header.stamp.nanosec) == ("", 3, 4)
+    assert (message.name, message.position.tolist(), message.effort.tolist()) == (names, positions, [])
+    assert message.velocity.tolist() == (velocities if with_velocities else [])
+
+
+STATUS = st.tuples(st.integers(0, 3), NAMES, NAMES, NAMES, st.dictionaries(NAMES, NAMES, max_size=2))
+
+
+# Drawing so many texts is slow where others use the machine, too.
+@given(st.lists(STATUS, max_size=3))
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.too_slow])
+def test_diagnostics_keep_levels_texts_and_values(rows: list[Any]) -> None:
+    statuses = [Diagnostic(*row) for row in rows]
+    message = decode(encode_diagnostics(statuses, 3_000_000_004), "diagnostic_msgs/msg/DiagnosticArray")
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 4)
+    found = [
+        Diagnostic(s.level, s.name, s.message, s.hardware_id, {v.key: v.value for v in s.values})
+        for s in message.status
+    ]
+    assert found == statuses

@@ -16,11 +16,11 @@ import zenoh.ext
 from links import HANDLERS, PATIENCE_S, POSE, a_link, ask, event_loop, first_sample, free_endpoint, subscribe, wait_for
 from rosbags.typesys import Stores, get_typestore
 
-from drd.config.keys import Output
+from drd.config.keys import Output, Ros2Topics
 from drd.config.schema import ConfigError
-from drd.output import ros2
+from drd.output.forms import COMMANDS, QUESTIONS, JsonForm
 from drd.output.messages import MAX_REQUEST_BYTES, Refused, pose_json
-from drd.output.queries import COMMANDS, MAX_IN_FLIGHT, QUESTIONS, QueryDesk
+from drd.output.queries import MAX_IN_FLIGHT, QueryDesk
 from drd.output.session import MAX_MESSAGE_BYTES, isolated_config
 from drd.output.zenoh_link import ZenohLink
 
@@ -170,7 +170,7 @@ def test_a_getter_that_does_not_read_holds_up_the_reply_thread_and_not_the_loop(
     stalled, reading = threading.Event(), threading.Event()
 
     class Query(contextlib.nullcontext[None]):
-        key_expr, payload = "drd/pose", None
+        key_expr, payload, attachment = "drd/pose", None, None
 
         def reply(self, *_: Any, **__: Any) -> None:
             stalled.set()
@@ -178,7 +178,7 @@ def test_a_getter_that_does_not_read_holds_up_the_reply_thread_and_not_the_loop(
 
     with event_loop() as loop:
         desk = QueryDesk(HANDLERS, False, loop, {})
-        desk._receive("pose", "drd/pose", Query())
+        desk._receive(JsonForm("pose", "drd/pose"), Query())
         assert stalled.wait(PATIENCE_S)
         passed = threading.Event()
         loop.call_soon_threadsafe(passed.set)
@@ -193,47 +193,14 @@ def test_queries_that_come_when_the_loop_is_gone_are_refused() -> None:
         pass
     refused: list[bytes] = []
     query: Any = contextlib.nullcontext()
-    query.payload, query.key_expr = None, "drd/pose"
+    query.payload, query.attachment, query.key_expr = None, None, "drd/pose"
     query.reply_err = lambda payload, **_: refused.append(payload)
     desk = QueryDesk(HANDLERS, False, loop, {})
     for _ in range(2 * MAX_IN_FLIGHT):
-        desk._receive("pose", "drd/pose", query)
+        desk._receive(JsonForm("pose", "drd/pose"), query)
     desk.close()
     assert len(refused) == 2 * MAX_IN_FLIGHT == desk.counters["queries_refused"]
     assert desk._in_flight == 0
-
-
-@pytest.mark.parametrize("with_hash", [True, False])
-def test_ros_2_gets_its_own_key_with_the_attachment_that_rmw_zenoh_demands(with_hash: bool) -> None:
-    with a_link(ros2=True, ros2_topic="/robot1/odom", ros2_domain=3, ros2_hash=with_hash) as (link, other):
-        type_hash = ros2.ODOMETRY_HASH if with_hash else "TypeHashNotSupported"
-        key = f"3/robot1/odom/nav_msgs::msg::dds_::Odometry_/{type_hash}"
-        subscriber = subscribe(other, key)
-        sample = first_sample(subscriber, lambda: link.publish_pose(POSE, 1_700_000_000_000_000_001))
-        assert str(sample.key_expr) == key
-        assert sample.payload.to_bytes()[:4] == b"\x00\x01\x00\x00"
-        kinds: Any = tuple[zenoh.ext.Int64, zenoh.ext.Int64, bytes]
-        sequence, stamp, gid = zenoh.ext.z_deserialize(kinds, sample.attachment)
-        assert 1 <= int(sequence) <= link._ros2_sequence
-        assert (int(stamp), len(gid)) == (1_700_000_000_000_000_001, 16)
-        link.publish_pose(POSE, 2)
-        following, _, same_gid = zenoh.ext.z_deserialize(kinds, subscriber.recv().attachment)
-        assert (int(following), same_gid) == (int(sequence) + 1, gid)
-        tokens = {str(r.ok.key_expr) for r in other.liveliness().get("@ros2_lv/**", timeout=5.0)}
-        names = ros2.Ros2Odometry(3, "robot1/odom", type_hash, str(link._session.zid()))
-        assert tokens == {names.node_token, names.publisher_token}
-        assert names.gid == gid
-
-
-def test_the_sequence_of_ros_2_starts_at_1() -> None:
-    with a_link(ros2=True) as (link, _):
-        link.publish_pose(POSE, 1)
-        assert link._ros2_sequence == 1
-
-
-def test_without_ros_2_nothing_of_it_is_announced() -> None:
-    with a_link() as (_, other):
-        assert list(other.liveliness().get("@ros2_lv/**", timeout=5.0)) == []
 
 
 @pytest.mark.parametrize(
@@ -247,6 +214,8 @@ def test_without_ros_2_nothing_of_it_is_announced() -> None:
         ({"prefix": "a//b"}, "output.prefix"),
         ({"prefix": "a#b"}, "output.prefix"),
         ({"ros2_topic": "no name"}, "output.ros2_topic"),
+        ({"ros2_topics": Ros2Topics(tf="2tf")}, "output.ros2_topics.tf"),
+        ({"ros2_joints": ("left",)}, "output.ros2_joints"),
         ({"zenoh_config": "/nonexistent/zenoh.json5"}, "output.zenoh_config"),
     ],
 )

@@ -21,7 +21,7 @@ from links import HANDLERS, PATIENCE_S, POSE, ask, event_loop, first_sample, fre
 from drd.cli import main
 from drd.config.keys import Output
 from drd.config.schema import ConfigError
-from drd.output.queries import COMMANDS, QUESTIONS
+from drd.output.forms import COMMANDS, QUESTIONS
 from drd.output.zenoh_link import ZenohLink
 
 CONFIG = Path(__file__).parents[2] / "config"

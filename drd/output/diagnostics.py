@@ -1,0 +1,39 @@
+"""The daemon's health in the terms of ROS 2's diagnostics."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+from drd.output.cdr import Diagnostic
+from drd.samples import Validity
+
+OK, WARN, ERROR = 0, 1, 2
+# As robot_monitor colours them: initialising passes by itself, and the pose is no worse for it than degraded.
+LEVELS: Final = {
+    Validity.VALID: OK,
+    Validity.INITIALISING: WARN,
+    Validity.DEGRADED: WARN,
+    Validity.INVALID: ERROR,
+}
+
+
+def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
+    """The pose's validity with its reasons and, where there is a recorder, the recording."""
+    validity, robot = Validity(health["validity"]), health["robot"]
+    reasons = {reason["source"]: reason["text"] for reason in health["reasons"]}
+    message = "; ".join([validity.value, *(f"{source}: {text}" for source, text in reasons.items())])
+    found = [Diagnostic(LEVELS[validity], "drd: pose", message, robot, reasons | _scalars(health))]
+    if (recording := health.get("recording")) is not None:
+        trouble = recording["reason"]
+        level = OK if trouble is None else WARN
+        found.append(Diagnostic(level, "drd: recording", trouble or "recording", robot, _scalars(recording)))
+    return found
+
+
+def _scalars(values: Mapping[str, Any]) -> dict[str, str]:
+    """Numbers and words, without what is inside others and what is not known."""
+    return {
+        name: f"{value:.6g}" if isinstance(value, float) else str(value)
+        for name, value in values.items()
+        if isinstance(value, str | int) or (isinstance(value, float) and math.isfinite(value))
+    }

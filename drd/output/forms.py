@@ -1,0 +1,156 @@
+"""The forms in which a query may be asked and answered: JSON, or a service of ROS 2."""
+
+import math
+import time
+from typing import Any, NamedTuple, Protocol
+
+import zenoh
+
+from drd.output import ros2
+from drd.output.cdr import CdrReader, encode_empty, encode_trigger
+from drd.output.messages import Refused, decode_request, encode
+
+COMMANDS = ("set_pose", "reset", "calibrate_bias")
+QUESTIONS = ("pose", "health", "config")
+
+
+class Reply(NamedTuple):
+    """What goes back; `failed`: as Zenoh's error, which no service of ROS 2 has a word for."""
+
+    payload: bytes
+    encoding: zenoh.Encoding
+    failed: bool = False
+    attachment: bytes | None = None
+
+
+class Form(Protocol):
+    """`name` of the handler, `key` of the queryable; `complete` as Zenoh has it."""
+
+    name: str
+    key: str
+    complete: bool
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """The handler's request. Raises Refused."""
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
+        """What the handler has said; `attachment` is the query's."""
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """Why it is not carried out."""
+
+
+class JsonForm:
+    """A JSON object each way, without attachments."""
+
+    complete = False
+
+    def __init__(self, name: str, key: str):
+        self.name, self.key = name, key
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002  # others' clients may have one
+        """See Form."""
+        return decode_request(payload)
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(encode(values), zenoh.Encoding.APPLICATION_JSON)
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(encode({"error": text}), zenoh.Encoding.APPLICATION_JSON, failed=True)
+
+
+class _Service:
+    """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer."""
+
+    complete = True  # rmw_zenoh asks complete queryables only
+
+    def __init__(self, name: str, key: str):
+        self.name, self.key = name, key
+
+    @staticmethod
+    def _check(attachment: bytes) -> None:
+        if len(attachment) != ros2.ATTACHMENT_BYTES:
+            raise Refused(f"attachment of {len(attachment)} bytes; rmw_zenoh's has {ros2.ATTACHMENT_BYTES}")
+
+    @staticmethod
+    def _good(attachment: bytes, payload: bytes) -> Reply:
+        return Reply(
+            payload, zenoh.Encoding.APPLICATION_CDR, attachment=ros2.reply_attachment(attachment, time.time_ns())
+        )
+
+
+class TriggerService(_Service):
+    """std_srvs/Trigger: nothing to say, and the answer tells whether it was done."""
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
+        """See Form."""
+        self._check(attachment)
+        return {}
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return self._good(attachment, encode_trigger(True, ""))
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """See Form."""
+        if len(attachment) != ros2.ATTACHMENT_BYTES:
+            return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+        return self._good(attachment, encode_trigger(False, text))
+
+
+class SetPoseService(_Service):
+    """robot_localization/SetPose: PoseWithCovarianceStamped in, nothing back; so a refusal can only be Zenoh's error.
+
+    Taken is the planar part: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
+    """
+
+    def __init__(self, name: str, key: str, frame_id: str):
+        super().__init__(name, key)
+        self._frame_id = frame_id
+
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """See Form."""
+        self._check(attachment)
+        return pose_request(payload, self._frame_id)
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return self._good(attachment, encode_empty())
+
+    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+
+
+def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
+    """The request of `set_pose` from geometry_msgs/PoseWithCovarianceStamped as CDR. Raises Refused.
+
+    Its frame must be `frame_id` or empty.
+    """
+    try:
+        reader = CdrReader(data)
+        _, frame = reader.header()
+        values = reader.doubles(43)  # position 3, quaternion 4, covariance 36 (row-major, REP-103)
+    except ValueError as error:
+        raise Refused(f"payload is no PoseWithCovarianceStamped: {error}") from error
+    if frame not in ("", frame_id):
+        raise Refused(f"header.frame_id: expected {frame_id!r}, got {frame!r}")
+    if not all(map(math.isfinite, values)):
+        raise Refused("pose: expected finite numbers")
+    x_m, y_m, _, qx, qy, qz, qw = values[:7]
+    xx, xy, yx, yy, hh = (values[7 + i] for i in (0, 1, 6, 7, 35))
+    if not 0.9 < math.hypot(qx, qy, qz, qw) < 1.1:  # loose: single precision, and texts of few digits
+        raise Refused("pose.orientation: expected a unit quaternion")
+    if min(xx, yy, hh) < 0:
+        raise Refused("pose.covariance: expected variances from 0")
+    # Larger eigenvalue of the symmetric part.
+    largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), 0.5 * (xy + yx))
+    return {
+        "x_m": x_m,
+        "y_m": y_m,
+        "heading_rad": math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)),
+        "sigma_m": math.sqrt(largest),
+        "sigma_rad": math.sqrt(hh),
+    }
