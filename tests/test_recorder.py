@@ -18,7 +18,7 @@ from drd.pipeline import Pipeline
 from drd.recording import recorder as recorder_module
 from drd.recording.in_force import AS_WRITTEN, IN_FORCE
 from drd.recording.in_force import CALIBRATION as CALIBRATION_NAME
-from drd.recording.topics import CHANNELS, RAW_CAN, RAW_EVENTS, RAW_FOG
+from drd.recording.topics import CHANNELS, RAW_CAN, RAW_EVENTS, RAW_FOG, SCENE_PERIOD_NS
 from drd.samples import Pose
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import replay_mcap
@@ -51,11 +51,22 @@ def test_a_recording_holds_what_came_in_went_out_and_was_in_force(tmp_path: Path
     counters = d.pipeline.counters()
     assert counts.pop("/fog") == counters["fog"]["samples"] > 150
     assert counts.pop("/wheels") == counters["encoders"]["samples"] > 350
-    assert {counts.pop(name) for name in ("/pose", "/odom", "/drd/pose")} == {len(d.poses)}
+    assert {counts.pop(name) for name in ("/pose", "/tf", "/odom", "/drd/pose")} == {len(d.poses)}
+    assert counts.pop("/scene") == 1 + (d.poses[-1].t_ns - d.poses[0].t_ns) // SCENE_PERIOD_NS
     assert sum(len(m.value()["frames"]) for m in found.messages(RAW_CAN)) == counters["encoders"]["frames"]
     names = [m.value()["event"] for m in found.messages(RAW_EVENTS)]
     assert [n for n in names if n != "tick"] == ["port_state", "port_state", "set_pose", "calibrate_bias", "reset"]
     assert counts == {RAW_FOG: 400, RAW_CAN: 400, RAW_EVENTS: len(names), "/health": 1}
+
+
+def test_what_only_viewers_need_can_be_left_out(tmp_path: Path) -> None:
+    d = drive(tmp_path, "viewers: false")
+    recorder = d.start()
+    d.run(5.0)
+    assert recorder.close(5.0)
+    found = {message.topic for message in open_mcap(recordings(tmp_path)[0]).messages()}
+    assert "/drd/pose" in found
+    assert not found & {"/pose", "/tf", "/scene"}
 
 
 def test_numbers_and_log_times_give_the_order_of_the_calls(tmp_path: Path) -> None:
