@@ -26,6 +26,7 @@ COMMANDS = {
     "run": Command("drd.commands.run", "run the daemon"),
     "check": Command("drd.commands.check", "check a configuration and, with --live, the wiring"),
     "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
+    "foxglove": Command("drd_tools.foxglove_command", "show a running drd in Foxglove, live", "foxglove"),
     "install-service": Command("drd.commands.install_service", "install the daemon as a service of systemd"),
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),

@@ -137,6 +137,28 @@ class Message(NamedTuple):
     data: bytes
 
 
+class ForViewers:
+    """What viewers draw of each pose; the scene not more often than every `scene_period_ns`."""
+
+    def __init__(self, frame_id: str, child_frame_id: str, scene_period_ns: int):
+        self._pose = foxglove.PoseEncoder(frame_id, child_frame_id)
+        self._scene = foxglove.Scene(frame_id, child_frame_id)
+        self._period_ns, self._drawn_ns = scene_period_ns, -scene_period_ns
+
+    def pose(self, pose: Pose, wall_ns: int) -> list[Message]:
+        """The messages for a pose; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`."""
+        messages = [
+            Message("/pose", pose.t_ns, self._pose.in_frame(pose, wall_ns)),
+            Message("/tf", pose.t_ns, self._pose.transform(pose, wall_ns)),
+        ]
+        self._scene.add(pose)
+        # Backwards: another run of the daemon, whose clock may have begun anew.
+        if not 0 <= pose.t_ns - self._drawn_ns < self._period_ns:
+            self._drawn_ns = pose.t_ns
+            messages.append(Message("/scene", pose.t_ns, self._scene.encode(pose, wall_ns)))
+        return messages
+
+
 class Encoder:
     """Messages of each kind; the methods' names are the kinds. `output` gives the frames' names.
 
@@ -146,8 +168,7 @@ class Encoder:
     def __init__(self, output: Output, viewers: bool):
         frames = output.frame_id, output.child_frame_id
         self._odometry = OdometryEncoder(*frames)
-        self._drawn = foxglove.PoseEncoder(*frames) if viewers else None
-        self._scene, self._scene_due_ns = foxglove.Scene(*frames), 0
+        self._viewers = ForViewers(*frames, SCENE_PERIOD_NS) if viewers else None
         self.by_kind: dict[str, Callable[..., list[Message]]] = {
             "fog_bytes": self._fog_bytes,
             "frames": self._frames,
@@ -184,19 +205,7 @@ class Encoder:
             Message(POSE, pose.t_ns, encode(published)),
             Message("/odom", pose.t_ns, self._odometry.encode(pose, wall_ns)),
         ]
-        return messages + self._for_viewers(pose, wall_ns) if self._drawn is not None else messages
-
-    def _for_viewers(self, pose: Pose, wall_ns: int) -> list[Message]:
-        assert self._drawn is not None
-        messages = [
-            Message("/pose", pose.t_ns, self._drawn.in_frame(pose, wall_ns)),
-            Message("/tf", pose.t_ns, self._drawn.transform(pose, wall_ns)),
-        ]
-        self._scene.add(pose)
-        if pose.t_ns >= self._scene_due_ns:
-            self._scene_due_ns = pose.t_ns + SCENE_PERIOD_NS
-            messages.append(Message("/scene", pose.t_ns, self._scene.encode(pose, wall_ns)))
-        return messages
+        return messages + self._viewers.pose(pose, wall_ns) if self._viewers is not None else messages
 
     def _health(self, health: Mapping[str, Any]) -> list[Message]:
         return [Message("/health", health["monotonic_ns"], encode(health))]
