@@ -34,6 +34,7 @@ COMMANDS = {
     "import": Command("drd_tools.importing.command", "make a recording of a ROS bag, CAN log or table", "tools"),
     "simulate": Command("drd_tools.simulate_command", "simulate a drive and record it", "tools"),
     "replay": Command("drd_tools.replay.command", "estimate again from a recording", "tools"),
+    "export": Command("drd_tools.export.command", "a recording's poses as ROS 2 bag, CSV, TUM or Parquet", "tools"),
     "evaluate": Command("drd_tools.evaluate.command", "judge poses against a reference", "tools"),
     "explain": Command("drd_tools.explain.command", "the error budget of the pose, by cause", "tools"),
     "compare": Command("drd_tools.compare.command", "show recorded against simulated increments", "tools"),
