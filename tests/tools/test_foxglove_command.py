@@ -154,7 +154,7 @@ def test_the_health_is_a_table_of_diagnostics(address: str) -> None:
     assert array["header"]["stamp"] == {"sec": WALL_NS // 10**9, "nanosec": 0}
     rows = {row["name"]: row for row in array["status"]}
     assert [(name, row["level"], row["message"]) for name, row in rows.items()] == [
-        ("drd: pose", 1, "degraded: encoders.port: silent"),
+        ("drd: pose", 1, "degraded; encoders.port: silent"),
         ("drd: fog", 0, ""),
         ("drd: encoders", 1, "silent"),
         ("drd: learned", 0, ""),
@@ -167,6 +167,9 @@ def test_the_health_is_a_table_of_diagnostics(address: str) -> None:
 @pytest.mark.parametrize(
     "payload",
     [b"", b"\xff", b"[]", b"{}", b'{"wall_ns": -5}', b'{"wall_ns": 1e400}', b'{"wall_ns": "now", "counters": 3}',
+     b'{"wall_ns": 1, "validity": "good", "robot": "", "reasons": [], "counters": {}, "learned": {}}',
+     b'{"wall_ns": 1, "validity": "valid", "robot": "", "reasons": [{"source": 1, "text": 2}], "counters": {}}',
+     b'{"wall_ns": 1, "validity": "valid", "robot": "", "reasons": [], "counters": 3, "learned": {}}',
      b'{"monotonic_ns": 1, "wall_ns": -1, "x_m": 0, "y_m": 0, "heading_rad": 0, "speed_m_s": 0,'
      b' "position_bound_99_m": 0, "validity": "valid"}'],
 )  # fmt: skip
@@ -177,12 +180,12 @@ def test_what_cannot_be_read_is_counted(payload: bytes) -> None:
     assert channels.unreadable == 2
 
 
-def test_a_pose_that_is_not_finite_and_a_strange_health_pass() -> None:
+def test_a_pose_that_is_not_finite_and_counters_of_another_form_pass() -> None:
     channels = Channels(foxglove.Context(), "odom", "base_link")
     names = ("x_m", "y_m", "heading_rad", "speed_m_s", "position_bound_99_m")
     pose = {"monotonic_ns": 1, "wall_ns": 2, "validity": "invalid"} | dict.fromkeys(names)
     channels.take_pose(json.dumps(pose).encode())
-    channels.take_health(b'{"wall_ns": 1, "reasons": [1, {}], "counters": {"a": {"b": {"c": {"d": {"e": {}}}}}}}')
+    channels.take_health(json.dumps(HEALTH | {"counters": {"new": {"a": {"b": [1, None]}}}}).encode())
     assert channels.unreadable == 0
 
 

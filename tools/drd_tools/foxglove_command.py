@@ -18,13 +18,14 @@ from foxglove.websocket import WebSocketServer
 from drd.commands import command
 from drd.commands.watch import daemon_arguments, zenoh_config
 from drd.config.keys import Output
+from drd.output.cdr import Diagnostic
+from drd.output.diagnostics import OK, WARN, diagnostics
 from drd.output.exposure import is_local
 from drd.output.messages import encode
 from drd.output.session import tidy
 from drd.recording.topics import CHANNELS, POSE, ForViewers
 from drd.samples import Pose, Validity
 from drd.units import NS_PER_S
-from drd_tools.diagnostics import diagnostics
 from drd_tools.shipped import shipped_config
 
 LAYOUT: Final = "foxglove-layout.json"
@@ -130,9 +131,27 @@ def diagnostic_array(health: Mapping[str, Any], wall_ns: int) -> dict[str, Any]:
     seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
     rows = [
         row._asdict() | {"values": [{"key": key, "value": value} for key, value in row.values.items()]}
-        for row in diagnostics(health)
+        for row in (*diagnostics(health), *_parts(health))
     ]
     return {"header": {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": ""}, "status": rows}
+
+
+def _parts(health: Mapping[str, Any]) -> Iterator[Diagnostic]:
+    """A row for each part's counters, with the reasons that are its, and one for what was learned."""
+    reasons = [(str(r["source"]).partition(".")[0], str(r["text"])) for r in health["reasons"]]
+    for part, values in dict(health["counters"]).items():
+        why = "; ".join(text for source, text in reasons if source == part)
+        yield Diagnostic(WARN if why else OK, f"drd: {part}", why, health["robot"], dict(_flat(values)))
+    yield Diagnostic(OK, "drd: learned", "", health["robot"], dict(_flat(health["learned"])))
+
+
+def _flat(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Values by their path, as in `left.wraps`."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from _flat(part, f"{path}.{name}" if path else name)
+    else:
+        yield path, f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def main(argv: list[str]) -> int:

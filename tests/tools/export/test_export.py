@@ -18,6 +18,7 @@ from rosbags.rosbag2 import Reader
 
 from drd.cli import main
 from drd.config.schema import ConfigError
+from drd.output.diagnostics import diagnostics
 from drd.samples import Pose
 from drd_tools.evaluate.trajectory import read_poses as read_csv
 from drd_tools.export import poses as poses_module
@@ -123,8 +124,8 @@ def test_the_health_becomes_diagnostics(tmp_path: Path) -> None:
     rows = {row.name: row for row in array.status}
     assert rows["drd: pose"].message.startswith(health["validity"])
     assert rows["drd: pose"].hardware_id == "my robot/1"
-    values = {pair.key: pair.value for pair in rows["drd: encoders"].values}
-    assert values["samples"] == str(health["counters"]["encoders"]["samples"])
+    values = {pair.key: pair.value for pair in rows["drd: pose"].values}
+    assert values["bias_measurement"] == health["bias_measurement"]
     times = [at_ns for at_ns, _ in found["/odom"]]
     assert times == sorted(times)
 
@@ -209,13 +210,15 @@ def test_of_two_poses_for_one_time_the_last_counts_and_a_clock_that_is_set_is_to
     assert len(times) == len(set(times)) == pytest.approx(len(whole.poses) / 2, abs=1)
 
     turned_back = [Stamped(at - (10**12 if i > 50 else 0), p) for i, (at, p) in enumerate(whole.poses)]
-    health = [(5, {"monotonic_ns": whole.zero_ns + 7, "wall_ns": 5})]
+    health = [(5, diagnostics({"validity": "valid", "robot": "", "reasons": []}))]
     with monkeypatch.context() as patch:
         patch.setattr(poses_module, "_recorded", lambda _: (turned_back, health))
         found = read_poses(recorded)
-    assert found.notes[-1] == "the wall clock was set on the way: times count on from the start instead"
+    assert found.notes[-1] == (
+        "the wall clock was set on the way: times count on from the start instead, of poses only"
+    )
     assert found.poses == whole.poses
-    assert found.health[0][0] == 1_767_225_600_000_000_007
+    assert found.health == []
 
 
 def test_bad_usage_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

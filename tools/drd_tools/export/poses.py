@@ -1,12 +1,14 @@
 """What is exported: a recording's poses as they were published, or as a replay gives them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from drd.config.keys import Config, Output
 from drd.config.schema import ConfigError, loads
+from drd.output.cdr import Diagnostic
+from drd.output.diagnostics import diagnostics
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE
 from drd.samples import Pose
@@ -27,13 +29,13 @@ class Stamped(NamedTuple):
 
 
 class Exported(NamedTuple):
-    """Poses in order, one for each time, and health reports with their times; `zero_ns`: `pose.t_ns` at time_s = 0.
+    """Poses in order, one for each time, and the health with its times; `zero_ns`: `pose.t_ns` at time_s = 0.
 
     `output` has the frames' names. `notes`: where the poses come from, and what the reader should know.
     """
 
     poses: list[Stamped]
-    health: list[tuple[int, Mapping[str, Any]]]
+    health: list[tuple[int, list[Diagnostic]]]
     output: Output
     zero_ns: int
     notes: list[str]
@@ -64,9 +66,9 @@ def _of_daemon(file: Path) -> Exported:
     notes += [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
     notes += [f"part {number} of the run is not there" for number in missing]
     if any(b.stamp_ns <= a.stamp_ns for a, b in pairwise(poses)):
-        notes.append("the wall clock was set on the way: times count on from the start instead")
+        notes.append("the wall clock was set on the way: times count on from the start instead, of poses only")
         poses = [Stamped(wall_ns + pose.t_ns - started_ns, pose) for _, pose in poses]
-        health = [(wall_ns + nanoseconds(value["monotonic_ns"]) - started_ns, value) for _, value in health]
+        health = []
     output = loads(last.attachments[IN_FORCE].decode("utf-8", "replace"), Config, f"{file}, {IN_FORCE}").value.output
     return Exported(poses, health, output, started_ns, notes)
 
@@ -76,18 +78,18 @@ def _whole(file: McapFile, name: str) -> int:
     return int(text) if text.isdecimal() else 0
 
 
-def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, Mapping[str, Any]]]]:
+def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, list[Diagnostic]]]]:
     """Raises ConfigError where drd did not write them."""
     poses: list[Stamped] = []
-    health: list[tuple[int, Mapping[str, Any]]] = []
+    health: list[tuple[int, list[Diagnostic]]] = []
     for message in chain.from_iterable(part.messages(POSE, HEALTH) for part in parts):
         try:
             value = message.value()
-            stamp_ns, _ = nanoseconds(value["wall_ns"]), nanoseconds(value["monotonic_ns"])
+            stamp_ns = nanoseconds(value["wall_ns"])
             if message.topic == POSE:
                 poses.append(Stamped(stamp_ns, recorded_pose(value)))
             else:
-                health.append((stamp_ns, value))
+                health.append((stamp_ns, diagnostics(value)))
         except (KeyError, OverflowError, TypeError, ValueError) as error:
             where = f"{parts[-1].path}, {message.topic}, number {message.number}"
             raise ConfigError(where, "", "what drd writes there", repr(error)) from error

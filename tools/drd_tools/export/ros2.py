@@ -10,7 +10,6 @@ from rosbags.typesys import Stores, get_typestore
 
 from drd import __version__
 from drd.output.cdr import ImuEncoder, OdometryEncoder, TransformEncoder, encode_diagnostics
-from drd_tools.diagnostics import diagnostics
 from drd_tools.export.poses import Exported
 
 ODOM, TF, IMU, DIAGNOSTICS = "/odom", "/tf", "/imu", "/diagnostics"
@@ -61,5 +60,5 @@ def _of_poses(exported: Exported) -> Iterator[_Message]:
 
 
 def _of_health(exported: Exported) -> Iterator[_Message]:
-    for at_ns, health in exported.health:
-        yield _Message(DIAGNOSTICS, at_ns, encode_diagnostics(diagnostics(health), at_ns))
+    for at_ns, statuses in exported.health:
+        yield _Message(DIAGNOSTICS, at_ns, encode_diagnostics(statuses, at_ns))
