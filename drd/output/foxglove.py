@@ -110,9 +110,10 @@ class Scene:
         self._last_m = (math.nan, math.nan)  # the newest point of the line
         self._before: Pose | None = None
         identity = field(1, b"") + field(2, doubles(w=1.0))
-        self._path = field(2, frame_id) + field(3, "path")
+        for_ever = field(4, b"")  # a lifetime of 0 s, which some viewers want to be there
+        self._path = field(2, frame_id) + field(3, "path") + for_ever
         self._line = field(2, identity) + double(3, PATH_PIXELS) + whole(4, True) + field(6, _colour(PATH_COLOUR))
-        self._bound = field(2, child_frame_id) + field(3, "bound") + whole(5, True)
+        self._bound = field(2, child_frame_id) + field(3, "bound") + for_ever + whole(5, True)
         self._disc = field(1, identity) + double(3, 1.0) + double(4, 1.0)
         self._colours = {v: field(5, _colour(c)) for v, c in BOUND_COLOURS.items()}
 
@@ -146,7 +147,7 @@ class Scene:
         return field(2, path) + field(2, bound)
 
     def _put(self, index: int, x_m: float, y_m: float) -> None:
-        x_m, y_m = (round(value / GRID_M) * GRID_M for value in (x_m, y_m))
+        x_m, y_m = ((value / GRID_M + 0.5) // 1.0 * GRID_M for value in (x_m, y_m))
         _POINT.pack_into(self._points, index * _POINT.size, b"\x2a\x12", _X, x_m, _Y, y_m)
 
     def _thin(self) -> None:

@@ -111,6 +111,8 @@ def test_times_before_1970_and_values_that_are_not_finite_are_encoded_all_the_sa
     scene = Scene("a", "b")
     scene.add(pose)
     assert path_of(scene, pose) == []
+    scene.add(a_pose(0.0, 1e308, -1e308))
+    assert len(path_of(scene, pose)) == 1
 
 
 def test_the_scene_has_the_path_in_the_fixed_frame_and_the_bound_around_the_robot() -> None:
