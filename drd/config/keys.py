@@ -380,7 +380,9 @@ class Recording:
     """MCAP files with all that came in and went out, for replay and viewers."""
 
     enabled: bool = False
-    """Record every run of the daemon: some 40 MB an hour at 20 poses a second"""
+    """Record every run of the daemon: some 50 MB an hour at 20 poses a second"""
+    viewers: bool = True
+    """Write transform, pose, path and bound once more, as Foxglove and Rerun draw them: 11 MB of those"""
     folder: Annotated[str, "path"] = "recordings"
     """Where the files go; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the
     working directory"""

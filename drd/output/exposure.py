@@ -26,7 +26,7 @@ def exposure(output: Output) -> list[str]:
 
 def _open_doors(config: zenoh.Config, output: Output) -> Iterator[str]:
     allowed = " and move its pose (output.commands)" if output.commands else ""
-    outside = [endpoint for endpoint in _endpoints(config) if not _is_local(endpoint)]
+    outside = [endpoint for endpoint in _endpoints(config) if not is_local(endpoint)]
     plain = [endpoint for endpoint in outside if endpoint.partition("/")[0] not in _ENCRYPTED]
     if plain:
         yield f"whoever reaches {', '.join(plain)} can read the robot's pose{allowed}: no encryption, no login"
@@ -46,7 +46,8 @@ def _endpoints(config: zenoh.Config) -> list[str]:
     return [str(endpoint) for endpoint in found or []]
 
 
-def _is_local(endpoint: str) -> bool:
+def is_local(endpoint: str) -> bool:
+    """Whether only this machine reaches an end point such as tcp/127.0.0.1:7447."""
     protocol, _, address = endpoint.partition("/")
     if protocol.startswith(("unix", "serial", "vsock")):
         return True

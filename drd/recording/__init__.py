@@ -8,7 +8,9 @@
 | `/fog` | JSON | gyro samples: mean rate over an interval, before the calibration |
 | `/wheels` | JSON | wheel samples: travel of both wheels over an interval |
 | `/drd/pose` | JSON | the poses as published, every double exact; of a reason `since_ns` too |
-| `/pose` | JSON, `foxglove.PoseInFrame` | the same for Foxglove's 3D panel |
+| `/pose` | Protobuf, `foxglove.PoseInFrame` | the same for viewers; like the next two with `recording.viewers` only |
+| `/tf` | Protobuf, `foxglove.FrameTransform` | the same as the transform from the odometry's frame to the robot's |
+| `/scene` | Protobuf, `foxglove.SceneUpdate` | every 2 s: the path so far, thinned, and the 99 % bound as a disc |
 | `/odom` | CDR, `nav_msgs/msg/Odometry` | the same as published for ROS 2 |
 | `/health` | JSON | the health as published |
 

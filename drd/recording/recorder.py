@@ -54,7 +54,7 @@ class Recorder:
         config = loaded.value
         self._settings, self._robot = config.recording, config.robot.name
         self._attachments = files_in_force(loaded, base)
-        self._encoder = Encoder(config.output)
+        self._encoder = Encoder(config.output, config.recording.viewers)
         self._started_ns, self._started_wall_ns = time.monotonic_ns(), time.time_ns()
         self._run = secrets.token_hex(4)
         self._folder = recordings_folder(config.recording.folder)

@@ -2,11 +2,11 @@
 
 import base64
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from drd.config.keys import Output
+from drd.output import foxglove
 from drd.output.cdr import OdometryEncoder
 from drd.output.messages import encode, pose_dict
 from drd.samples import CanFrame, GyroSample, Pose, WheelSample
@@ -14,6 +14,8 @@ from drd.units import NS_PER_S
 
 RAW_FOG, RAW_CAN, RAW_EVENTS = "/raw/fog", "/raw/can", "/raw/events"
 POSE: Final = "/drd/pose"
+# The path is written whole each time, so that a viewer that jumps to any time finds all of it in one message.
+SCENE_PERIOD_NS: Final = 2 * NS_PER_S
 
 _NUMBER: Final = {"type": "number"}
 _WHOLE: Final = {"type": "integer"}
@@ -31,13 +33,6 @@ def _array(items: Any) -> dict[str, Any]:
 
 
 _REASON = _object(source=_TEXT, text=_TEXT, since_s=_NUMBER, since_ns=_WHOLE)
-_XYZ = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER)
-# https://docs.foxglove.dev/docs/sdk/schemas/pose-in-frame
-_POSE_IN_FRAME = _object(
-    timestamp=_object(sec=_WHOLE, nsec=_WHOLE),
-    frame_id=_TEXT,
-    pose=_object(position=_XYZ, orientation=_object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)),
-)
 _POSE = _object(
     sequence=_WHOLE,
     monotonic_ns=_WHOLE,
@@ -115,6 +110,10 @@ def _json(topic: str, name: str, schema: Mapping[str, Any]) -> Channel:
     return Channel(topic, "json", name, "jsonschema", json.dumps(schema).encode())
 
 
+def _foxglove(topic: str, name: str) -> Channel:
+    return Channel(topic, "protobuf", f"foxglove.{name}", "protobuf", foxglove.SCHEMA)
+
+
 CHANNELS: Final = (
     _json(RAW_FOG, "drd.RawBytes", _object(monotonic_ns=_WHOLE, data=_BYTES)),
     _json(RAW_CAN, "drd.RawFrames", _object(frames=_array(_FRAME))),
@@ -122,9 +121,11 @@ CHANNELS: Final = (
     _json("/fog", "drd.GyroSample", _object(**_SAMPLE, rate_rad_s=_NUMBER, temperature_c=_NUMBER)),
     _json("/wheels", "drd.WheelSample", _object(**_SAMPLE, left_m=_NUMBER, right_m=_NUMBER, lost_s=_NUMBER)),
     _json(POSE, "drd.Pose", _POSE),
-    _json("/pose", "foxglove.PoseInFrame", _POSE_IN_FRAME),
+    _foxglove("/pose", "PoseInFrame"),
     Channel("/odom", "cdr", "nav_msgs/msg/Odometry", "ros2msg", _ODOMETRY.encode()),
     _json("/health", "drd.Health", _object(validity=_TEXT, reasons=_array(_REASON), wall_ns=_WHOLE)),
+    _foxglove("/tf", "FrameTransform"),
+    _foxglove("/scene", "SceneUpdate"),
 )
 
 
@@ -136,12 +137,38 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Encoder:
-    """Messages of each kind; the methods' names are the kinds. `output` gives the frames' names."""
+class ForViewers:
+    """What viewers draw of each pose; the scene not more often than every `scene_period_ns`."""
 
-    def __init__(self, output: Output):
-        self._frame_id = output.frame_id
-        self._odometry = OdometryEncoder(output.frame_id, output.child_frame_id)
+    def __init__(self, frame_id: str, child_frame_id: str, scene_period_ns: int):
+        self._pose = foxglove.PoseEncoder(frame_id, child_frame_id)
+        self._scene = foxglove.Scene(frame_id, child_frame_id)
+        self._period_ns, self._drawn_ns = scene_period_ns, -scene_period_ns
+
+    def pose(self, pose: Pose, wall_ns: int) -> list[Message]:
+        """The messages for a pose; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`."""
+        messages = [
+            Message("/pose", pose.t_ns, self._pose.in_frame(pose, wall_ns)),
+            Message("/tf", pose.t_ns, self._pose.transform(pose, wall_ns)),
+        ]
+        self._scene.add(pose)
+        # Backwards: another run of the daemon, whose clock may have begun anew.
+        if not 0 <= pose.t_ns - self._drawn_ns < self._period_ns:
+            self._drawn_ns = pose.t_ns
+            messages.append(Message("/scene", pose.t_ns, self._scene.encode(pose, wall_ns)))
+        return messages
+
+
+class Encoder:
+    """Messages of each kind; the methods' names are the kinds. `output` gives the frames' names.
+
+    `viewers`: with the messages that only serve to be drawn.
+    """
+
+    def __init__(self, output: Output, viewers: bool):
+        frames = output.frame_id, output.child_frame_id
+        self._odometry = OdometryEncoder(*frames)
+        self._viewers = ForViewers(*frames, SCENE_PERIOD_NS) if viewers else None
         self.by_kind: dict[str, Callable[..., list[Message]]] = {
             "fog_bytes": self._fog_bytes,
             "frames": self._frames,
@@ -171,24 +198,14 @@ class Encoder:
         return [Message("/wheels", sample.t_ns, _sample(sample))]
 
     def _pose(self, pose: Pose, wall_ns: int) -> list[Message]:
-        seconds, nanoseconds = divmod(wall_ns, NS_PER_S)
-        half = 0.5 * math.fmod(pose.heading_rad, 4.0 * math.pi) if math.isfinite(pose.heading_rad) else math.nan
-        in_frame = {
-            "timestamp": {"sec": seconds, "nsec": nanoseconds},
-            "frame_id": self._frame_id,
-            "pose": {
-                "position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0},
-                "orientation": {"x": 0.0, "y": 0.0, "z": math.sin(half), "w": math.cos(half)},
-            },
-        }
         published = pose_dict(pose, wall_ns)
         for row, reason in zip(published["reasons"], pose.reasons, strict=True):
             row["since_ns"] = reason.since_ns  # since_s is rounded
-        return [
+        messages = [
             Message(POSE, pose.t_ns, encode(published)),
-            Message("/pose", pose.t_ns, encode(in_frame)),
             Message("/odom", pose.t_ns, self._odometry.encode(pose, wall_ns)),
         ]
+        return messages + self._viewers.pose(pose, wall_ns) if self._viewers is not None else messages
 
     def _health(self, health: Mapping[str, Any]) -> list[Message]:
         return [Message("/health", health["monotonic_ns"], encode(health))]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from protobuf_messages import message_class
 from recorded_drive import drive, recordings
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -163,18 +164,37 @@ def test_the_index_serves_mcaps_own_reader(recorded: Any) -> None:
         summary = reader.get_summary()
         assert summary is not None
         assert {channel.topic for channel in summary.channels.values()} == {c.topic for c in CHANNELS}
-        rows = [(schema, message) for schema, _, message in reader.iter_messages(topics=["/pose"])]
-    assert len(rows) == len(d.poses)
-    for (schema, message), pose in zip(rows, d.poses, strict=True):
-        assert schema is not None
-        assert (schema.name, schema.encoding) == ("foxglove.PoseInFrame", "jsonschema")
-        value = json.loads(message.data)
-        assert value["frame_id"] == "odom"
-        assert value["timestamp"]["sec"] * 10**9 + value["timestamp"]["nsec"] == pose.t_ns + START_NS
-        assert (value["pose"]["position"]["x"], value["pose"]["position"]["y"]) == (pose.x_m, pose.y_m)
-        q = value["pose"]["orientation"]
-        heading = 2.0 * math.atan2(q["z"], q["w"])
-        assert math.remainder(heading - pose.heading_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+        assert summary.statistics is not None
+        counts = summary.statistics.channel_message_counts
+        numbers = {channel.topic: number for number, channel in summary.channels.items()}
+    assert counts[numbers["/drd/pose"]] == len(d.poses)
+
+
+def test_a_decoder_that_knows_only_the_files_own_schemas_reads_what_viewers_draw(recorded: Any) -> None:
+    d, path = recorded
+    found: dict[str, list[Any]] = {"/pose": [], "/tf": [], "/scene": []}
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages(topics=list(found)):
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+            found[channel.topic].append(message_class(schema.data, schema.name).FromString(message.data))
+    assert {name: type(rows[0]).DESCRIPTOR.full_name for name, rows in found.items()} == {
+        "/pose": "foxglove.PoseInFrame",
+        "/tf": "foxglove.FrameTransform",
+        "/scene": "foxglove.SceneUpdate",
+    }
+    for in_frame, transform, pose in zip(found["/pose"], found["/tf"], d.poses, strict=True):
+        assert in_frame.frame_id == transform.parent_frame_id == "odom"
+        assert transform.child_frame_id == "base_link"
+        assert in_frame.timestamp.ToNanoseconds() == transform.timestamp.ToNanoseconds() == pose.t_ns + START_NS
+        for place, turn in (
+            (in_frame.pose.position, in_frame.pose.orientation),
+            (transform.translation, transform.rotation),
+        ):
+            assert (place.x, place.y, place.z) == (pose.x_m, pose.y_m, 0.0)
+            heading = 2.0 * math.atan2(turn.z, turn.w)
+            assert math.remainder(heading - pose.heading_rad, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+    assert [len(update.entities) for update in found["/scene"]] == [2] * len(found["/scene"])
 
 
 def test_every_json_message_has_what_its_schema_names(recorded: Any) -> None:

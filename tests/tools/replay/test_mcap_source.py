@@ -64,7 +64,7 @@ def test_what_is_left_of_a_cut_file_is_the_live_runs_beginning(tmp_path: Path) -
     d = recorded(tmp_path)
     (file,) = recordings(tmp_path)
     data = file.read_bytes()
-    for part in (0.3, 0.6, 0.9):
+    for part in (0.3, 0.6, 0.8):
         file.write_bytes(data[: int(part * len(data))])
         replayed = replay_mcap(file)
         assert 0 < len(replayed.poses) < len(d.poses)

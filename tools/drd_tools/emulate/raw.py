@@ -70,7 +70,7 @@ class _Writer:
     """The recorder of a run that takes no time: what the pipeline is handed goes straight into the file."""
 
     def __init__(self, file: RecordingFile, config: Config):
-        self._file, self._encoder = file, Encoder(config.output)
+        self._file, self._encoder = file, Encoder(config.output, config.recording.viewers)
         self.number = self.now_ns = 0
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:

@@ -1,0 +1,107 @@
+"""What is exported: a recording's poses as they were published, or as a replay gives them."""
+
+from collections.abc import Sequence
+from itertools import chain, pairwise
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from drd.config.keys import Config, Output
+from drd.config.schema import ConfigError, loads
+from drd.output.cdr import Diagnostic
+from drd.output.diagnostics import diagnostics
+from drd.recording.in_force import IN_FORCE
+from drd.recording.topics import POSE
+from drd.samples import Pose
+from drd_tools.recordings.folder import read_recording
+from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.mcap_source import recorded_pose, replay_mcap
+from drd_tools.replay.result import Replayed
+
+HEALTH: Final = "/health"
+
+
+class Stamped(NamedTuple):
+    """A pose and its time in ns: on the wall clock, or the folder's own."""
+
+    stamp_ns: int
+    pose: Pose
+
+
+class Exported(NamedTuple):
+    """Poses in order, one for each time, and the health with its times; `zero_ns`: `pose.t_ns` at time_s = 0.
+
+    `output` has the frames' names. `notes`: where the poses come from, and what the reader should know.
+    """
+
+    poses: list[Stamped]
+    health: list[tuple[int, list[Diagnostic]]]
+    output: Output
+    zero_ns: int
+    notes: list[str]
+
+
+def read_poses(path: Path) -> Exported:
+    """Of a recording of the daemon or a recording folder. Raises ConfigError."""
+    if path.suffix == ".mcap" and not path.is_dir():
+        return _of_daemon(path)
+    replayed = replay_folder(read_recording(path))
+    notes = ["poses of a replay, as `drd replay` gives them: the folder holds none", *replayed.notes]
+    return _of_replay(replayed, 0, notes)
+
+
+def _of_daemon(file: Path) -> Exported:
+    last = open_mcap(file)
+    if IN_FORCE not in last.attachments:
+        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
+    earlier, missing = parts_before(last)
+    parts = [*map(open_mcap, earlier), last]
+    started_ns, wall_ns = (_whole(last, name) for name in ("started_monotonic_ns", "started_wall_ns"))
+    poses, health = _recorded(parts)
+    if not poses:
+        note = "poses of a replay, as `drd replay` gives them: the recording holds none"
+        replayed = replay_mcap(file)
+        return _of_replay(replayed, wall_ns, [note, *replayed.notes])
+    notes = ["poses as they were published"]
+    notes += [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
+    notes += [f"part {number} of the run is not there" for number in missing]
+    if any(b.stamp_ns <= a.stamp_ns for a, b in pairwise(poses)):
+        notes.append("the wall clock was set on the way: times count on from the start instead, of poses only")
+        poses = [Stamped(wall_ns + pose.t_ns - started_ns, pose) for _, pose in poses]
+        health = []
+    output = loads(last.attachments[IN_FORCE].decode("utf-8", "replace"), Config, f"{file}, {IN_FORCE}").value.output
+    return Exported(poses, health, output, started_ns, notes)
+
+
+def _whole(file: McapFile, name: str) -> int:
+    text = file.information.get(name, "")
+    return int(text) if text.isdecimal() else 0
+
+
+def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, list[Diagnostic]]]]:
+    """Raises ConfigError where drd did not write them."""
+    poses: list[Stamped] = []
+    health: list[tuple[int, list[Diagnostic]]] = []
+    for message in chain.from_iterable(part.messages(POSE, HEALTH) for part in parts):
+        try:
+            value = message.value()
+            stamp_ns = nanoseconds(value["wall_ns"])
+            if message.topic == POSE:
+                poses.append(Stamped(stamp_ns, recorded_pose(value)))
+            else:
+                health.append((stamp_ns, diagnostics(value)))
+        except (KeyError, OverflowError, TypeError, ValueError) as error:
+            where = f"{parts[-1].path}, {message.topic}, number {message.number}"
+            raise ConfigError(where, "", "what drd writes there", repr(error)) from error
+    return _last_of_each_time(poses), health
+
+
+def _of_replay(replayed: Replayed, wall_ns: int, notes: list[str]) -> Exported:
+    zero_ns = replayed.zero_ns
+    poses = [Stamped(wall_ns + pose.t_ns - zero_ns, pose) for pose in replayed.poses]
+    return Exported(_last_of_each_time(poses), [], replayed.config.output, zero_ns, notes)
+
+
+def _last_of_each_time(poses: list[Stamped]) -> list[Stamped]:
+    """After a silence the wheels' first sample corrects the pose that was given without it, for the same time."""
+    return [a for a, b in pairwise(poses) if b.pose.t_ns > a.pose.t_ns] + poses[-1:]
