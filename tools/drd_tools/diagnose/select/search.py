@@ -64,6 +64,8 @@ def coarse_search(
 
     `start`: effects from which it sets out, and which stay. `last`: a search with other noise, to go on from.
     """
+    if not start:  # a path through all fixes has their noise in it, beside which a later, smoothed one would seem worse
+        problem = problem.around(known)
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
     found = Found(problem, fit, null, null)
