@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
+from drd.cli import main as drd
+
 pytest.importorskip("mujoco", reason="the extra drd[mujoco] is not installed")
 
 from drd_tools.mujoco_world.ground import Ground
@@ -15,7 +17,6 @@ from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import Motion, drive
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.command import main as replay
-from drd_tools.simulate_command import main
 
 FILES = ("robot.yaml", "fog.csv", "encoders.csv", "reference.csv", "truth.yaml", "truth.csv")
 
@@ -33,7 +34,7 @@ def readings(motion: Motion) -> Readings:
 def test_it_writes_a_recording_that_replays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     argv = ["--world", "mujoco", "--mission", "square-ccw", "--seconds", "40", "--seed", "3", "--output"]
-    assert main([*argv, str(run)]) == 0
+    assert drd(["simulate", *argv, str(run)]) == 0
     text = capsys.readouterr().out
     assert "bend left" in text
     assert "straight" in text
@@ -49,7 +50,7 @@ def test_it_writes_a_recording_that_replays(tmp_path: Path, capsys: pytest.Captu
     assert replay([str(run), "--output", str(tmp_path / "poses.csv")]) == 0
     assert json.loads((tmp_path / "poses.json").read_text())
     again = tmp_path / "again" / "run"
-    assert main([*argv, str(again)]) == 0
+    assert drd(["simulate", *argv, str(again)]) == 0
     for name in FILES:
         assert (again / name).read_bytes() == (run / name).read_bytes()
 
@@ -59,15 +60,15 @@ def test_no_reference_is_none_and_no_other_recording_is_overwritten(
 ) -> None:
     run = tmp_path / "run"
     argv = ["--world", "mujoco", "--mission", "spins", "--seconds", "12", "--reference"]
-    assert main([*argv, "ends", "--output", str(run)]) == 0
+    assert drd(["simulate", *argv, "ends", "--output", str(run)]) == 0
     assert len((run / "reference.csv").read_text().splitlines()) == 3
-    assert main([*argv, "none", "--output", str(run)]) == 0
+    assert drd(["simulate", *argv, "none", "--output", str(run)]) == 0
     assert "nothing" in capsys.readouterr().out
     assert read_recording(run).reference is None
     (run / "truth.yaml").unlink()
-    assert main([*argv, "none", "--output", str(run)]) == 2
+    assert drd(["simulate", *argv, "none", "--output", str(run)]) == 2
     assert "another recording" in capsys.readouterr().err
-    assert main([*argv, "none", "--output", str(run / "robot.yaml")]) == 2
+    assert drd(["simulate", *argv, "none", "--output", str(run / "robot.yaml")]) == 2
     assert capsys.readouterr().err.startswith("drd simulate: ")
 
 
