@@ -9,10 +9,9 @@ import numpy.typing as npt
 from drd.batch.logs import Array, Columns, gyro_log, wheel_log
 from drd.batch.run import Filtered, filter_logs
 from drd.batch.samples import check_times, rate_hz
-from drd.config.from_nominal import nominal_config
+from drd.config.robot import Robot, nominal_config
 from drd.effects.model import Model, Term, load_model
 from drd.estimation.calibration import Calibration, load_calibration
-from drd.robot import Robot
 from drd.units import S_PER_NS
 
 # Row and column of a pose's six numbers in its covariance.
@@ -55,7 +54,7 @@ def run_filter(
 
     Raises ConfigError with the column, what was expected and what was found; or with file and line.
     """
-    nominal, notes, terms = robot.nominal(), list[str](), tuple[Term, ...]()
+    nominal, notes, terms = robot.checked(), list[str](), tuple[Term, ...]()
     if model is not None:
         model = model if isinstance(model, Model) else load_model(Path(model))
         nominal = model.changed(nominal)

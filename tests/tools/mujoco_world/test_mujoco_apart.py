@@ -13,8 +13,7 @@ SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
 # The forms of the recording folder, the errors, the look of pictures; and the sensors, which are those of all worlds.
 SHARED = {
     "drd.commands",
-    "drd.config.nominal",
-    "drd.config.schema",
+    "drd.config.robot",
     "drd.effects.motion",
     "drd.units",
     "drd_tools.recordings.folder",
@@ -59,7 +58,6 @@ def test_without_mujoco_it_says_what_to_install(
     "argv",
     [["--world", "moon", "--output", "a"], ["--world", "mujoco"], ["--world", "mujoco", "--mission", "moon"],
      ["--world", "mujoco", "--friction", "0", "--output", "a"], ["--world", "mujoco", "--seed", "-1", "--output", "a"],
-     ["--world", "mujoco", "--reference", "sparse:x", "--output", "a"],
      ["--world", "mujoco", "--temperature", "cycle", "--output", "a"]],
 )  # fmt: skip
 def test_bad_usage_is_code_2(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:

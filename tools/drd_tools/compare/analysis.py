@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.compare.blocks import Blocks, cut
@@ -111,24 +111,29 @@ def _bias(e: Evidence, still: Standstill) -> str:
     return f"The bias of the standstill, {deg_s:.4f} deg/s in {still.seen_s:.1f} s, is taken off the gyro."
 
 
-def _noise_table(e: Evidence, nominal: Nominal) -> list[list[str]]:
+def _noise_table(e: Evidence, nominal: Robot) -> list[list[str]]:
     """Name, value with unit, and whether robot.yaml states it."""
-    sheet, fog, ref = e.datasheet, nominal.fog, nominal.reference
+    sheet, bias_walk_stated = e.datasheet, nominal.gyro_bias_random_walk_deg_per_h_per_sqrt_h
     walk = sheet.walk_rad_per_sqrt_s / RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     bias_walk = sheet.bias_walk_rad_s_per_sqrt_s / RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     rows: list[tuple[str, float, str, float | None]] = []
     if e.gyro_rad is not None:
         rows += [
-            ("gyro's angle random walk", walk, "deg/sqrt(h)", fog.angle_random_walk_deg_per_sqrt_h),
-            ("gyro's bias random walk", bias_walk, "deg/h/sqrt(h)", fog.bias_random_walk_deg_per_h_per_sqrt_h),
-            ("gyro's bias repeatability", sheet.bias_rad_s * DEG_PER_RAD, "deg/s", fog.bias_repeatability_deg_s),
+            ("gyro's angle random walk", walk, "deg/sqrt(h)", nominal.gyro_angle_random_walk_deg_per_sqrt_h),
+            ("gyro's bias random walk", bias_walk, "deg/h/sqrt(h)", bias_walk_stated),
+            (
+                "gyro's bias repeatability",
+                sheet.bias_rad_s * DEG_PER_RAD,
+                "deg/s",
+                nominal.gyro_bias_repeatability_deg_s,
+            ),
         ]
-    slip = nominal.encoders.slip_noise_m_per_sqrt_m
+    slip = nominal.slip_noise_m_per_sqrt_m
     rows.append(("slip noise of each wheel", sheet.slip_m_per_sqrt_m, "m/sqrt(m)", slip))
     if len(e.fix) > 1:
         rows += [
-            ("reference's position", sheet.position_m, "m", ref.position_sigma_m),
-            ("reference's heading", sheet.heading_rad * DEG_PER_RAD, "deg", ref.heading_sigma_deg),
+            ("reference's position", sheet.position_m, "m", nominal.reference_position_sigma_m),
+            ("reference's heading", sheet.heading_rad * DEG_PER_RAD, "deg", nominal.reference_heading_sigma_deg),
         ]
     return [
         [name, f"{value:.4g} {unit}", "assumed: robot.yaml does not state it" if stated is None else "robot.yaml"]

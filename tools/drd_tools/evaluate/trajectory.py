@@ -126,12 +126,12 @@ def read_reference(path: Path, position_sigma_m: float | None = None, heading_si
 
 def reference_of(recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
     """The reference of a recording that was read. Raises ConfigError where there is none."""
-    log, sheet, fog = recording.reference, recording.nominal.reference, recording.fog
+    log, sheet, fog = recording.reference, recording.nominal, recording.fog
     if log is None or len(log.time_s) < 2:
         got = "none" if log is None else "1"
         raise ConfigError(str(recording.folder), "reference.csv", "a reference of at least 2 rows", got)
-    sigma_m = sheet.position_sigma_m if position_sigma_m is None else position_sigma_m
-    sigma_deg = sheet.heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
+    sigma_m = sheet.reference_position_sigma_m if position_sigma_m is None else position_sigma_m
+    sigma_deg = sheet.reference_heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
     return Reference(
         recording.name,
         log.time_s,

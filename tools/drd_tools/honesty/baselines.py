@@ -46,7 +46,7 @@ def baselines(recording: Recording) -> dict[str, Poses]:
 def travels(recording: Recording) -> tuple[Array, Array, Array]:
     """Times, and the travel of the left and the right wheel until then with the nominal radius."""
     left, right = recording.wheel_angles_rad()
-    radius_m = recording.nominal.wheel.radius_m
+    radius_m = recording.nominal.wheel_radius_m
     return recording.encoders.time_s, radius_m * left, radius_m * right
 
 

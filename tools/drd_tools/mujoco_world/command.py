@@ -15,6 +15,7 @@ from drd.commands import command, number, whole, writing
 from drd_tools.mujoco_world.ground import Ground
 from drd_tools.mujoco_world.missions import MISSIONS
 from drd_tools.mujoco_world.vehicle import Vehicle
+from drd_tools.simulate.conditions import Reference
 
 DESCRIPTION = """\
 Drive a four-wheel skid-steer robot of 60 kg through MuJoCo's contact physics, and record what its sensors say. Its
@@ -52,13 +53,13 @@ def main(argv: list[str]) -> int:
 def _run(chosen: argparse.Namespace) -> int:
     from drd_tools.mujoco_world import files, measure, picture, sensors, world  # noqa: PLC0415  # mujoco may be missing
 
-    vehicle = Vehicle(payload_kg=chosen.payload)
+    reference, vehicle = Reference.parse(chosen.reference), Vehicle(payload_kg=chosen.payload)
     ground = Ground(friction=chosen.friction, patch_friction=chosen.patches, bumps_per_m=chosen.bumps)
     began_s = time.perf_counter()
     motion = world.drive(vehicle, ground, chosen.mission, chosen.seconds, STAND_S, chosen.seed)
     took_s = time.perf_counter() - began_s
     nominal = sensors.nominal_of(vehicle, chosen.output.name, STAND_S)
-    readings = sensors.read_sensors(motion, sensors.Reference(*chosen.reference), chosen.seed, nominal)
+    readings = sensors.read_sensors(motion, reference, chosen.seed, nominal)
     blocks = measure.make_blocks(motion, vehicle)
     found, expected = measure.manoeuvres(blocks), measure.coulomb_tread_ratio(vehicle)
     about = {
@@ -128,17 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--patches", type=number(0.1, 2.0), metavar="MU", help="one square of 2 m in three has this friction instead")
     add("--bumps", type=number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of way")
     add("--payload", type=number(0.0, 100.0), default=0.0, metavar="KG", help="stands 0.15 m behind the middle")
-    add("--reference", type=_reference, default=(0.1, True), metavar="WHEN",
+    add("--reference", default="full", metavar="WHEN",
         help="full (10 Hz, default), sparse:SECONDS, ends or none")  # fmt: skip
     add("--output", type=Path, required=True, metavar="DIR", help="folder for the recording")
     return parser
-
-
-def _reference(text: str) -> tuple[float | None, bool]:
-    """Period (None: the two ends only), and whether there is a reference."""
-    name, _, seconds = text.partition(":")
-    if name == "sparse":
-        return number(0.01, 1e6)(seconds), True
-    if text not in ("full", "ends", "none"):
-        raise argparse.ArgumentTypeError(f"full, sparse:SECONDS, ends or none, got {text!r}")
-    return (None if text == "ends" else 0.1), text != "none"

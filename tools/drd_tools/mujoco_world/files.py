@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import yaml
 
-from drd.config.schema import ConfigError
+from drd.commands import writing
 from drd.units import DEG_PER_RAD
 from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.measure import Manoeuvre
@@ -30,12 +30,10 @@ def write_folder(folder: Path, readings: Readings, motion: Motion, truth: dict[s
     """
     text = "# What emerged in MuJoCo; robot.yaml is what is believed.\n" + yaml.safe_dump(truth, sort_keys=False)
     write_recording(folder, readings.recording, text)
-    try:
+    with writing(folder):
         # + 0.0: no "-0"
         rows = _true_rows(motion) + 0.0
         np.savetxt(folder / TRUE_MOTION, rows, fmt="%.2f" + ",%.6f" * 8, header=TRUTH_HEADER, comments="")
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
 
 def truth_of(found: Sequence[Manoeuvre], about: dict[str, Any]) -> dict[str, Any]:

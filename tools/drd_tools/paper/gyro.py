@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.config.nominal import FogSheet
+from drd.config.robot import Robot
 from drd.effects.effect import ActsOn, Effect, Errors, Values
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
@@ -35,11 +35,14 @@ class SimulatedGyro(Effect):
 
     def __init__(self, physics: Gyro, random: Random):
         self._physics, self._random = physics, random
-        self.sheet = FogSheet(
-            rate_hz=1.0 / INTERVAL_S,
-            range_deg_s=physics.full_scale_deg_s,
-            angle_random_walk_deg_per_sqrt_h=physics.walk_deg_per_sqrt_h,
-            resolution_deg_s=physics.count_deg_s,
+        self.sheet = Robot(
+            name="paper",
+            wheel_radius_m=math.nan,
+            tread_m=math.nan,
+            gyro_rate_hz=1.0 / INTERVAL_S,
+            gyro_range_deg_s=physics.full_scale_deg_s,
+            gyro_angle_random_walk_deg_per_sqrt_h=physics.walk_deg_per_sqrt_h,
+            gyro_resolution_deg_s=physics.count_deg_s,
         )
         rate = np.linspace(-1.0, 1.0, GRID)  # of full scale
         phase = PHASE_AT_FULL_SCALE_RAD * rate

@@ -10,7 +10,6 @@ import numpy as np
 from drd.batch.run import run
 from drd.batch.samples import FIRST_NS, gyro_samples, wheel_samples
 from drd.config.keys import Config
-from drd.config.nominal import EncoderSheet, Nominal, Wheel
 from drd.effects.catalogue import catalogue
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
@@ -161,14 +160,13 @@ class Robot:
         skid = math.sqrt(2.0) * p.skid
         ground = Ground(skid=skid, skid_length_m=p.skid_length_m, bump_per_m=p.bump_per_m, bump_m=p.bump_m)
         self._conditions = Conditions(ground=ground, reference=Reference(is_there=False))
-        self._nominal = Nominal(
-            name="paper",
-            wheel=Wheel(
-                radius_m=config.robot.wheel_radius_m, counts_per_revolution=config.encoders.counts_per_revolution
-            ),
+        self._nominal = dataclasses.replace(
+            self.gyro.sheet,
+            wheel_radius_m=config.robot.wheel_radius_m,
+            counts_per_revolution=config.encoders.counts_per_revolution,
             tread_m=config.robot.tread_m,
-            fog=self.gyro.sheet,
-            encoders=EncoderSheet(rate_hz=config.encoders.rate_hz, slip_noise_m_per_sqrt_m=p.pavement_m_per_sqrt_m),
+            encoders_rate_hz=config.encoders.rate_hz,
+            slip_noise_m_per_sqrt_m=p.pavement_m_per_sqrt_m,
         )
         self._ambient_c = random.uniform(physics.weather.coldest_c, physics.weather.warmest_c)
 

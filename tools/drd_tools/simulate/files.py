@@ -133,7 +133,7 @@ def _changes(simulated: Simulated, without: Simulated, time_s: Array) -> dict[st
     if fog is not None and plain is not None:
         row = np.searchsorted(fog.time_s, time_s).clip(0, len(fog.time_s) - 1)
         columns = [((fog.rate_rad_s - plain.rate_rad_s) * DEG_PER_RAD)[row]]
-    radius_m = simulated.recording.nominal.wheel.radius_m
+    radius_m = simulated.recording.nominal.wheel_radius_m
     angles = simulated.recording.wheel_angles_rad(), without.recording.wheel_angles_rad()
     for with_, plain_ in zip(*angles, strict=True):
         columns.append(np.interp(time_s, simulated.recording.encoders.time_s, radius_m * (with_ - plain_)))

@@ -216,7 +216,7 @@ def _part(recording: Recording, against: str) -> _Part | None:
     else:
         return None
     left, right = recording.wheel_angles_rad()
-    time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel.radius_m / recording.nominal.tread_m
+    time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel_radius_m / recording.nominal.tread_m
     turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
     moved = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
     return _compared(recording.name, time_s, turn, travel, moved, other_s, other)

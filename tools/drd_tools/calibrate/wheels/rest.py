@@ -75,7 +75,7 @@ def at_rest(recordings: Sequence[Recording]) -> Rest | None:
 
 def _blocks(recording: Recording, fog: FogLog) -> list[Array]:
     """Means of the rate over blocks, for each standstill that holds two or more, rad/s."""
-    time_s, radius_m = recording.encoders.time_s, recording.nominal.wheel.radius_m
+    time_s, radius_m = recording.encoders.time_s, recording.nominal.wheel_radius_m
     still = np.ones(len(time_s), bool)
     for angle in recording.wheel_angles_rad():
         before, after = (np.interp(time_s + shift_s, time_s, angle) for shift_s in (-0.5, 0.5))
