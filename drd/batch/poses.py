@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.batch.logs import Array, Columns, gyro_log, wheel_log
-from drd.batch.run import Filtered, filter_logs
+from drd.batch.run import Filtered, filter_logs, latest
 from drd.batch.samples import check_times, rate_hz
 from drd.config.robot import Robot, nominal_config
 from drd.effects.model import Model, Term, load_model
@@ -69,9 +69,7 @@ def run_filter(
 
 
 def _poses(made: Filtered) -> Poses:
-    """Keep the last of several poses for one time: the wheels' first sample after a silence corrects earlier ones."""
-    t_ns = np.array([p.t_ns for p in made.poses], np.int64)
-    poses = [made.poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
+    poses = latest(made.poses)
     rows = np.array([(p.x_m, p.y_m, p.heading_rad, p.position_bound_m, *p.covariance) for p in poses]).reshape(-1, 10)
     covariance = np.empty((len(poses), 3, 3))
     covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = rows[:, 4:]
