@@ -268,7 +268,7 @@ def of_side(m: Motion, p: Values) -> Array:
     return m.left_m_s if p["side"] == "left" else m.right_m_s
 
 
-def stand_in(m: Motion, p: Values) -> Array:
+def substitute(m: Motion, p: Values) -> Array:
     """The same from the other wheel and the gyro, for what a counter no longer tells."""
     across = m.tread_m * m.rate_rad_s
     return m.right_m_s - across if p["side"] == "left" else m.left_m_s + across
@@ -339,7 +339,7 @@ __all__ = [
     "number",
     "of_side",
     "on_side",
-    "stand_in",
+    "substitute",
     "window",
     "windows",
 ]

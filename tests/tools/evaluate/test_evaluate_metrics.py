@@ -11,7 +11,7 @@ from pose_files import Array, dead_reckoned, drive, estimate_of, integrate, move
 
 from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS, align
-from drd_tools.evaluate.drivers import binned, error_growth
+from drd_tools.evaluate.growth import binned, error_growth
 from drd_tools.evaluate.heading import heading_drift
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.metrics import kitti_drift

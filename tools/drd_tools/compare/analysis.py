@@ -10,7 +10,7 @@ from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.compare.blocks import Blocks, cut
-from drd_tools.compare.drivers import Covariate, drivers_of
+from drd_tools.compare.covariates import Covariate, covariates_of
 from drd_tools.compare.mismatch import (
     Kind,
     ReferenceError,
@@ -57,12 +57,14 @@ def compare(recording: Recording, seed: int = 0) -> Comparison:
     found = mismatches(e, path, model, still.bias_rad_s)
     noise = expected(e, path, blocks, still, seed)
     enough = len(blocks.time_s) >= FEWEST_BLOCKS
-    drivers = drivers_of(e, path, blocks) if enough else []
+    covariates = covariates_of(e, path, blocks) if enough else []
     channels = [whitened(blocks.means(found[k.id]), noise[k.id]) for k in kinds]
-    judged = shares(channels, drivers, seed)
+    judged = shares(channels, covariates, seed)
     errors = {name: [error for error, _ in pairs] for name, pairs in reference_errors(e, path).items()}
     results = [
-        _channel(kind, w, blocks.means(found[kind.id]), noise[kind.id], blocks, drivers, row, errors.get(kind.id, []))
+        _channel(
+            kind, w, blocks.means(found[kind.id]), noise[kind.id], blocks, covariates, row, errors.get(kind.id, [])
+        )
         for kind, w, row in zip(kinds, channels, judged, strict=True)
     ]
     notes = list(recording.notes)
@@ -147,7 +149,7 @@ def _channel(
     means: Array,
     noise: Expected,
     blocks: Blocks,
-    drivers: list[Covariate],
+    covariates: list[Covariate],
     judged: list[Share],
     reference: list[ReferenceError],
 ) -> ChannelResult:
@@ -160,7 +162,7 @@ def _channel(
     added = np.tril(np.tile(blocks.duration_s, (len(means), 1)))
     sums, sum_sigma = added @ means, np.sqrt(np.einsum("ij,jk,ik->i", added, C, added))
     mean, mean_sigma = float(sums[-1] / added[-1].sum()), float(sum_sigma[-1] / added[-1].sum())
-    rows = [_driver(alone, d, s, factor) for d, s in zip(drivers, judged, strict=True)]
+    rows = [_covariate(alone, d, s, factor) for d, s in zip(covariates, judged, strict=True)]
     rows.sort(key=lambda d: -d.share)
     named = [d.name for k, d in enumerate(rows) if d.p <= P_NAMED and (k == 0 or d.as_good)]
     surely = ratio * float(np.sqrt(len(w.y) / chi2.ppf(SURE, len(w.y))))
@@ -185,7 +187,7 @@ def _channel(
             [q.name, q.sigma * float(value), q.sigma * float(variance) ** 0.5, q.unit]
             for q, value, variance in zip(reference, errors, np.diag(P), strict=True)
         ],
-        drivers=rows,
+        covariates=rows,
         block_mean=(factor * means).tolist(),
         block_sigma=(factor * sigma).tolist(),
         sum=(factor * sums).tolist(),
@@ -193,16 +195,16 @@ def _channel(
     )
 
 
-def _driver(w: Whitened, driver: Covariate, judged: Share, factor: float) -> CovariateResult:
-    fitted = curve(w, driver, judged.left)
+def _covariate(w: Whitened, covariate: Covariate, judged: Share, factor: float) -> CovariateResult:
+    fitted = curve(w, covariate, judged.left)
     return CovariateResult(
-        driver.name,
-        driver.unit,
+        covariate.name,
+        covariate.unit,
         judged.share,
         judged.p,
         judged.left,
         judged.as_good,
-        driver.knots.tolist(),
+        covariate.knots.tolist(),
         (factor * fitted.value).tolist(),
         (factor * fitted.sigma).tolist(),
         (factor * fitted.noise_sigma).tolist(),

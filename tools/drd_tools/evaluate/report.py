@@ -47,15 +47,15 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     error_picture(files[1], [("error", run)])
     claim = " Shaded: what the covariance claims for it, the reference's own noise included." if run.series.sigma is not None else ""  # fmt: skip  # noqa: E501
     page.picture(files[1], f"Error in the axes of the reference (forward, left) against time.{claim}")
-    drivers = folder / f"{prefix}drivers.png"
+    covariates = folder / f"{prefix}covariates.png"
     if run.windows.why_not:
         page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
-        drivers.unlink(missing_ok=True)  # of an earlier evaluation
+        covariates.unlink(missing_ok=True)  # of an earlier evaluation
     else:
-        drivers_picture(drivers, run.windows)
-        files.append(drivers)
+        drivers_picture(covariates, run.windows)
+        files.append(covariates)
         page.picture(
-            drivers,
+            covariates,
             f"Growth of the error (not what had piled up before) in windows of {run.windows.window_s:g} s. Yaw rate "
             f"and speed are the estimate's. {'' if run.windows.temperature_c is not None else no_temperature(run)}",
         )

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from drd_tools.evaluate.alignment import Alignment
 from drd_tools.evaluate.consistency import Consistency
-from drd_tools.evaluate.drivers import Windows
+from drd_tools.evaluate.growth import Windows
 from drd_tools.evaluate.heading import HeadingDrift
 from drd_tools.evaluate.metrics import Absolute, Drift, EndError, Relative
 from drd_tools.limit.limit import Limit

@@ -32,7 +32,7 @@ from drd.estimation.noise import NoiseProfile
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track, make_track
 from drd_tools.explain.budget import COUNT
-from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.interval import Interval
 from drd_tools.limit import causes
 from drd_tools.limit.process_noise import FilterByCause
 
@@ -46,19 +46,19 @@ START_OF = {
 }
 
 
-def tapped_track(stretch: Stretch, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
-    """A track as the estimator's own, whose filter tells `stretch` its steps."""
-    stretch.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
-    stretch.steering = stretch.begin_steering()
+def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
+    """A track as the estimator's own, whose filter tells `interval` its steps."""
+    interval.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
+    interval.steering = interval.begin_steering()
 
     # One that is to take over from another goes on with the other's budget, see copy_from.
-    is_first = stretch.clock is None
+    is_first = interval.clock is None
 
     def tapped(*args: Any) -> TappedFilter:
-        return TappedFilter(stretch, *args, is_told=is_first)
+        return TappedFilter(interval, *args, is_told=is_first)
 
-    stretch.clock = make_track(config, sigmas, noise, tapped)
-    return stretch.clock
+    interval.clock = make_track(config, sigmas, noise, tapped)
+    return interval.clock
 
 
 class _Told(Filter):
@@ -82,18 +82,18 @@ class TappedFilter(FilterByCause):
 
     def __init__(
         self,
-        stretch: Stretch,
+        interval: Interval,
         tread_m: float,
         sigmas: Sigmas,
         noise: NoiseProfile,
         *args: Any,
         is_told: bool = True,
     ):
-        self._stretch, self._budget, self._watches = stretch, stretch.budget, is_told
+        self._stretch, self._budget, self._watches = interval, interval.budget, is_told
         self._R = np.zeros(COUNT)
         self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (25)
         self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
-        stretch.reading_m2 = noise.count_m2
+        interval.reading_m2 = noise.count_m2
         self._rate_rad_s: float | None = None
         self._unseen = False
         super().__init__(tread_m, sigmas, noise, *args)

@@ -32,7 +32,7 @@ SMALLEST: Final = {"temperature": 0.3, "speed": 0.02, "yaw rate": 0.5}
 class Covariate:
     """`knots` (k,), or (k, 2) of the place. `design` (b, k): the share of each block's time at each knot.
 
-    A mismatch that is a curve of the driver, with values c at the knots and lines between, has the block means
+    A mismatch that is a curve of the covariate, with values c at the knots and lines between, has the block means
     `design @ c`.
     """
 
@@ -42,7 +42,7 @@ class Covariate:
     design: Array
 
 
-def drivers_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
+def covariates_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
     """Those that move in this recording."""
     motion = motion_along(e, path)
     typical_s = float(np.median(e.step_s)) / SUB
