@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+
 ErrorLaw = Callable[[Array, Array], Array]  # of the true rate in deg/s and the temperature in degC
 
 ARW_DEG_S_ROOT_HZ = 5.0 / 3600.0

@@ -7,11 +7,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
-
-Array = npt.NDArray[np.float64]
 
 COUNTS: Final = ("time_s", "left_counts", "right_counts")
 SPEEDS: Final = ("time_s", "left_rad_s", "right_rad_s")

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drd.batch.logs import Array, Columns, gyro_log, wheel_log
+from drd.arrays import Array
+from drd.batch.logs import Columns, gyro_log, wheel_log
 from drd.batch.run import Filtered, filter_logs, latest
 from drd.batch.samples import check_times, rate_hz
 from drd.config.robot import Robot, nominal_config

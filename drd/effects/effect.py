@@ -8,7 +8,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from drd.effects.motion import Array, Motion
+from drd.arrays import Array
+from drd.effects.motion import Motion
 
 Values = Mapping[str, float | str]
 

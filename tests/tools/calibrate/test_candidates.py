@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rate_table_data import RATES, TEMPERATURES, Array, ErrorLaw, means, rd2100_error
+from rate_table_data import RATES, TEMPERATURES, ErrorLaw, means, rd2100_error
 
+from drd.arrays import Array
 from drd_tools.calibrate.gyro.candidates import (
     Candidate,
     NotObservableError,

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rate_table_data import ARW_DEG_S_ROOT_HZ, RATES, rd2100_error, samples
 
-from drd_tools.calibrate.gyro.data_sets import Array, DataSets, data_sets_of_samples, joined
+from drd.arrays import Array
+from drd_tools.calibrate.gyro.data_sets import DataSets, data_sets_of_samples, joined
 
 
 def times(n: int) -> Array:

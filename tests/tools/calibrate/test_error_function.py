@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from rate_table_data import RATES, TEMPERATURES, ErrorLaw, means, rd2100_error
 from scipy.stats import chi2
 
+from drd.arrays import Array
 from drd.samples import GyroSample
-from drd_tools.calibrate.gyro.data_sets import Array
 from drd_tools.calibrate.gyro.error_function import DataSets, ErrorFunction, Order, corner_leverage, fit_error_function
 
 TRUE = np.array([[0.05, 1.5e-3, 1e-5], [5e-3, -2e-4, 1e-6], [1e-5, 2e-8, -3e-9], [-4e-7, 2e-9, 1e-10]])

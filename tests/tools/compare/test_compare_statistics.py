@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive
 
+from drd.arrays import Array
 from drd_tools.compare.blocks import Blocks, cut
 from drd_tools.compare.covariates import Covariate, covariates_of
 from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
@@ -19,7 +19,6 @@ from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path as Poses
 from drd_tools.diagnose.observe.evidence import Evidence, gather
 
-Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 
 

@@ -10,8 +10,9 @@ from evo.core.trajectory import PosePath3D
 from evo.core.units import Unit
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pose_files import Array, dead_reckoned, moved
+from pose_files import dead_reckoned, moved
 
+from drd.arrays import Array
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.metrics import Indices, absolute_error, relative_errors
 from drd_tools.evaluate.trajectory import Pairs, associate, path_length_m, read_reference

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pose_files import Array, dead_reckoned, drive, estimate_of, integrate, moved
+from pose_files import dead_reckoned, drive, estimate_of, integrate, moved
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS, align
 from drd_tools.evaluate.growth import binned, error_growth

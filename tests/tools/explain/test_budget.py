@@ -6,11 +6,11 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile, make_noise
@@ -20,8 +20,6 @@ from drd_tools.explain.interval import Interval
 from drd_tools.explain.parts import Parts
 from drd_tools.explain.tap import TappedFilter
 from drd_tools.limit import causes
-
-Array = npt.NDArray[np.float64]
 
 SIGMAS = Sigmas(
     position_m=0.02,

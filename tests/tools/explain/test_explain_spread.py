@@ -5,10 +5,10 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.stats import chi2
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
 from drd.estimation.noise import make_noise
@@ -16,8 +16,6 @@ from drd.estimation.track import Track
 from drd_tools.explain.interval import Interval
 from drd_tools.explain.tap import TappedFilter
 from drd_tools.limit.causes import GROUPS, by_group
-
-Array = npt.NDArray[np.float64]
 
 TREAD_M, STEP_S, STEPS, SEEDS = 0.588, 0.05, 500, 40
 POSE = [X, Y, GYRO_HEADING]

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from replay_folders import STANDING, write_perfect
 
+from drd.arrays import Array
 from drd.batch.logs import EncoderLog
 from drd.cli import main
 from drd.estimation.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
@@ -29,8 +29,6 @@ from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
-
-Array = npt.NDArray[np.float64]
 
 N_01 = 0.1 * PER_SQRT_H  # the table's gyro
 TREAD_M = 0.5

@@ -12,6 +12,7 @@ from drd.cli import main as drd
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
 # The forms of the recording folder, the errors, the look of pictures; and the sensors, which are those of all worlds.
 SHARED = {
+    "drd.arrays",
     "drd.commands",
     "drd.config.robot",
     "drd.effects.motion",

@@ -9,6 +9,7 @@ import allantools
 import numpy as np
 import pytest
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
 from drd.units import RAD_PER_DEG, S_PER_H
@@ -17,7 +18,7 @@ from drd_tools.replay.result import table
 from drd_tools.simulate.conditions import GROUNDS, PERFECT, Conditions, Ground, Reference, scatter, stream, wandering
 from drd_tools.simulate.missions import Drive, make_drive
 from drd_tools.simulate.robot import DEFAULT
-from drd_tools.simulate.route import RATE_HZ, STEP_S, Array, Steps
+from drd_tools.simulate.route import RATE_HZ, STEP_S, Steps
 from drd_tools.simulate.simulator import Simulated, simulate
 from drd_tools.simulate.truth import Truth, make_truth
 

@@ -3,9 +3,9 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
@@ -28,8 +28,6 @@ from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence, gather
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 P_NAMED: Final = 0.01
 # Data sheets may be wrong by 30 %, and noise has tails: only a ratio surely above this is more than noise.

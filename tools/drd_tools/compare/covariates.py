@@ -6,16 +6,14 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.compare.blocks import Blocks
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import SUB, motion_along
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 MOST_KNOTS: Final = 9
 BLOCKS_PER_KNOT: Final = 6

@@ -4,14 +4,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
+from drd.arrays import Array
 from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 from drd_tools.compare.text import COVARIATES, P_SHOWN, rate
 from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
-
-Array = npt.NDArray[np.float64]
 
 MAP: Final = LinearSegmentedColormap.from_list("mismatch", (BLUE, "#E4E4E4", VERMILION))
 SHARES: Final = LinearSegmentedColormap.from_list("share", ("white", SKY, BLUE))

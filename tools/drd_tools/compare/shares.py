@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.compare.covariates import Covariate
 from drd_tools.compare.noise import Expected
-
-Array = npt.NDArray[np.float64]
 
 FOLDS: Final = 20
 FLIPS: Final = 1999

@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Pairs, wrapped
-
-Array = npt.NDArray[np.float64]
 
 KINDS: Final = ("none", "start", "first-metres", "se2")
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal, stats
 
+from drd.arrays import Array
 from drd.estimation.uncertainty import BOUND_SIGMAS
 from drd_tools.evaluate.alignment import Alignment, turned_covariance
 from drd_tools.evaluate.trajectory import Pairs, Reference
-
-Array = npt.NDArray[np.float64]
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99

@@ -6,13 +6,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.metrics import relative_errors
 from drd_tools.evaluate.trajectory import Pairs, Reference
-
-Array = npt.NDArray[np.float64]
 
 WINDOW_S: Final = 2.0
 BINS: Final = 12

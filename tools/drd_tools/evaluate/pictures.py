@@ -6,8 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.evaluate.consistency import sigma_99
-from drd_tools.evaluate.growth import Array, Windows, binned
+from drd_tools.evaluate.growth import Windows, binned
 from drd_tools.evaluate.results import Run
 from drd_tools.report.style import (
     BLUE,

@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import POSES, Recording, continuous_rad, file_hash, read_recording, read_table
-
-Array = npt.NDArray[np.float64]
 
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"

@@ -4,16 +4,14 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
 from drd_tools.explain.interval import Interval
 from drd_tools.explain.results import Actual, Part
 from drd_tools.limit.causes import CAUSES, GROUPS, SKID_SCALE
-
-Array = npt.NDArray[np.float64]
 
 DRAWN: Final = 600
 REFERENCE: Final = "the reference itself"

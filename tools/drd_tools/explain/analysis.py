@@ -4,8 +4,8 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
@@ -15,8 +15,6 @@ from drd_tools.explain.results import Actual, Delay, Explanation, Line
 from drd_tools.explain.source import Source
 from drd_tools.limit.causes import CAUSES, GROUPS, by_group
 from drd_tools.replay.result import Replayed
-
-Array = npt.NDArray[np.float64]
 
 DRAWN: Final = 600
 KEPT: Final = 8  # times on the way at which the actual error is looked at

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are rounding
 

@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from drd.batch.run import filter_logs
 from drd.batch.samples import resolution_m
 from drd.config.keys import Config
@@ -14,8 +11,6 @@ from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 # Linear steps as long as that are exact enough: a turn of 0.1 rad bends a chord by 0.04 %; at rest only the bias moves.
 MOVING_S: Final = 0.25

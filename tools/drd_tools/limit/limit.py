@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.config.keys import Config
 from drd.estimation.filter import (
@@ -33,8 +32,6 @@ from drd_tools.limit.known import Known, known_of
 from drd_tools.limit.recursion import Case, ErrorModel, Spread, spreads, standing
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import configuration
-
-Array = npt.NDArray[np.float64]
 
 LONGER_S: Final = 60  # a standstill that an operator would wait for
 HALF: Final = 0.25  # of a standard deviation, as a weight of the variance

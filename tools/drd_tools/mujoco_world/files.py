@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import yaml
 
+from drd.arrays import Array
 from drd.commands import writing
 from drd.units import DEG_PER_RAD
-from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.measure import Manoeuvre
 from drd_tools.mujoco_world.sensors import Readings
 from drd_tools.mujoco_world.world import ROW_HZ, Motion

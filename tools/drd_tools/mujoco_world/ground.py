@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 PATCH_M: Final = 2.0
 PATCH_SHARE: Final = 1.0 / 3.0

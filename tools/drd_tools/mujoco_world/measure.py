@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import brentq
 
-from drd_tools.mujoco_world.ground import Array
+from drd.arrays import Array
 from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import ROW_HZ, ROW_S, Motion
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd.config.file import load_config
 from drd.config.keys import Config
 from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
@@ -20,7 +21,6 @@ from drd_tools.paper.results import Results
 from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, run_gyro, seconds_of, told
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
 from drd_tools.shipped import shipped_config
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.truth import Truth
 
 # Each with fewer gyros and one run each way: enough to see which way the filter's share moves.

@@ -5,13 +5,13 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.effects.effect import ActsOn, Effect, Errors, Values
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.paper.physics import Gyro, RateTable
 from drd_tools.simulate.conditions import Conditions, Random, wandering
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.sensors import readings_deg_s
 
 TEMPERATURE_RANGE_C: Final = (-40.0, 75.0)

@@ -4,11 +4,9 @@ import dataclasses
 from typing import ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.report.saved import Saved
-
-Array = npt.NDArray[np.float64]
 
 RESAMPLES: Final = 2000
 

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.run import run
 from drd.batch.samples import FIRST_NS, gyro_samples, wheel_samples
 from drd.config.keys import Config
@@ -20,7 +21,6 @@ from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.simulate.conditions import Conditions, Ground, Random, Reference
 from drd_tools.simulate.missions import make_drive
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import warming_c
 from drd_tools.simulate.truth import Truth, make_truth

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.run import run
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
@@ -15,7 +16,6 @@ from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
 from drd_tools.paper import physics as p
 from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, path, told
-from drd_tools.simulate.route import Array
 
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
 EVERY_NS: Final = 1_000_000_000

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, Array, EncoderLog, FogLog
+from drd.arrays import Array
+from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, EncoderLog, FogLog
 from drd.config.keys import Config
 from drd.config.robot import Robot, load_robot
 from drd.config.schema import ConfigError, Loaded

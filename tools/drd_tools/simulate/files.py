@@ -9,12 +9,12 @@ import numpy as np
 import yaml
 
 from drd import __version__
+from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE_AND_TEMPERATURE, SPEEDS
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.recordings.folder import POSES, Recording
 from drd_tools.simulate.robot import robot_yaml
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.sensors import DECIMALS, Effects
 from drd_tools.simulate.simulator import Simulated
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.units import RAD_PER_DEG
 from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, make_figure, styled, tidy
-from drd_tools.simulate.route import Array
 
 
 def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:

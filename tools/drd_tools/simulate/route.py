@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 RATE_HZ: Final = 500
 STEP_S: Final = 1.0 / RATE_HZ

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.logs import EncoderLog, FogLog
 from drd.config.robot import Robot
 from drd.effects.effect import Effect, Values
@@ -21,7 +22,6 @@ from drd.units import (
 )
 from drd_tools.recordings.folder import ReferenceLog, continuous_rad
 from drd_tools.simulate.conditions import Conditions, Random, scatter, stream
-from drd_tools.simulate.route import Array
 
 Effects = Sequence[tuple[Effect, Values]]
 

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.effects.chain import add
 from drd.effects.effect import ActsOn
 from drd.effects.motion import Motion
 from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.simulate.conditions import Conditions, Ground, stream, wandering
-from drd_tools.simulate.route import STEP_S, Array
+from drd_tools.simulate.route import STEP_S
 from drd_tools.simulate.sensors import Effects, bias_rad_s, encoder_log, gyro_log, reference_log
 from drd_tools.simulate.truth import Truth
 

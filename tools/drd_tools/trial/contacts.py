@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial.overlay import overlaid
-
-Array = npt.NDArray[np.float64]
 
 STAND_S: Final = 10.0
 MISSIONS: Final = ("eights", "square-cw", "square-ccw")

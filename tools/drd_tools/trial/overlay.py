@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from drd.arrays import Array
 from drd.effects.effect import Effect, Errors, Values
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd_tools.recordings.folder import Recording
 
 Effects = Sequence[tuple[Effect, Values]]

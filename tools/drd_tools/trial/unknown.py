@@ -5,8 +5,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between, both, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 COIL_LAG_S: Final = 60.0
 HALF_WIDTH_C: Final = 0.5

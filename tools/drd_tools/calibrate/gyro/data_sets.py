@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+
 Counts = npt.NDArray[np.int64]
 
 SETTLE_S: Final = 1.0

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
+from drd.arrays import Array
 from drd.estimation.calibration import Calibration
-from drd_tools.calibrate.gyro.data_sets import Array, DataSets, data_sets_of_samples
+from drd_tools.calibrate.gyro.data_sets import DataSets, data_sets_of_samples
 
 __all__ = ["FILE_ORDER", "DataSets", "ErrorFunction", "Order", "data_sets_of_samples", "fit_error_function"]
 

@@ -7,21 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from drd_tools.calibrate.noise.allan import (
-    CONFIDENCE,
-    MAX_BLOCKS,
-    TERMS,
-    Array,
-    B,
-    Curve,
-    Fit,
-    K,
-    N,
-    Q,
-    R,
-    fit,
-    shapes,
-)
+from drd.arrays import Array
+from drd_tools.calibrate.noise.allan import CONFIDENCE, MAX_BLOCKS, TERMS, B, Curve, Fit, K, N, Q, R, fit, shapes
 
 SIMULATIONS: Final = 300
 SEED: Final = 20010217

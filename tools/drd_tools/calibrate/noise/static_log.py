@@ -9,12 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import median_abs_deviation
 
+from drd.arrays import Array
 from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.recordings.folder import file_hash, read_table
-
-Array = npt.NDArray[np.float64]
 
 FILE_NAME: Final = "fog.csv"
 SHORTEST_S: Final = 100.0

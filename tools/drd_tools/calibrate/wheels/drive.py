@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
 
-Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 WINDOW_TREADS: Final = 10.0  # travel of the faster wheel in one window, in treads

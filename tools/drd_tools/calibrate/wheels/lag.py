@@ -8,12 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.batch.logs import FogLog
 from drd_tools.calibrate.wheels.fit import HUBER, MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 # Turns are compared over so long: more than the 0.25 to 0.5 s for which slow drives hold their speeds.
 WINDOW_S: Final = 0.8

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
-
-Array = npt.NDArray[np.float64]
 
 
 def spread(values: Array, variances: Array) -> float:

@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from drd.arrays import Array
 from drd_tools.recordings.folder import read_table
-
-Array = npt.NDArray[np.float64]
 
 HEADER: Final = ("direction", "x_m", "y_m")
 CONFIDENCE: Final = 0.95
