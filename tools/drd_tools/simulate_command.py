@@ -12,6 +12,7 @@ from drd.config.file import load_config
 from drd.config.keys import Config
 from drd.config.schema import Loaded
 from drd_tools.replay.nominal import configuration
+from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Reference
 from drd_tools.simulate.files import effect_rows, read_true_motion, read_truth, write_folder
 from drd_tools.simulate.missions import MISSIONS, make_drive
@@ -90,10 +91,7 @@ def _draw(folder: Path) -> int:
 
     about = read_truth(folder)
     print("\n".join(sentences(about, read_true_motion(folder))))
-    rows = [row[:3] for row in effect_table(about)]
-    widths = [max(len(row[k]) for row in rows) for k in range(3)] if rows else []
-    for row in rows:
-        print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    print(*columns([row[:3] for row in effect_table(about)], text=range(3)), sep="\n")
     with writing(folder):
         write_report(folder)
     print(f"\nwrote {folder} with report.html; next: drd replay {folder} --output {folder.name}.csv")

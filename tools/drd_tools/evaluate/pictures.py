@@ -81,7 +81,7 @@ def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
     axes.fill_between(time_s, -sigma, sigma, color=SKY, alpha=0.45, linewidth=0, label="1 sigma, as claimed")
 
 
-def drivers_picture(file: Path, windows: Windows) -> None:
+def growth_picture(file: Path, windows: Windows) -> None:
     """Growth of heading and along-track error beside temperature, yaw rate and speed. Raises OSError."""
     covariates = [("yaw rate / deg/s", windows.rate_deg_s), ("speed / m/s", windows.speed_m_s)]
     if windows.temperature_c is not None:

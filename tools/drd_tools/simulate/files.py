@@ -11,6 +11,7 @@ import yaml
 from drd import __version__
 from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE_AND_TEMPERATURE, SPEEDS
+from drd.commands import writing
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.recordings.folder import POSES, Recording
@@ -39,15 +40,13 @@ def write_folder(simulated: Simulated, folder: Path, about: dict[str, Any], with
     columns = _motion(simulated)
     if without is not None:
         columns |= _changes(simulated, without, columns["time_s"])
-    try:
+    with writing(folder):
         _write(folder / TRUE_MOTION, tuple(columns), list(columns.values()))
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
 
 def write_recording(folder: Path, recording: Recording, truth: str) -> None:
     """Write robot.yaml and the sensors' files beside truth.yaml, the text `truth`. Raises ConfigError, see above."""
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / ROBOT).exists() and not (folder / TRUTH).exists():
             raise ConfigError(str(folder), "", "an empty folder, or a simulated recording", "another recording")
@@ -56,8 +55,6 @@ def write_recording(folder: Path, recording: Recording, truth: str) -> None:
         (folder / TRUTH).write_text(truth, encoding="utf-8")
         (folder / ROBOT).write_text(robot_yaml(recording.nominal), encoding="utf-8")
         _write_logs(recording, folder)
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
 
 def truth_yaml(simulated: Simulated, about: dict[str, Any]) -> str:

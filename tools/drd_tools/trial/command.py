@@ -9,6 +9,7 @@ from typing import Any
 
 from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
+from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, contacts, plant
 from drd_tools.trial.figures import Figures
@@ -16,7 +17,7 @@ from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, draw
 from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers
 from drd_tools.trial.run import calls
-from drd_tools.trial.text import PROGRAM, failures, table, text
+from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
 
 DESCRIPTION = """\
@@ -129,7 +130,7 @@ def _drawn(folder: Path, quoting: Path | None) -> int:
             f"Made by `drd trial --plant`, seed {head.seed}, drives {head.glob}, build {head.build} of the diagnosis."
         )
         content = Content(about, tables, "Each planted effect (+: not reported of the untouched drive)", reported(rows))
-        print("\n".join(line for t in tables for line in (t.caption, *table([t.header, *t.rows]), "")))
+        print("\n".join(line for t in tables for line in (t.caption, *columns([t.header, *t.rows]), "")))
         quoting = None
     else:
         figures, again = Figures(rows), _again(head, rows)
