@@ -315,32 +315,3 @@ def between_logs(low: float, high: float, share: float) -> float:
 SIDE = Parameter("side", "", "which wheel", linear=False, choices=SIDES)
 START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False, moment=True)
 END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False, moment=True)
-
-__all__ = [
-    "END",
-    "NOMINAL",
-    "SIDE",
-    "SIDES",
-    "START",
-    "ActsOn",
-    "Calibrated",
-    "Chance",
-    "Delays",
-    "Effect",
-    "Errors",
-    "Parameter",
-    "Symptom",
-    "Values",
-    "apart",
-    "between",
-    "between_logs",
-    "both",
-    "largest",
-    "np",
-    "number",
-    "of_side",
-    "on_side",
-    "substitute",
-    "window",
-    "windows",
-]

@@ -279,7 +279,7 @@ def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
         # A lag that is estimated would be found, and the estimator, not this filter, would shift the gyro's samples.
         noise, sigmas = replace(PHYSICAL, wheel_lag_s2_per_s=0.0), replace(SIGMAS, wheel_lag_s=0.0)
         kf, interval = tapped(noise, keep_s=(), sigmas=sigmas)
-        poses, foretold = [], []
+        poses, predicted = [], []
         for k in range(2400):
             t_s = k * step_s
             turn = heading(t_s + step_s) - heading(t_s)
@@ -287,12 +287,12 @@ def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
             kf.predict(step_s, step_s - 0.3 * turn, step_s + 0.3 * turn, rate)
             assert kf.update(rate) is Outcome.ACCEPTED
             poses.append([kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad])
-            foretold.append(interval.budget.delay[POSE].copy())
-        return np.array(poses), np.array(foretold), interval.delay_s
+            predicted.append(interval.budget.delay[POSE].copy())
+        return np.array(poses), np.array(predicted), interval.delay_s
 
-    poses, foretold, delay_s = drive(0.0)
+    poses, predicted, delay_s = drive(0.0)
     late = drive(delay_s)[0] - poses
     for k in range(3):
         assert np.abs(late[:, k]).max() > 3e-3
-        # The rate is known as means over steps: the effect is foretold half a step late.
-        assert np.abs(late - foretold)[:, k].max() < 0.2 * np.abs(late[:, k]).max()
+        # The rate is known as means over steps: the effect is predicted half a step late.
+        assert np.abs(late - predicted)[:, k].max() < 0.2 * np.abs(late[:, k]).max()

@@ -37,8 +37,7 @@ class Expected:
 
     def whiten(self, rows: Array) -> Array:
         """L^-1 rows, L L^T the whole covariance: what blocks before do not predict of each, in sigmas."""
-        result: Array = solve_triangular(self._L, rows, lower=True)
-        return result
+        return np.asarray(solve_triangular(self._L, rows, lower=True))
 
     def fit_reference(self, means: Array) -> tuple[Array, Array]:
         """The reference's errors (k,) that block means (b,) tell, in sigmas of their priors, and covariance (k, k)."""

@@ -33,8 +33,7 @@ class Whitened:
 
     def about_mean(self) -> Array:
         """`y` less the constant mismatch, (b,)."""
-        result: Array = self.y - self.mean[0] * self.one
-        return result
+        return np.asarray(self.y - self.mean[0] * self.one)
 
 
 def whitened(means: Array, expected: Expected) -> Whitened:
@@ -136,8 +135,7 @@ def shares(
 def _squares(E: Array, columns: npt.NDArray[np.float32]) -> Array:
     """Sums of squares of `E columns`, one for each column."""
     left = E.astype(np.float32) @ columns
-    result: Array = np.einsum("ij,ij->j", left, left).astype(np.float64)
-    return result
+    return np.asarray(np.einsum("ij,ij->j", left, left).astype(np.float64))
 
 
 def _judged(nothing: Array, rows: list[Array], largest: Array, channels: int) -> list[Share]:

@@ -80,5 +80,4 @@ def turned_covariance(covariance: Array, angle_rad: float | Array) -> Array:
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     T = np.zeros_like(covariance)
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1], T[:, 2, 2] = c, -s, s, c, 1.0
-    result: Array = T @ covariance @ T.transpose(0, 2, 1)
-    return result
+    return np.asarray(T @ covariance @ T.transpose(0, 2, 1))

@@ -82,8 +82,7 @@ class Pairs:
 
 def wrapped(angle_rad: Array) -> Array:
     """The angle in (-pi, pi]."""
-    result: Array = math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi)
-    return result
+    return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
 
 
 def read_poses(file: Path) -> Poses:
@@ -162,8 +161,7 @@ def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
 
     def at_times(values: Array) -> Array:
         share = part.reshape(-1, *([1] * (values.ndim - 1)))
-        result: Array = (1.0 - share) * values[k - 1] + share * values[k]
-        return result
+        return np.asarray((1.0 - share) * values[k - 1] + share * values[k])
 
     is_dense = bool(np.median(np.diff(time_s)) <= DENSE_S)
     if is_dense:
@@ -202,5 +200,4 @@ def path_length_m(xy_m: Array, sigma_m: float) -> Array:
         if chord_m >= VERTEX_SIGMAS * sigma_m:
             vertices.append(k)
             lengths.append(lengths[-1] + chord_m)
-    result: Array = np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths)
-    return result
+    return np.asarray(np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths))

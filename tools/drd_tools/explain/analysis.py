@@ -8,6 +8,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
+from drd_tools.evaluate.alignment import turned_covariance
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
 from drd_tools.explain.interval import Interval, Snapshot
@@ -91,14 +92,6 @@ def make_plan(source: Source, from_s: float | None, to_s: float | None, referenc
     return Plan(float(rows[0]), float(rows[-1]), tuple(rows[np.unique(near)].tolist()), notes)
 
 
-def turned(covariance: Array, heading_rad: float) -> Array:
-    """Covariances (..., 3, 3) in axes along and across the heading."""
-    c, s = math.cos(heading_rad), math.sin(heading_rad)
-    T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    result: Array = T @ covariance @ T.T
-    return result
-
-
 def _explanation(
     source: Source, replayed: Replayed, interval: Interval, plan: Plan, actual: Actual | None, notes: list[str]
 ) -> Explanation:
@@ -106,7 +99,7 @@ def _explanation(
     rows = np.unique(np.linspace(0, len(snapshots) - 1, DRAWN).round().astype(int))
     drawn = [snapshots[row] for row in rows]
     last = snapshots[-1]
-    causes = turned(last.covariance, last.heading_rad)
+    causes = turned_covariance(last.covariance, -last.heading_rad)
     groups = by_group(causes)
     total = groups.sum(axis=0)
     variances = np.array([by_group(s.covariance)[:, range(3), range(3)] for s in drawn])

@@ -89,7 +89,7 @@ class TappedFilter(FilterByCause):
         *args: Any,
         is_told: bool = True,
     ):
-        self._stretch, self._budget, self._watches = interval, interval.budget, is_told
+        self._interval, self._budget, self._watches = interval, interval.budget, is_told
         self._R = np.zeros(COUNT)
         self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (25)
         self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
@@ -100,7 +100,7 @@ class TappedFilter(FilterByCause):
 
     @property
     def _is_told(self) -> bool:
-        return self._watches and not self._stretch.done
+        return self._watches and not self._interval.done
 
     def copy_from(self, other: Filter) -> None:
         """As the filter's: goes on in another's place, also where that one was watched."""
@@ -111,8 +111,8 @@ class TappedFilter(FilterByCause):
         """As the filter's; each standard deviation is a cause of its own."""
         if self._is_told:
             self._budget.forget(*range(N))
-            if self._stretch.begin_steering is not None:
-                self._stretch.steering = self._stretch.begin_steering()
+            if self._interval.begin_steering is not None:
+                self._interval.steering = self._interval.begin_steering()
         super().restart(tread_m, s)
         self._rate_rad_s = None
         if not self._is_told:
@@ -138,15 +138,15 @@ class TappedFilter(FilterByCause):
     ) -> None:
         """As the filter's."""
         self._unseen = False
-        self._stretch.before_step(self)
+        self._interval.before_step(self)
         n = self.nominal
         x_m, y_m = n.x_m, n.y_m
         super().predict(dt_s, left_m, right_m, rate_rad_s, *args, **kwargs)
-        self._stretch.moved(n.x_m - x_m, n.y_m - y_m)
+        self._interval.moved(n.x_m - x_m, n.y_m - y_m)
         before, self._rate_rad_s = self._rate_rad_s, rate_rad_s
         if self._is_told:
             change = 0.0 if before is None or rate_rad_s is None else n.gyro_scale * (rate_rad_s - before)
-            self._budget.predict(self._FT, self.Q_causes, -self._stretch.delay_s * change)
+            self._budget.predict(self._FT, self.Q_causes, -self._interval.delay_s * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
         """As the filter's."""
@@ -155,7 +155,7 @@ class TappedFilter(FilterByCause):
         if outcome is Outcome.ACCEPTED and self._is_told:
             self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
             self._budget.update(PH / self.S, self._R, self.z)  # (19)
-            if (steering := self._stretch.steering) is not None and steering.drive is Drive.UNKNOWN:
+            if (steering := self._interval.steering) is not None and steering.drive is Drive.UNKNOWN:
                 steering.watch(_Told(self))
         return outcome
 
@@ -203,7 +203,7 @@ class TappedFilter(FilterByCause):
         super().set_pose(x_m, y_m, heading_rad, covariance)
         if not self._is_told:
             return
-        self._stretch.pose_was_set()
+        self._interval.pose_was_set()
         self._budget.forget(X, Y, HEADING, GYRO_HEADING)
         for i in (X, Y, HEADING):
             for j in (X, Y, HEADING):

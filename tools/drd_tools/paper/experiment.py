@@ -14,7 +14,8 @@ from tqdm import tqdm
 from drd.arrays import Array
 from drd.config.file import load_config
 from drd.config.keys import Config
-from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples
+from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results

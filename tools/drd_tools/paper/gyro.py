@@ -60,8 +60,7 @@ class SimulatedGyro(Effect):
     def error_deg_s(self, rate_deg_s: Array | float, temperature_c: Array | float) -> Array:
         """The error without noise at a true rate and temperature; the shape of the two broadcast. (1)"""
         scale = np.interp(rate_deg_s, *self._scale_at) + np.interp(temperature_c, *self._scale_at_c)
-        error: Array = scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c)
-        return error
+        return np.asarray(scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c))
 
     def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002  # it has none
         """What it adds on a drive; the bias wanders anew each time."""

@@ -56,5 +56,4 @@ def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, fl
 def single_factors(return_m: Array, cell: int) -> Array:
     """The same for each gyro by itself, shape (g,)."""
     mean = return_m.mean(axis=1)
-    single: Array = mean[:, 0] / mean[:, cell]
-    return single
+    return np.asarray(mean[:, 0] / mean[:, cell])

@@ -16,7 +16,8 @@ from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
 from drd.samples import GyroSample, WheelSample
 from drd.units import DEG_PER_RAD, S_PER_NS
-from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples
+from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.simulate.conditions import Conditions, Ground, Random, Reference

@@ -199,5 +199,4 @@ def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
     kernel = np.hanning(round(SMOOTHING_S * RATE_HZ))
     way = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
     way[-1] = along[-1]
-    ridden: Array = np.minimum(way, along[-1])
-    return ridden
+    return np.asarray(np.minimum(way, along[-1]))

@@ -72,8 +72,7 @@ class Drive:
         r = self.nominal
         left, right = r.left_radius_m * np.diff(self.left_rad), r.right_radius_m * np.diff(self.right_rad)
         travel = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(left), np.abs(right)))])
-        at_rows: Array = np.interp(self.reference_s, self.time_s, travel)
-        return at_rows
+        return np.asarray(np.interp(self.reference_s, self.time_s, travel))
 
     @cached_property
     def windows(self) -> tuple[Rows, Rows]:
@@ -204,8 +203,7 @@ def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) 
     ahead = drive.reference_heading_rad[rows] - heading[rows]
 
     def total(values: Array) -> Array:
-        summed: Array = np.add.reduceat(values, starts, axis=0)
-        return summed
+        return np.asarray(np.add.reduceat(values, starts, axis=0))
 
     w_xy, w_heading = weights[:, 0], weights[:, 1]
     model = model - (total(w_xy[:, None] * model) / total(w_xy)[:, None])[window]

@@ -218,8 +218,7 @@ def _covariances(scores: list[Scores], free: npt.NDArray[np.bool_]) -> list[Arra
 def _meat(clusters: Array) -> Array:
     """Sum of the outer products of the clusters' scores, with the usual factor for few clusters."""
     count = len(clusters)
-    meat: Array = clusters.T @ clusters * count / max(count - 1, 1)
-    return meat
+    return np.asarray(clusters.T @ clusters * count / max(count - 1, 1))
 
 
 def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> tuple[Array, list[Array]]:

@@ -223,8 +223,7 @@ def _part(recording: Recording, against: str) -> _Part | None:
 
 def _angle(fog: FogLog) -> Array:
     """Sum of a gyro's readings, rad."""
-    total: Array = np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0]))
-    return total
+    return np.asarray(np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0])))
 
 
 def _compared(
@@ -244,15 +243,13 @@ def _compared(
 def _over(time_s: Array, angle: Array, at_s: Array) -> Array:
     """Change of the angle over the window around each time."""
     half_s = 0.5 * WINDOW_S
-    change: Array = np.interp(at_s + half_s, time_s, angle) - np.interp(at_s - half_s, time_s, angle)
-    return change
+    return np.asarray(np.interp(at_s + half_s, time_s, angle) - np.interp(at_s - half_s, time_s, angle))
 
 
 def _slope(time_s: Array, angle: Array, at_s: Array) -> Array:
     """Derivative of `_over` in time."""
     ahead, behind = (_over(time_s, angle, at_s + shift_s) for shift_s in (DERIVATIVE_S, -DERIVATIVE_S))
-    slope: Array = (ahead - behind) / (2.0 * DERIVATIVE_S)
-    return slope
+    return np.asarray((ahead - behind) / (2.0 * DERIVATIVE_S))
 
 
 def _is_dense(time_s: Array, at_s: Array) -> npt.NDArray[np.bool_]:

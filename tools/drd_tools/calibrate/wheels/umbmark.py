@@ -104,8 +104,7 @@ def _solve(cw_m: Array, ccw_m: Array, side_m: float) -> Array:
     cw, ccw = one_way_rad(cw_m, side_m, -1), one_way_rad(ccw_m, side_m, 1)
     seen = np.stack([cw_m.mean(axis=0), ccw_m.mean(axis=0)])
     start = (0.5 * (ccw + cw), 0.5 * (ccw - cw))
-    found: Array = least_squares(lambda p: (predict_m(p[0], p[1], side_m) - seen).ravel(), start, xtol=1e-12).x
-    return found
+    return np.asarray(least_squares(lambda p: (predict_m(p[0], p[1], side_m) - seen).ravel(), start, xtol=1e-12).x)
 
 
 def diameters_ratio(beta_rad: float, side_m: float, tread_m: float) -> float:

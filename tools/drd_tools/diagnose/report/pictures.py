@@ -8,19 +8,7 @@ import numpy as np
 
 from drd_tools.diagnose.report.text import named_quantity, pretty
 from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual
-from drd_tools.report.style import (
-    BLUE,
-    BOUND,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    TRUE_GREY,
-    VERMILION,
-    picture,
-    short,
-    tidy,
-)
+from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
 
 WIDTH_IN: Final = 10.0  # a page's, inches
 MOST_PATHS: Final = 6  # more would hide each other
