@@ -13,7 +13,6 @@ PACKAGES = {"drd": ROOT / "drd", "drd_tools": ROOT / "tools" / "drd_tools"}
 FLOORS = (
     ("arrays", "units", "samples"),
     ("config",),
-    ("robot",),
     ("effects",),
     ("estimation", "fog", "encoders", "ports", "output"),
     ("pipeline", "recording"),

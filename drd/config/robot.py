@@ -205,10 +205,7 @@ def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> C
         silent_after_s=max(Encoders.silent_after_s, 3.0 / wheels_hz),
     )
     estimation = Estimation(
-        noise=noise,
-        initial=initial,
-        static_bias=static_bias,
-        reorder_s=max(Estimation.reorder_s, 2.5 / gyro_hz),
+        noise=noise, initial=initial, static_bias=static_bias, reorder_s=max(Estimation.reorder_s, 2.5 / gyro_hz)
     )
     return Config(robot=robot, fog=_stated(fog, sheet, FOG_KEYS), encoders=encoders, estimation=estimation)
 

@@ -81,13 +81,7 @@ class TappedFilter(FilterByCause):
     """Does what the filter does, and the same to the covariance of each cause."""
 
     def __init__(
-        self,
-        interval: Interval,
-        tread_m: float,
-        sigmas: Sigmas,
-        noise: NoiseProfile,
-        *args: Any,
-        is_told: bool = True,
+        self, interval: Interval, tread_m: float, sigmas: Sigmas, noise: NoiseProfile, *args: Any, is_told: bool = True
     ):
         self._interval, self._budget, self._watches = interval, interval.budget, is_told
         self._R = np.zeros(COUNT)

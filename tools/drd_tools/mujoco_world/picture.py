@@ -15,13 +15,7 @@ SPOT_PER_M: Final = 3.0  # where turns on the spot are drawn
 
 
 def draw(
-    file: Path,
-    title: str,
-    motion: Motion,
-    blocks: Blocks,
-    found: Sequence[Manoeuvre],
-    track_m: float,
-    expected: float,
+    file: Path, title: str, motion: Motion, blocks: Blocks, found: Sequence[Manoeuvre], track_m: float, expected: float
 ) -> None:
     """Path on the left; effective tread and centre of rotation on the right. Raises OSError.
 

@@ -2,10 +2,9 @@
 
 import dataclasses
 import functools
-import multiprocessing
+import operator
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +20,7 @@ from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
 from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, run_gyro, seconds_of, told
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
+from drd_tools.processes import pool_of
 from drd_tools.shipped import shipped_config
 from drd_tools.simulate.truth import Truth
 
@@ -83,10 +83,9 @@ def _via_points(way: Truth) -> Array:
 
 
 def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:
-    # A forked child of a process with threads may lock up.
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(call) for call in calls]
-        return [future.result() for future in tqdm(futures, desc=what, unit="gyro", disable=None)]
+    with pool_of(os.cpu_count() or 1) as pool:
+        made = pool.map(operator.call, calls)
+        return list(tqdm(made, desc=what, total=len(calls), unit="gyro", disable=None))
 
 
 def _figure3(physics: Physics, seed: int) -> Array:

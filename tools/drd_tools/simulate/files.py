@@ -14,7 +14,7 @@ from drd.batch.logs import COUNTS, RATE_AND_TEMPERATURE, SPEEDS
 from drd.commands import writing
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.recordings.folder import POSES, Recording
+from drd_tools.recordings.folder import POSES, Recording, read_table, write_table
 from drd_tools.simulate.robot import robot_yaml
 from drd_tools.simulate.sensors import DECIMALS, Effects
 from drd_tools.simulate.simulator import Simulated
@@ -138,27 +138,14 @@ def _changes(simulated: Simulated, without: Simulated, time_s: Array) -> dict[st
 
 
 def _write(file: Path, header: tuple[str, ...], columns: list[Array], rest: str = f"%.{DECIMALS}f") -> None:
-    form = ",".join([f"%.{DECIMALS}f", *[rest] * (len(header) - 1)]) + "\n"
-    rows = np.column_stack(columns) + 0.0  # no "-0"
-    with file.open("w", encoding="utf-8", newline="") as out:
-        out.write(",".join(header) + "\n")
-        for begin in range(0, len(rows), 4096):
-            part = rows[begin : begin + 4096]
-            out.write(form * len(part) % tuple(part.ravel().tolist()))
+    form = ",".join([f"%.{DECIMALS}f", *[rest] * (len(header) - 1)])
+    write_table(file, header, np.column_stack(columns) + 0.0, form)  # no "-0"
 
 
 def read_true_motion(folder: Path) -> dict[str, Array]:
     """Columns of truth.csv by name. Raises ConfigError."""
-    file = folder / TRUE_MOTION
-    try:
-        with file.open(encoding="utf-8") as stream:
-            header = stream.readline().strip().split(",")
-        values = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise ConfigError(str(file), "", "a file that drd simulate wrote", str(error)) from error
-    if tuple(header) not in (MOTION, (*MOTION, *CHANGES)) or values.shape[1] != len(header):
-        raise ConfigError(f"{file}:1", "header", "the header that drd simulate wrote", ",".join(header)[:80])
-    return dict(zip(header, values.T, strict=True))
+    table = read_table(folder / TRUE_MOTION, (MOTION, (*MOTION, *CHANGES)))
+    return dict(zip(table.header, table.values.T, strict=True))
 
 
 def read_truth(folder: Path) -> dict[str, Any]:

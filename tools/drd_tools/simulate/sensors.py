@@ -59,12 +59,7 @@ def gyro_log(m: Motion, nominal: Robot, effects: Effects, conditions: Conditions
 
 
 def readings_deg_s(
-    rate_rad_s: Array,
-    interval_s: float,
-    nominal: Robot,
-    conditions: Conditions,
-    random: Random,
-    effects: Effects = (),
+    rate_rad_s: Array, interval_s: float, nominal: Robot, conditions: Conditions, random: Random, effects: Effects = ()
 ) -> Array:
     """What a gyro's output makes of mean rates, shape (n,): white noise, limits, resolution."""
     white = conditions.gyro_noise * white_rad_s(nominal.gyro_angle_random_walk_deg_per_sqrt_h or 0.0, interval_s)
@@ -83,12 +78,7 @@ def white_rad_s(walk_deg_per_sqrt_h: float, interval_s: float) -> float:
 
 
 def encoder_log(
-    m: Motion,
-    true: Motion,
-    nominal: Robot,
-    conditions: Conditions,
-    seed: int,
-    begin: tuple[float, float] = (0.0, 0.0),
+    m: Motion, true: Motion, nominal: Robot, conditions: Conditions, seed: int, begin: tuple[float, float] = (0.0, 0.0)
 ) -> EncoderLog:
     """Whole counts, rounded down; where the drive reports speed only, means over the time since the row before.
 
