@@ -101,8 +101,8 @@ class Model:
         kept, notes = [], []
         for term in self.terms:
             effect, found_in = term.effect, (self.provenance | term.provenance).get("recording")
-            elsewhere = recording is None or (found_in is not None and recording not in _names(found_in))
-            if not effect.lasting and elsewhere:
+            is_other_run = recording is None or (found_in is not None and recording not in _names(found_in))
+            if not effect.lasting and is_other_run:
                 where = f" (here: {found_in})" if found_in else ""
                 notes.append(f"{effect.id} is left alone: it holds only in the run in which it was found{where}")
                 continue

@@ -138,7 +138,7 @@ def test_a_filter_that_takes_over_goes_on_with_the_others_budget() -> None:
     first, interval = tapped()
     act(first, ("drive", 30, 1.0, 0.4))
     brought = interval.budget.P[causes.GYRO_NOISE].copy()
-    second = TappedFilter(interval, 0.6, SIGMAS, PHYSICAL, 50.0, is_told=False)
+    second = TappedFilter(interval, 0.6, SIGMAS, PHYSICAL, 50.0, recorded=False)
     assert np.array_equal(interval.budget.P[causes.GYRO_NOISE], brought)
     second.copy_from(first)
     act(second, ("drive", 30, 1.0, -0.4))

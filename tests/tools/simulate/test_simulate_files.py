@@ -101,7 +101,7 @@ def test_another_recording_is_not_written_over(tmp_path: Path) -> None:
 def test_truth_csv_of_somebody_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "truth.csv").write_text("a,b\n1,2\n")
     (tmp_path / "truth.yaml").write_text("[]\n")
-    with pytest.raises(ConfigError, match="truth.csv:1: header: expected time_s,x_m"):
+    with pytest.raises(ConfigError, match=r"truth\.csv:1: header: expected time_s,x_m"):
         read_true_motion(tmp_path)
     with pytest.raises(ConfigError, match="drd simulate wrote"):
         read_truth(tmp_path)

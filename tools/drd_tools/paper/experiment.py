@@ -18,7 +18,7 @@ from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
-from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, run_gyro, seconds_of, told
+from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, informed, run_gyro, seconds_of
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
 from drd_tools.processes import pool_of
 from drd_tools.shipped import shipped_config
@@ -37,7 +37,7 @@ PERCENTILES: Final = (5.0, 50.0, 95.0)
 def run_experiment(gyros: int, seed: int) -> Results:
     """All cells of Table II with `gyros` gyros, and the studies beside it. Shows a progress bar."""
     physics = Physics()
-    config = told(load_config(shipped_config("pioneer-at.yaml")).value, physics)
+    config = informed(load_config(shipped_config("pioneer-at.yaml")).value, physics)
     laboratory = Laboratory.make(config, physics)
     few = max(2, gyros // 5)
     robots = [other_robot(laboratory, changes) for changes in OTHER_ROBOTS]
@@ -69,7 +69,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
         others=np.array(others),
         other_names=[", ".join(f"{k} {v:g}" for k, v in changes.items()) for changes in OTHER_ROBOTS],
         parameters=list(_parameters(physics)),
-        told=list(_told(config)),
+        told=list(_configuration_rows(config)),
         seed=seed,
     )
 
@@ -105,7 +105,7 @@ def _parameters(physics: Physics) -> Iterable[list[str]]:
             yield [f"{part.name}.{field.name}", value, about["unit"], about["text"], about["source"]]
 
 
-def _told(config: Config) -> Iterable[list[str]]:
+def _configuration_rows(config: Config) -> Iterable[list[str]]:
     """What of the configuration decides the outcome; null is what is usual for how the robot steers."""
     yield ["robot.tread_m", f"{config.robot.tread_m:g}"]
     yield ["robot.drive", config.robot.drive]

@@ -117,7 +117,7 @@ def calibrate(gyro: SimulatedGyro, physics: Physics) -> tuple[Calibration, float
     return fitted.calibration(after, {"source": "simulated rate table"}, before), before, after
 
 
-def told(config: Config, physics: Physics) -> Config:
+def informed(config: Config, physics: Physics) -> Config:
     """The configuration of an engineer who knows how good the robot is, though not which errors it has."""
     robot, gyro = physics.robot, physics.gyro
     noise = dataclasses.replace(

@@ -198,10 +198,10 @@ def _result(
     if len(parts) >= MANY_RECORDINGS:
         clusters.append(np.array([of[1].sum() for of in scores]))
     sigma_s = max(math.sqrt(_scatter(cluster)) / information for cluster in clusters)
-    telling = [(part, *of) for part, of in zip(parts, scores, strict=True) if of[0] > 0.0 and len(of[1]) > 1]
-    each = np.array([lag_s + by_block.sum() / own for _, own, by_block in telling])
-    variances = np.array([_scatter(by_block) / own**2 for _, own, by_block in telling])
-    names = {part.name: float(own_s) for (part, *_), own_s in zip(telling, each, strict=True)}
+    informative = [(part, *of) for part, of in zip(parts, scores, strict=True) if of[0] > 0.0 and len(of[1]) > 1]
+    each = np.array([lag_s + by_block.sum() / own for _, own, by_block in informative])
+    variances = np.array([_scatter(by_block) / own**2 for _, own, by_block in informative])
+    names = {part.name: float(own_s) for (part, *_), own_s in zip(informative, each, strict=True)}
     return Lag(against, lag_s, sigma_s, spread(each, variances), hold_s, names)
 
 
