@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from drd.batch.poses import Poses, run_filter
+    from drd.config.robot import Robot
     from drd.config.schema import ConfigError
     from drd.estimation.estimator import Estimator
-    from drd.robot import Robot
 
 __version__ = "0.1.0"
 __all__ = ["ConfigError", "Estimator", "Poses", "Robot", "run_filter"]
@@ -21,7 +21,7 @@ HOMES: Final = {
     "ConfigError": "drd.config.schema",
     "Estimator": "drd.estimation.estimator",
     "Poses": "drd.batch.poses",
-    "Robot": "drd.robot",
+    "Robot": "drd.config.robot",
     "run_filter": "drd.batch.poses",
 }
 

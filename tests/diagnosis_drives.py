@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
@@ -36,7 +36,7 @@ def simulated(
     seed: int,
     *selection: Selected,
     conditions: Conditions | None = None,
-    nominal: Nominal = DEFAULT,
+    nominal: Robot = DEFAULT,
     temperature: str = "warmup",
 ) -> Simulated:
     """Drive with the selected effects' effects."""

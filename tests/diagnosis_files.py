@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+
 Made = tuple[dict[str, Any], dict[str, Any]]
 
 DURATION_S = 720.0

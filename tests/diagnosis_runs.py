@@ -8,7 +8,6 @@ from typing import Any
 from diagnosis_drives import SLALOM, selected, simulated
 
 from drd.cli import main
-from drd.config.nominal import FogSheet
 from drd.effects.catalogue import catalogue
 from drd.effects.model import load_model
 from drd_tools.diagnose.selected import Selected
@@ -18,8 +17,8 @@ from drd_tools.simulate.robot import DEFAULT
 
 SCALE = selected("gyro_scale_error", k=0.003)
 TREAD = selected("tread_error", k=0.05)
-NO_GYRO = replace(DEFAULT, fog=FogSheet())
-SPEEDS = replace(DEFAULT, wheel=replace(DEFAULT.wheel, counts_per_revolution=None))
+NO_GYRO = DEFAULT.without_gyro()
+SPEEDS = replace(DEFAULT, counts_per_revolution=None)
 KEYS = {
     "schema", "recording", "verdict", "findings", "unexplained", "ruled_out", "detectable", "classes", "fit",
     "next_drive",

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.effect import Effect, Values
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 TREAD_M, RADIUS_M = 0.6, 0.1
 

@@ -3,13 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.calibrate.noise.intervals import unit_rates
 from drd_tools.calibrate.noise.static_log import StaticLog
 
-Array = npt.NDArray[np.float64]
 DEG_H = RAD_PER_DEG / 3600.0
 DEG_ROOT_H = RAD_PER_DEG / 60.0
 DEG_H_ROOT_H = DEG_H / 60.0

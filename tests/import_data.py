@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.importing.examine import GyroRates, WheelTravel
 from drd_tools.recordings.folder import ReferenceLog
 
-Array = npt.NDArray[np.float64]
 RADIUS_M, TREAD_M = 0.1, 0.5
 GRAVITY_M_S2 = 9.8
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import can
 import numpy as np
-from import_data import RADIUS_M, Array
+from import_data import RADIUS_M
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from drd.arrays import Array
 from drd_tools.importing.examine import GyroRates, WheelTravel
 from drd_tools.recordings.folder import ReferenceLog
 

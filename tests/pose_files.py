@@ -5,12 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.evaluate.trajectory import COVARIANCE, UPPER, Poses, Reference
 from drd_tools.recordings.folder import POSES
 
-Array = npt.NDArray[np.float64]
 STEP_S = 0.1
 
 

@@ -1,12 +1,13 @@
-"""A simulated gyro on a rate table, with the paper's Table I; shares nothing with the fit."""
+"""A simulated gyro on a rate table, with the paper's Table I; shares no formula with the fit."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+from drd_tools.calibrate.gyro.data_sets import DataSets
+
 ErrorLaw = Callable[[Array, Array], Array]  # of the true rate in deg/s and the temperature in degC
 
 ARW_DEG_S_ROOT_HZ = 5.0 / 3600.0
@@ -86,3 +87,10 @@ def write_table(
     for temperature in temperatures:
         write_csv(folder / f"rates_{temperature:+.0f}c.csv", samples(rng, temperature_c=temperature, **options))  # type: ignore[arg-type]
     return folder
+
+
+def of_means(w: Array, g: Array, T: Array, sigma: Array, temperature_sigma_c: float = 0.0) -> DataSets:
+    """Data sets whose means are known already, each of shape (n,)."""
+    n = len(w)
+    counts = np.ones(n, np.int64), np.zeros(n, np.int64)
+    return DataSets(w, g, T, sigma, np.full(n, temperature_sigma_c), *counts, ("",) * n)

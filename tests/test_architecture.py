@@ -11,9 +11,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {"drd": ROOT / "drd", "drd_tools": ROOT / "tools" / "drd_tools"}
 # In `drd`, from what knows nothing of the others upwards.
 FLOORS = (
-    ("units", "samples"),
+    ("arrays", "units", "samples"),
     ("config",),
-    ("robot",),
     ("effects",),
     ("estimation", "fog", "encoders", "ports", "output"),
     ("pipeline", "recording"),

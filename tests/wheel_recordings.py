@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+
 RADIUS_M, TREAD_M, COUNTS = 0.1, 0.5, 4000.0
 STEP_S = 0.05
 # (speed m/s, yaw rate rad/s, duration s)

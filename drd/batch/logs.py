@@ -7,11 +7,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from drd.config.nominal import Nominal
+from drd.arrays import Array
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
-
-Array = npt.NDArray[np.float64]
 
 COUNTS: Final = ("time_s", "left_counts", "right_counts")
 SPEEDS: Final = ("time_s", "left_rad_s", "right_rad_s")
@@ -59,9 +58,9 @@ def gyro_log(gyro: Columns | None) -> FogLog | None:
     return FogLog(time_s, RAD_PER_DEG * rate_deg_s, rest[0] if rest else None)
 
 
-def wheel_log(wheels: Columns, nominal: Nominal) -> EncoderLog:
+def wheel_log(wheels: Columns, nominal: Robot) -> EncoderLog:
     """The columns `COUNTS`, or else `SPEEDS`, as a log of a robot whose sizes are known. Raises ConfigError."""
-    for name, size_m in (("wheel_radius_m", nominal.wheel.radius_m), ("tread_m", nominal.tread_m)):
+    for name, size_m in (("wheel_radius_m", nominal.wheel_radius_m), ("tread_m", nominal.tread_m)):
         if math.isnan(size_m):
             raise ConfigError("robot", name, "a number, since there are wheels", "NaN")
     if COUNTS[1] not in wheels and SPEEDS[1] in wheels:
@@ -70,7 +69,7 @@ def wheel_log(wheels: Columns, nominal: Nominal) -> EncoderLog:
     time_s, left, right = columns("wheels", wheels, COUNTS, rows=2)
     for name, counts in zip(COUNTS[1:], (left, right), strict=True):
         _refuse("wheels", name, counts, counts != np.round(counts), "a whole number of counts")
-    if nominal.wheel.counts_per_revolution is None:
+    if nominal.counts_per_revolution is None:
         raise ConfigError("robot", "counts_per_revolution", "a number, since wheels has counts", "None")
     return EncoderLog(time_s, left, right, None, None)
 

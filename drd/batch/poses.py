@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drd.batch.logs import Array, Columns, gyro_log, wheel_log
-from drd.batch.run import Filtered, filter_logs
+from drd.arrays import Array
+from drd.batch.logs import Columns, gyro_log, wheel_log
+from drd.batch.run import Filtered, filter_logs, latest
 from drd.batch.samples import check_times, rate_hz
-from drd.config.from_nominal import nominal_config
+from drd.config.robot import Robot, nominal_config
 from drd.effects.model import Model, Term, load_model
 from drd.estimation.calibration import Calibration, load_calibration
-from drd.robot import Robot
 from drd.units import S_PER_NS
 
 # Row and column of a pose's six numbers in its covariance.
@@ -55,7 +55,7 @@ def run_filter(
 
     Raises ConfigError with the column, what was expected and what was found; or with file and line.
     """
-    nominal, notes, terms = robot.nominal(), list[str](), tuple[Term, ...]()
+    nominal, notes, terms = robot.checked(), list[str](), tuple[Term, ...]()
     if model is not None:
         model = model if isinstance(model, Model) else load_model(Path(model))
         nominal = model.changed(nominal)
@@ -70,9 +70,7 @@ def run_filter(
 
 
 def _poses(made: Filtered) -> Poses:
-    """Keep the last of several poses for one time: the wheels' first sample after a silence corrects earlier ones."""
-    t_ns = np.array([p.t_ns for p in made.poses], np.int64)
-    poses = [made.poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
+    poses = latest(made.poses)
     rows = np.array([(p.x_m, p.y_m, p.heading_rad, p.position_bound_m, *p.covariance) for p in poses]).reshape(-1, 10)
     covariance = np.empty((len(poses), 3, 3))
     covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = rows[:, 4:]

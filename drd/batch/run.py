@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import FIRST_NS, gyro_samples, resolution_m, wheel_samples, zero_of
 from drd.config.keys import Config
@@ -126,6 +128,12 @@ def run(
             if pose is not None:
                 keep(pose)
     return poses
+
+
+def latest(poses: list[Pose]) -> list[Pose]:
+    """The last of several poses for one time: after a silence the wheels' first sample corrects the one before it."""
+    t_ns = np.array([p.t_ns for p in poses], np.int64)
+    return [poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
 
 
 def _time(sample: GyroSample | WheelSample) -> int:

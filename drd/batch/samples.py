@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.batch.logs import Array, EncoderLog, FogLog
+from drd.arrays import Array
+from drd.batch.logs import EncoderLog, FogLog
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M

@@ -45,10 +45,7 @@ def main(argv: list[str]) -> int:
         live = importlib.import_module("drd.commands.live_check")
         with placed(loaded):
             code: int = live.live_check(
-                loaded.value,
-                arguments.config.parent,
-                arguments.seconds or DEFAULT_S,
-                live.statement_of(arguments),
+                loaded.value, arguments.config.parent, arguments.seconds or DEFAULT_S, live.statement_of(arguments)
             )
         return code
     with placed(loaded):

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 
 def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motion, Array]:

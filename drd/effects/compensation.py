@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.keys import Robot
 from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.live import Clip, LiveMotion, Trend, scalar
 from drd.effects.model import Term
-from drd.effects.motion import Array
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 

@@ -8,7 +8,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from drd.effects.motion import Array, Motion
+from drd.arrays import Array
+from drd.effects.motion import Motion
 
 Values = Mapping[str, float | str]
 
@@ -268,7 +269,7 @@ def of_side(m: Motion, p: Values) -> Array:
     return m.left_m_s if p["side"] == "left" else m.right_m_s
 
 
-def stand_in(m: Motion, p: Values) -> Array:
+def substitute(m: Motion, p: Values) -> Array:
     """The same from the other wheel and the gyro, for what a counter no longer tells."""
     across = m.tread_m * m.rate_rad_s
     return m.right_m_s - across if p["side"] == "left" else m.left_m_s + across
@@ -314,32 +315,3 @@ def between_logs(low: float, high: float, share: float) -> float:
 SIDE = Parameter("side", "", "which wheel", linear=False, choices=SIDES)
 START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False, moment=True)
 END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False, moment=True)
-
-__all__ = [
-    "END",
-    "NOMINAL",
-    "SIDE",
-    "SIDES",
-    "START",
-    "ActsOn",
-    "Calibrated",
-    "Chance",
-    "Delays",
-    "Effect",
-    "Errors",
-    "Parameter",
-    "Symptom",
-    "Values",
-    "apart",
-    "between",
-    "between_logs",
-    "both",
-    "largest",
-    "np",
-    "number",
-    "of_side",
-    "on_side",
-    "stand_in",
-    "window",
-    "windows",
-]

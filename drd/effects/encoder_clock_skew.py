@@ -1,7 +1,8 @@
 """The encoders' clock drifts against the gyro's."""
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 
 class EncoderClockSkew(Effect):

@@ -13,7 +13,7 @@ from drd.effects.effect import (
     number,
     of_side,
     on_side,
-    stand_in,
+    substitute,
     window,
     windows,
 )
@@ -43,13 +43,13 @@ class EncoderDropout(Effect):
 
     def correction(self, m: Motion, p: Values) -> Errors:
         inside = window(m.time_s, number(p, "t0"), number(p, "t1"))
-        return on_side(p, -inside * stand_in(m, p))
+        return on_side(p, -inside * substitute(m, p))
 
     def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
         return {SIDE.name: side, START.name: begin_s, END.name: end_s}
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"side": side, **stretch} for side in SIDES for stretch in windows(m, 20)]
+        return [{"side": side, **interval} for side in SIDES for interval in windows(m, 20)]
 
 
 EFFECT = EncoderDropout()

@@ -15,7 +15,7 @@ from drd.effects.effect import (
     number,
     of_side,
     on_side,
-    stand_in,
+    substitute,
 )
 from drd.effects.motion import Motion
 
@@ -41,7 +41,7 @@ class EncoderMissedCounts(Effect):
         return on_side(p, np.where(np.abs(speed) > number(p, "speed"), -number(p, "fraction") * speed, 0.0))
 
     def correction(self, m: Motion, p: Values) -> Errors:
-        fast = np.abs(stand_in(m, p)) > number(p, "speed")
+        fast = np.abs(substitute(m, p)) > number(p, "speed")
         return on_side(p, np.where(fast, -number(p, "fraction") * of_side(m, p), 0.0))
 
     def drawn(self, m: Motion, chance: Chance) -> Values:

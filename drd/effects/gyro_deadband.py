@@ -1,7 +1,8 @@
 """The gyro does not see small rates."""
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
 

@@ -1,7 +1,8 @@
 """The gyro's output clips."""
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Symptom, Values, between, largest, np, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
 

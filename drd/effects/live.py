@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.model import COVARIATES, Term
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 # A sensor that was not heard for longer does not speak for the present.
 STALE_S: Final = 0.5

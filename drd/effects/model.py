@@ -3,8 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
-from operator import attrgetter
+from dataclasses import dataclass, field, make_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
@@ -12,8 +11,8 @@ import yaml
 from msgspec import Meta
 
 from drd.config.keys import Config
-from drd.config.nominal import Nominal
-from drd.config.schema import ConfigError, Loaded, keys, loads, made, nested, read_text
+from drd.config.robot import PATHS, Robot, RobotFile, robot_of
+from drd.config.schema import ConfigError, Loaded, loads, made, nested, read_text
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.units import RAD_PER_DEG
@@ -83,26 +82,27 @@ class Model:
     """
 
     terms: tuple[Term, ...] = ()
-    robot: Loaded[Nominal] = field(default_factory=lambda: loads("", Nominal))
+    robot: Loaded[Robot] = field(default_factory=lambda: Loaded(robot_of(RobotFile()), {}))
     provenance: dict[str, str] = field(default_factory=dict)
 
     def stated(self) -> Iterator[tuple[str, Any]]:
         """Path and value of each key of robot.yaml that the model states."""
-        for path, origin in self.robot.origins.items():
-            if origin != "default":
-                yield path, attrgetter(path)(self.robot.value)
+        for name, path in PATHS.items():
+            if self.robot.origins.get(path, "default") != "default":
+                yield path, getattr(self.robot.value, name)
 
-    def changed(self, nominal: Nominal) -> Nominal:
+    def changed(self, nominal: Robot) -> Robot:
         """The nominal robot with what the model states of it."""
-        return _overlaid(nominal, self.robot.value, self.robot.origins, "")
+        names = {path: name for name, path in PATHS.items()}
+        return replace(nominal, **{names[path]: value for path, value in self.stated()})
 
     def holds_in(self, recording: str | None) -> tuple[tuple[Term, ...], list[str]]:
         """The terms that hold in a recording (None: in a run that is still to come), and sentences about the others."""
         kept, notes = [], []
         for term in self.terms:
             effect, found_in = term.effect, (self.provenance | term.provenance).get("recording")
-            elsewhere = recording is None or (found_in is not None and recording not in _names(found_in))
-            if not effect.lasting and elsewhere:
+            is_other_run = recording is None or (found_in is not None and recording not in _names(found_in))
+            if not effect.lasting and is_other_run:
                 where = f" (here: {found_in})" if found_in else ""
                 notes.append(f"{effect.id} is left alone: it holds only in the run in which it was found{where}")
                 continue
@@ -112,18 +112,6 @@ class Model:
                 notes.append(f"{effect.id} cannot be taken off: {effect.irreversible}")
             kept.append(term)
         return tuple(kept), notes
-
-
-def _overlaid(base: T, stated: Any, origins: dict[str, str], path: str) -> T:
-    """`base` with every value that a file states, and none of the file's defaults."""
-    changes: dict[str, Any] = {}
-    for f in fields(base):  # type: ignore[arg-type]  # T is always a dataclass
-        mine, theirs, here = getattr(base, f.name), getattr(stated, f.name), f"{path}{f.name}"
-        if is_dataclass(mine):
-            changes[f.name] = _overlaid(mine, theirs, origins, f"{here}.")
-        elif origins.get(here, "default") != "default":
-            changes[f.name] = theirs
-    return replace(base, **changes)  # type: ignore[type-var]  # the same
 
 
 def _names(text: str) -> list[str]:
@@ -137,15 +125,13 @@ def load_model(file: Path) -> Model:
 
 def loads_model(text: str, where: str = "(text)") -> Model:
     """Read a model from YAML text. Raises ConfigError; nothing else escapes."""
-    loaded = loads(text, _File, where)
+    loaded: Loaded[Any] = loads(text, _File, where)
     terms = [_term(node, f"effects[{i}]", where) for i, node in enumerate(loaded.value.effects or ())]
-    stated = Nominal(**{f.name: getattr(loaded.value, f.name) for f in fields(Nominal)})
-    origins = {path: loaded.origins[path] for path, _ in keys(Nominal)}
-    return Model(tuple(terms), Loaded(stated, origins, where), loaded.value.provenance)
+    return Model(tuple(terms), replace(loaded, value=robot_of(loaded.value)), loaded.value.provenance)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _File(Nominal):
+class _File(RobotFile):  # type: ignore[misc]  # made of the robot's fields
     """model.yaml."""
 
     effects: Annotated[tuple[yaml.Node, ...], "effects"] | None = None

@@ -1,7 +1,8 @@
 """The effective tread grows as the turn tightens."""
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Effect, Errors, Parameter, Values, apart, np, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 
 class TurnScrub(Effect):

@@ -11,7 +11,7 @@ KEPT = 4096
 
 
 class Segment(NamedTuple):
-    """A stretch of time in which a sensor's output is constant.
+    """An interval in which a sensor's output is constant.
 
     Wheels: `a`, `b` are left and right speed, `c` the body's own speed to its left (m/s). Gyro: `a` is the yaw rate,
     `b` its sigma from calibration and model (rad/s).
@@ -24,7 +24,7 @@ class Segment(NamedTuple):
     c: float = 0.0
 
 
-# A stretch over which neither sensor changes: start and end in ns, wheels and gyro. None: that sensor did not see it.
+# An interval over which neither sensor changes: start and end in ns, wheels and gyro. None: that sensor did not see it.
 Piece = tuple[int, int, Segment | None, Segment | None]
 
 

@@ -119,7 +119,7 @@ class Track:
             elif self.gyro_heading and (left_m_s or right_m_s):  # wheels that stand are believed
                 kf.anchor_wheels()  # (35)
         else:
-            self._unseen(dt_s, blind=gyro is None)
+            self._unseen(dt_s, without_gyro=gyro is None)
 
     def _regained_turn_rad(self, rates: Stream, from_ns: int) -> float:
         """What the gyro says of the time that is seen twice, at the rate of the step, or, negative, is left out."""
@@ -128,12 +128,12 @@ class Track:
         n = self.kf.nominal
         return n.gyro_bias_rad_s * self._regained_s - n.gyro_scale * rates.integral(self.gyro_ns, from_ns)
 
-    def _unseen(self, dt_s: float, blind: bool) -> None:
+    def _unseen(self, dt_s: float, without_gyro: bool) -> None:
         """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (36)"""
         speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
         self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
         self.unseen_s += dt_s
-        if blind:
+        if without_gyro:
             self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
             self.blind_s += dt_s
         else:

@@ -286,11 +286,7 @@ class CanPort(Port):
 def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> dict[str, Any]:
     """Arguments of can.Bus. No configuration file of python-can is read: ours says everything."""
     filters = [{"can_id": i, "can_mask": _mask(extended), "extended": extended} for i, extended in can_ids]
-    arguments: dict[str, Any] = {
-        "interface": encoders.interface,
-        "channel": encoders.channel,
-        "ignore_config": True,
-    }
+    arguments: dict[str, Any] = {"interface": encoders.interface, "channel": encoders.channel, "ignore_config": True}
     arguments["can_filters"] = filters or None
     if encoders.bitrate is not None and encoders.interface != "socketcan":
         arguments["bitrate"] = encoders.bitrate

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 # Ratios that rubber and ground can make of the configured tread, with room; and the largest one that is looked for.
 LEAST_RATIO: Final = 1.0 / 3.0

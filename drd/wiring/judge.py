@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.samples import GyroSample, Side, WheelSample
 from drd.units import RAD_PER_DEG
 from drd.wiring import words
@@ -15,8 +15,6 @@ from drd.wiring.fit import KNOWN, LEAST_RATIO, PLAUSIBLE_RATIO, Fit, Senses, fit
 from drd.wiring.hypotheses import Seen, Wiring, explanations
 from drd.wiring.signals import dead_sides, gyro_alive, held
 from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, wheel_curve
-
-Array = npt.NDArray[np.float64]
 
 # Windows that turn by less say nothing about senses; all together must turn so far.
 WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG

@@ -7,10 +7,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_DEG, S_PER_NS
-
-Array = npt.NDArray[np.float64]
 
 WINDOW_S: Final = 2.0
 # Time missing between two samples, in parts of an interval, that is a hole: stamps jitter.

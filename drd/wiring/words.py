@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.samples import GyroSample, WheelSample
 from drd.units import DEG_PER_RAD, NS_PER_S
 from drd.wiring.findings import Finding, Statement, fault, good, unknown
 from drd.wiring.fit import Fit
 from drd.wiring.hypotheses import Seen, Wiring
 from drd.wiring.windows import Lag
-
-Array = npt.NDArray[np.float64]
 
 # Ratios of counts, and what they are likely to be.
 CAUSES: Final = {

@@ -12,6 +12,7 @@ from effect_motions import RADIUS_M, TREAD_M, driven
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from drd.arrays import Array
 from drd.config.keys import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.chain import add
@@ -19,7 +20,7 @@ from drd.effects.compensation import Compensation
 from drd.effects.effect import Effect, Parameter
 from drd.effects.live import Clip, LiveMotion
 from drd.effects.model import COVARIATES, Amount, Term, make_model
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import RAD_PER_DEG
 

@@ -9,9 +9,10 @@ from effect_motions import TREAD_M, driven, in_si, motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect, Errors
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 
 EFFECTS = catalogue()

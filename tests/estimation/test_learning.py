@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sensors import NO_BIAS, ROBOT, T0, S, Sample, drive, feed, make
 
+from drd.arrays import Array
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.effects.compensation import Compensation
@@ -39,7 +39,6 @@ from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_DEG, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 
 GYRO_S, WHEEL_S = 0.1, 0.05
-Array = npt.NDArray[np.float64]
 
 
 # ---- the gyro's noise at rest ----------------------------------------------------------------------------------

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import zenoh
 
+from drd.arrays import Array
 from drd.commands import command
 from drd.commands.watch import View
 from drd.config.file import load_config
@@ -26,8 +26,6 @@ from drd_tools.options import seed
 from drd_tools.report.path import path_picture
 from drd_tools.shipped import shipped_config
 from drd_tools.simulate.missions import demo_drive
-
-Array = npt.NDArray[np.float64]
 
 # The daemon's start and its measurement of the bias fit in; the rest of the time the robot drives.
 STAND_MARGIN_S = 2.5

@@ -2,17 +2,17 @@
 
 import argparse
 import math
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from drd.commands import command, number, whole, writing
 from drd.config.file import load_config
 from drd.config.keys import Config
-from drd.config.schema import ConfigError, Loaded
+from drd.config.schema import Loaded
 from drd_tools.replay.nominal import configuration
-from drd_tools.simulate.arguments import number, seed
+from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Reference
 from drd_tools.simulate.files import effect_rows, read_true_motion, read_truth, write_folder
 from drd_tools.simulate.missions import MISSIONS, make_drive
@@ -54,7 +54,7 @@ Exit code: 0 done, 2 bad usage or input.
 
 
 def main(argv: list[str]) -> int:
-    """Run the command. Returns the exit code: 0, or 2 for bad usage or input."""
+    """Run the command. Returns the exit code: 0, or 2 for bad usage. Raises ConfigError on bad input."""
     parser = _parser()
     if _world(argv) == "mujoco":
         from drd_tools.mujoco_world.command import main as other_world  # noqa: PLC0415  # an optional extra
@@ -63,11 +63,7 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if sum(way is not None for way in (chosen.output, chosen.live, chosen.draw)) != 1:
         parser.error("exactly one of --output, --live and --draw is needed")
-    try:
-        return _draw(chosen.draw) if chosen.draw is not None else _run(chosen)
-    except ConfigError as error:
-        print(f"drd simulate: {error}", file=sys.stderr)
-        return 2
+    return _draw(chosen.draw) if chosen.draw is not None else _run(chosen)
 
 
 def _run(chosen: argparse.Namespace) -> int:
@@ -95,14 +91,9 @@ def _draw(folder: Path) -> int:
 
     about = read_truth(folder)
     print("\n".join(sentences(about, read_true_motion(folder))))
-    rows = [row[:3] for row in effect_table(about)]
-    widths = [max(len(row[k]) for row in rows) for k in range(3)] if rows else []
-    for row in rows:
-        print("  " + "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
-    try:
+    print(*columns([row[:3] for row in effect_table(about)], text=range(3)), sep="\n")
+    with writing(folder):
         write_report(folder)
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
     print(f"\nwrote {folder} with report.html; next: drd replay {folder} --output {folder.name}.csv")
     return 0
 
@@ -162,18 +153,13 @@ def _parser() -> argparse.ArgumentParser:
     profiles = "\n".join(f"  {name:<12} {p.text} ({name}:{p.a_c:g}:{p.b_c:g})" for name, p in PROFILES.items())
     listed = f"missions (or a .csv file with x_m,y_m[,speed_m_s]):\n{missions}\n\n"
     listed += f"temperature profiles (or a .csv file with time_s,temperature_c):\n{profiles}\n\n"
-    parser = argparse.ArgumentParser(
-        prog="drd simulate",
-        description=DESCRIPTION,
-        epilog=listed + EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("drd simulate", DESCRIPTION, listed + EXAMPLES)
     add: Any = parser.add_argument
     add("--world", choices=WORLDS, default=WORLDS[0],
         help="formulas (default), or mujoco: contact physics, see `drd simulate --world mujoco --help`")  # fmt: skip
     add("--mission", default="warehouse", metavar="NAME", help="what is driven, see below (default warehouse)")
     add("--seconds", type=number(1.0, 86_400.0), metavar="S", help="as many whole laps as fit (default: one lap)")
-    add("--seed", type=seed, default=0, metavar="N", help="other noise (default 0)")
+    add("--seed", type=whole(0), default=0, metavar="N", help="other noise (default 0)")
     add("--robot", type=Path, metavar="FILE", help="robot.yaml (default: a small skid-steer robot with an RD2100 gyro)")
     add("--model", type=Path, metavar="FILE", help="effects, and keys that replace robot.yaml's, see below")
     add("--temperature", default="warmup", metavar="NAME[:A[:B]]", help="of the gyro, see below (default warmup)")

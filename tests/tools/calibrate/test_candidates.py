@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rate_table_data import RATES, TEMPERATURES, Array, ErrorLaw, means, rd2100_error
+from rate_table_data import RATES, TEMPERATURES, ErrorLaw, means, of_means, rd2100_error
 
+from drd.arrays import Array
 from drd_tools.calibrate.gyro.candidates import (
     Candidate,
     NotObservableError,
@@ -16,7 +17,8 @@ from drd_tools.calibrate.gyro.candidates import (
     require_observable,
     why_not_observable,
 )
-from drd_tools.calibrate.gyro.error_function import DataSets, Order
+from drd_tools.calibrate.gyro.data_sets import DataSets
+from drd_tools.calibrate.gyro.error_function import Order
 
 FULL = Order(3, 2)
 
@@ -27,7 +29,7 @@ def data(
     rates: tuple[float, ...] = RATES,
     temperatures: tuple[float, ...] = TEMPERATURES,
 ) -> DataSets:
-    return DataSets.of_means(*means(law, np.random.default_rng(seed), rates, temperatures))
+    return of_means(*means(law, np.random.default_rng(seed), rates, temperatures))
 
 
 LAWS: dict[Order, ErrorLaw] = {
@@ -88,7 +90,7 @@ def test_a_rejected_data_set_does_not_spoil_the_comparison() -> None:
     good = data()
     rate: Array = good.rate_deg_s.copy()
     rate[50] += 10.0
-    bad = DataSets.of_means(good.table_rate_deg_s, rate, good.temperature_c, good.sigma_deg_s)
+    bad = of_means(good.table_rate_deg_s, rate, good.temperature_c, good.sigma_deg_s)
     for clean, spoilt in zip(compare(good, orders=[FULL]), compare(bad, orders=[FULL]), strict=True):
         assert spoilt.held_out_deg_s == pytest.approx(clean.held_out_deg_s, rel=0.25)
 
@@ -121,7 +123,7 @@ REFUSED = {
 def test_what_the_data_cannot_tell_is_refused_with_the_reason_and_the_way_out(name: str) -> None:
     sets, reason, way_out = REFUSED[name]
     if name == "one temperature":
-        sets = DataSets.of_means(sets.table_rate_deg_s, sets.rate_deg_s, 0.0 * sets.rate_deg_s + 25.0, sets.sigma_deg_s)
+        sets = of_means(sets.table_rate_deg_s, sets.rate_deg_s, 0.0 * sets.rate_deg_s + 25.0, sets.sigma_deg_s)
     with pytest.raises(NotObservableError) as caught:
         require_observable(sets, FULL)
     assert reason in str(caught.value)

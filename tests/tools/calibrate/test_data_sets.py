@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rate_table_data import ARW_DEG_S_ROOT_HZ, RATES, rd2100_error, samples
+from rate_table_data import ARW_DEG_S_ROOT_HZ, RATES, of_means, rd2100_error, samples
 
-from drd_tools.calibrate.gyro.data_sets import Array, DataSets, data_sets_of_samples, joined
+from drd.arrays import Array
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples, joined
 
 
 def times(n: int) -> Array:
@@ -86,7 +87,7 @@ def test_what_is_too_short_gives_no_data_set() -> None:
 
 def test_data_sets_join_and_select() -> None:
     ones = np.ones(3)
-    data = DataSets.of_means(ones, 2.0 * ones, np.array([1.0, 2.0, 3.0]), ones)
+    data = of_means(ones, 2.0 * ones, np.array([1.0, 2.0, 3.0]), ones)
     both = joined([data, data.select(np.array([2]))])
     assert len(both) == 4
     assert both.temperature_c.tolist() == [1.0, 2.0, 3.0, 3.0]
@@ -96,4 +97,4 @@ def test_data_sets_join_and_select() -> None:
 @pytest.mark.parametrize(("sigma", "n"), [(0.0, 3), (math.nan, 3), (1.0, 2)])
 def test_senseless_means_are_refused(sigma: float, n: int) -> None:
     with pytest.raises(ValueError, match="expected"):
-        DataSets.of_means(np.zeros(3), np.zeros(3), np.zeros(3), np.full(n, sigma))
+        of_means(np.zeros(3), np.zeros(3), np.zeros(3), np.full(n, sigma))

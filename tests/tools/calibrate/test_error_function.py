@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rate_table_data import RATES, TEMPERATURES, ErrorLaw, means, rd2100_error
+from rate_table_data import RATES, TEMPERATURES, ErrorLaw, means, of_means, rd2100_error
 from scipy.stats import chi2
 
+from drd.arrays import Array
 from drd.samples import GyroSample
-from drd_tools.calibrate.gyro.data_sets import Array
-from drd_tools.calibrate.gyro.error_function import DataSets, ErrorFunction, Order, corner_leverage, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import DataSets
+from drd_tools.calibrate.gyro.error_function import ErrorFunction, Order, corner_leverage, fit_error_function
 
 TRUE = np.array([[0.05, 1.5e-3, 1e-5], [5e-3, -2e-4, 1e-6], [1e-5, 2e-8, -3e-9], [-4e-7, 2e-9, 1e-10]])
 
@@ -35,7 +36,7 @@ def simulated(coefficients: Array, seed: int, between_deg_s: float = 0.0, step_c
     w, g, T, sigma = means(cubic_law(coefficients), rng)
     T = step_c * np.round(T / step_c) if step_c else T
     g = g + between_deg_s * rng.standard_normal(len(g))
-    return DataSets.of_means(w, g, T, sigma, step_c / math.sqrt(12.0))
+    return of_means(w, g, T, sigma, step_c / math.sqrt(12.0))
 
 
 def distance(fitted: ErrorFunction, coefficients: Array) -> float:
@@ -78,13 +79,13 @@ def test_over_seeds_the_coefficients_stay_within_three_sigma_and_the_covariance_
 def new_data(seed: int) -> DataSets:
     """Other rates and temperatures than those of the calibration."""
     rng = np.random.default_rng(seed)
-    return DataSets.of_means(*means(rd2100_error, rng, tuple(range(-95, 96, 10)), tuple(range(-15, 60, 10))))
+    return of_means(*means(rd2100_error, rng, tuple(range(-95, 96, 10)), tuple(range(-15, 60, 10))))
 
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_on_new_data_the_error_is_ten_times_smaller_though_the_gyro_is_no_polynomial(seed: int) -> None:
-    data = DataSets.of_means(*means(rd2100_error, np.random.default_rng(seed)))
+    data = of_means(*means(rd2100_error, np.random.default_rng(seed)))
     new = new_data(seed + 1)
     calibration = fit_error_function(data).calibration(0.0, {"made": "for a test"})
     corrected = [
@@ -103,7 +104,7 @@ def test_outlying_data_sets_are_rejected_and_do_not_move_the_fit(seed: int, coun
     bad = rng.choice(len(data), count, replace=False)
     rate = data.rate_deg_s.copy()
     rate[bad] += rng.choice([-1.0, 1.0], count) * rng.uniform(0.05, 20.0, count)
-    fitted = fit_error_function(DataSets.of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s))
+    fitted = fit_error_function(of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s))
     assert (fitted.weights[bad] == 0.0).all()
     assert (fitted.weights == 0.0).sum() <= count + 1
     assert distance(fitted, TRUE) < 1.4 * chi2.isf(1e-7, 12)
@@ -113,7 +114,7 @@ def test_a_rejected_reading_does_not_widen_the_range() -> None:
     data = simulated(TRUE, 1)
     rate = data.rate_deg_s.copy()
     rate[np.argmax(data.table_rate_deg_s)] += 50.0
-    spoilt = DataSets.of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s)
+    spoilt = of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s)
     assert fit_error_function(spoilt).rate_range_deg_s[1] < 105.0
 
 
@@ -139,13 +140,13 @@ def test_fitted_over_a_few_degrees_far_from_zero_it_still_holds() -> None:
     rng = np.random.default_rng(1)
     law = cubic_law(TRUE)
     w, g, T, sigma = means(law, rng, temperatures=(40.0, 43.0, 46.0))
-    fitted = fit_error_function(DataSets.of_means(w, g, T, sigma))
+    fitted = fit_error_function(of_means(w, g, T, sigma))
     calibration = fitted.calibration(1e-4, {"made": "for a test"})
     sample = GyroSample(0, 0.1, math.radians(50.0), 43.0)
     assert math.degrees(calibration.correct(sample).sigma_rad_s) == pytest.approx(
         math.hypot(1e-4, float(fitted.sigma_deg_s(50.0, 43.0))) * beyond_rest(fitted, 50.0), rel=1e-3
     )
-    assert np.abs(fitted.residual_deg_s(DataSets.of_means(w, g, T, sigma))).max() < 5.0 * sigma[0]
+    assert np.abs(fitted.residual_deg_s(of_means(w, g, T, sigma))).max() < 5.0 * sigma[0]
 
 
 @pytest.mark.parametrize("order", [Order(1, 0), Order(2, 1), Order(3, 0), Order(3, 2)])
@@ -172,7 +173,7 @@ def test_too_few_data_sets_and_undetermined_terms_are_refused() -> None:
     data = simulated(TRUE, 1)
     with pytest.raises(ValueError, match="12 coefficients and needs 16 data sets, there are 13"):
         fit_error_function(data.select(np.arange(13)))
-    still = DataSets.of_means(np.tile(RATES, 3), np.tile(RATES, 3), np.zeros(33), np.ones(33))
+    still = of_means(np.tile(RATES, 3), np.tile(RATES, 3), np.zeros(33), np.ones(33))
     with pytest.raises(ValueError, match="determine 4 of 12"):
         fit_error_function(still)
     with pytest.raises(ValueError, match="determine"):
@@ -181,5 +182,5 @@ def test_too_few_data_sets_and_undetermined_terms_are_refused() -> None:
 
 def test_a_gyro_without_error_and_noise_has_none() -> None:
     T, w = (a.ravel() for a in np.meshgrid(np.array(TEMPERATURES, float), np.array(RATES, float)))
-    fitted = fit_error_function(DataSets.of_means(w, w, T, np.full(len(w), 1e-9)))
+    fitted = fit_error_function(of_means(w, w, T, np.full(len(w), 1e-9)))
     assert np.abs(fitted.coefficients).max() < 1e-9

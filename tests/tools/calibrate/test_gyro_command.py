@@ -11,9 +11,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 import yaml
-from rate_table_data import Array, samples, write_csv, write_table
+from rate_table_data import samples, write_csv, write_table
 
 from drd import __version__
+from drd.arrays import Array
 from drd.estimation.calibration import load_calibration
 from drd.samples import GyroSample
 from drd_tools.calibrate.command import main as calibrate

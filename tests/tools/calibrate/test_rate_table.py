@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rate_table_data import samples, write_csv, write_table
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
-from drd_tools.calibrate.gyro.data_sets import Array
 from drd_tools.calibrate.gyro.rate_table import RateTable, data_sets, files_in, read_rate_table
 
 HEADER = "time_s,table_rate_deg_s,rate_deg_s,temperature_c\n"

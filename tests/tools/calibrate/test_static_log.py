@@ -111,7 +111,7 @@ def test_few_lost_samples_are_bridged_and_do_not_change_the_deviation() -> None:
     assert allan_curve(log.rate_rad_s, 0.1).deviation == pytest.approx(expected, rel=0.01)
 
 
-def test_at_a_long_hole_the_longest_stretch_is_taken() -> None:
+def test_at_a_long_hole_the_longest_interval_is_taken() -> None:
     time_s, rate = columns(static_log(1000.0))
     kept = (time_s < 300.0) | (time_s > 310.0)
     log = evened(time_s[kept], rate[kept])

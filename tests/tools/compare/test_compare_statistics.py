@@ -1,16 +1,16 @@
-"""The statistics behind `drd compare`: noise as selected, shares of the right driver, nothing where nothing is."""
+"""The statistics behind `drd compare`: noise as selected, shares of the right covariate, nothing where nothing is."""
 
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive
 
+from drd.arrays import Array
 from drd_tools.compare.blocks import Blocks, cut
-from drd_tools.compare.drivers import Covariate, drivers_of
+from drd_tools.compare.covariates import Covariate, covariates_of
 from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
 from drd_tools.compare.noise import Expected, draw, expected
 from drd_tools.compare.shares import Share, curve, shares, whitened
@@ -19,7 +19,6 @@ from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path as Poses
 from drd_tools.diagnose.observe.evidence import Evidence, gather
 
-Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -41,26 +40,26 @@ def white(blocks: int, sigma: float = 1.0) -> Expected:
     return Expected(sigma**2 * np.eye(blocks), np.zeros((blocks, 0)), blocks)
 
 
-def judge(y: Array, drivers: list[Covariate], sigma: float = 1.0) -> list[Share]:
-    return shares([whitened(y, white(len(y), sigma))], drivers, flips=199)[0]
+def judge(y: Array, covariates: list[Covariate], sigma: float = 1.0) -> list[Share]:
+    return shares([whitened(y, white(len(y), sigma))], covariates, flips=199)[0]
 
 
 @settings(deadline=None, max_examples=10)
 @given(SEEDS)
 def test_a_curve_of_a_driver_is_found_and_measured(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    driver, n = ramp(80), 80
-    other = Covariate("other", "m", driver.knots, driver.design[rng.permutation(n)])
-    truth = rng.choice((-1.0, 1.0)) * 6.0 * (driver.knots - 0.5)
-    y = driver.design @ truth + rng.standard_normal(n)
-    found, wrong = judge(y, [driver, other])
+    covariate, n = ramp(80), 80
+    other = Covariate("other", "m", covariate.knots, covariate.design[rng.permutation(n)])
+    truth = rng.choice((-1.0, 1.0)) * 6.0 * (covariate.knots - 0.5)
+    y = covariate.design @ truth + rng.standard_normal(n)
+    found, wrong = judge(y, [covariate, other])
     assert found.p <= 0.01
     assert found.as_good
     assert 0.4 < found.share < 0.95
     assert 0.55 < found.left < 1.75  # chi-squared over 80, at five sigma
     assert not wrong.as_good
     assert wrong.share < 0.3
-    fitted = curve(whitened(y, white(n)), driver, found.left)
+    fitted = curve(whitened(y, white(n)), covariate, found.left)
     assert np.all(np.abs(fitted.value - truth) < 5.5 * fitted.sigma)
 
 
@@ -127,12 +126,12 @@ def test_blocks_hold_every_step_once(drive: tuple[Evidence, Poses]) -> None:
 
 def test_a_design_shares_out_all_of_the_time(drive: tuple[Evidence, Poses]) -> None:
     e, path = drive
-    found = {d.name: d for d in drivers_of(e, path, cut(e))}
+    found = {d.name: d for d in covariates_of(e, path, cut(e))}
     assert {"time", "yaw rate", "speed", "heading", "place"} <= set(found)
     assert "temperature" not in found
-    for driver in found.values():
-        np.testing.assert_allclose(driver.design.sum(axis=1), 1.0, atol=1e-9)
-        assert driver.design.sum(axis=0).min() > 0.4
+    for covariate in found.values():
+        np.testing.assert_allclose(covariate.design.sum(axis=1), 1.0, atol=1e-9)
+        assert covariate.design.sum(axis=0).min() > 0.4
 
 
 def test_gaps_make_blocks_shorter_but_rates_stay(drive: tuple[Evidence, Poses]) -> None:

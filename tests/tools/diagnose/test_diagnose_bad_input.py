@@ -62,11 +62,15 @@ def damaged(draw: Any) -> Recording:
             absent: dict[str, Any] = {which: None}
             recording = replace(recording, **absent)
     if draw(st.booleans()):
-        nominal = recording.nominal
-        encoders = replace(nominal.encoders, slip_noise_m_per_sqrt_m=0.0)
-        reference = replace(nominal.reference, position_sigma_m=0.0, heading_sigma_deg=0.0)
-        fog = replace(nominal.fog, angle_random_walk_deg_per_sqrt_h=0.0, bias_repeatability_deg_s=0.0)
-        recording = replace(recording, nominal=replace(nominal, encoders=encoders, reference=reference, fog=fog))
+        perfect = replace(
+            recording.nominal,
+            slip_noise_m_per_sqrt_m=0.0,
+            reference_position_sigma_m=0.0,
+            reference_heading_sigma_deg=0.0,
+            gyro_angle_random_walk_deg_per_sqrt_h=0.0,
+            gyro_bias_repeatability_deg_s=0.0,
+        )
+        recording = replace(recording, nominal=perfect)
     return recording
 
 

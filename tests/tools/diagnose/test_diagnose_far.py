@@ -107,10 +107,9 @@ def test_a_wheel_whose_speed_is_dead_is_found_and_the_constants_are_those_of_the
     speeds = [np.gradient(np.interp(held_s, time_s, angle), held_s) for angle in angles]
     left, right = (speed[np.searchsorted(held_s, time_s, "right") - 1] for speed in speeds)
     right = np.where((time_s >= 90.0) & (time_s < 92.5), 0.0, right)
-    wheel = replace(recording.nominal.wheel, counts_per_revolution=None)
     dead = replace(
         recording,
-        nominal=replace(recording.nominal, wheel=wheel),
+        nominal=replace(recording.nominal, counts_per_revolution=None),
         wheels=EncoderLog(time_s, None, None, left, right),
     )
     measured, audited = observe(dead)

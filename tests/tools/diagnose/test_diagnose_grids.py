@@ -43,7 +43,7 @@ def test_rows_of_a_fast_gyro_are_added_up(rate_hz: float, step_s: float) -> None
 
 def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
     """Also what is faster than the steps."""
-    fast = replace(DEFAULT, fog=replace(DEFAULT.fog, rate_hz=100.0))
+    fast = replace(DEFAULT, gyro_rate_hz=100.0)
     late = selected("gyro_latency", delay=0.02)
     (found,) = analyse(simulated(WAREHOUSE, 3, late, nominal=fast).recording).conclusion.causes
     assert "gyro_latency" in {found.effect, *found.also_fits}

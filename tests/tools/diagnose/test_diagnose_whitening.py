@@ -21,7 +21,7 @@ from drd_tools.simulate.robot import DEFAULT
 Array = npt.NDArray[np.float64]
 
 SEEDS = 20
-FINE = replace(DEFAULT, wheel=replace(DEFAULT.wheel, counts_per_revolution=2e7))
+FINE = replace(DEFAULT, counts_per_revolution=2e7)
 # Effects of all channels, of a size between just and well visible, and how far the linear model may be off.
 LINEAR = [
     (selected("tread_error", k=0.01), 0.03),

@@ -157,8 +157,13 @@ def test_bad_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_results_of_another_kind_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for text in ("", "[]", '{"format": "drd-paper/1"}', '{"format": "drd-evaluation/1", "runs": [{}]}'):
+    for text, place in (
+        ("", f"{FILE}: (top level): expected JSON"),
+        ("[]", f"{FILE}: format: expected drd-evaluation/1"),
+        ('{"format": "drd-paper/1"}', f"{FILE}: format: expected drd-evaluation/1"),
+        ('{"format": "drd-evaluation/1", "runs": [{}]}', f"{FILE}: runs[0]."),
+    ):
         (tmp_path / FILE).write_text(text)
         code, _, err = run(capsys, "--draw", tmp_path)
         assert code == 2
-        assert "expected a file of the form drd-evaluation/1" in err
+        assert place in err

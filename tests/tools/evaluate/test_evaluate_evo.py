@@ -10,8 +10,9 @@ from evo.core.trajectory import PosePath3D
 from evo.core.units import Unit
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pose_files import Array, dead_reckoned, moved
+from pose_files import dead_reckoned, moved
 
+from drd.arrays import Array
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.metrics import Indices, absolute_error, relative_errors
 from drd_tools.evaluate.trajectory import Pairs, associate, path_length_m, read_reference
@@ -110,7 +111,7 @@ def test_real_drives_by_wheels_alone(name: str) -> None:
         pytest.skip("no shared recordings")
     recording, reference = read_recording(SHARED / name), read_reference(SHARED / name)
     left, right = recording.wheel_angles_rad()
-    wheel, tread_m = recording.nominal.wheel.radius_m, recording.nominal.tread_m
+    wheel, tread_m = recording.nominal.wheel_radius_m, recording.nominal.tread_m
     heading = wheel * (right - left) / tread_m
     step_m = 0.5 * wheel * np.diff(left + right, prepend=0.0)
     xy = np.column_stack([np.cumsum(step_m * np.cos(heading)), np.cumsum(step_m * np.sin(heading))])

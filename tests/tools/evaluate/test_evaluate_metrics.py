@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pose_files import Array, dead_reckoned, drive, estimate_of, integrate, moved
+from pose_files import dead_reckoned, drive, estimate_of, integrate, moved
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS, align
-from drd_tools.evaluate.drivers import binned, error_growth
+from drd_tools.evaluate.growth import binned, error_growth
 from drd_tools.evaluate.heading import heading_drift
 from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.metrics import kitti_drift

@@ -6,22 +6,20 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile, make_noise
 from drd.estimation.track import Track
 from drd_tools.explain.budget import Budget
+from drd_tools.explain.interval import Interval
 from drd_tools.explain.parts import Parts
-from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import TappedFilter
 from drd_tools.limit import causes
-
-Array = npt.NDArray[np.float64]
 
 SIGMAS = Sigmas(
     position_m=0.02,
@@ -46,10 +44,10 @@ def tapped(
     sigmas: Sigmas = SIGMAS,
     along_gyro: bool = True,
 ) -> Any:
-    """A tapped filter with a clock of its own, and its stretch."""
-    stretch = Stretch(0, from_s, None, keep_s)
-    stretch.clock = cast(Track, SimpleNamespace(t_ns=0))
-    return TappedFilter(stretch, 0.6, sigmas, noise, 50.0, True, along_gyro), stretch
+    """A tapped filter with a clock of its own, and its interval."""
+    interval = Interval(0, from_s, None, keep_s)
+    interval.clock = cast(Track, SimpleNamespace(t_ns=0))
+    return TappedFilter(interval, 0.6, sigmas, noise, 50.0, True, along_gyro), interval
 
 
 def assert_equal(found: Array, P: Array) -> None:
@@ -58,14 +56,14 @@ def assert_equal(found: Array, P: Array) -> None:
     assert np.abs((found - P) / np.outer(sigma, sigma)).max() < 1e-6
 
 
-def assert_mirrored(kf: Filter, stretch: Stretch) -> None:
-    parts = stretch.budget.parts
+def assert_mirrored(kf: Filter, interval: Interval) -> None:
+    parts = interval.budget.parts
     assert parts is not None
-    assert_equal(stretch.budget.P.sum(axis=0), kf.P)
+    assert_equal(interval.budget.P.sum(axis=0), kf.P)
     assert_equal(parts.covariance.reshape(len(causes.GROUPS), N, -1, N).sum(axis=(0, 2)), kf.P)
     sigma = np.sqrt(np.maximum(np.diag(kf.P), 1e-30))
     assert np.abs(parts.mean.sum(axis=0) / sigma).max() < 1e-5
-    for P in stretch.budget.P:
+    for P in interval.budget.P:
         assert np.linalg.eigvalsh(P / np.outer(sigma, sigma))[0] > -1e-7
 
 
@@ -129,23 +127,23 @@ def once(kf: Filter, name: str) -> None:
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.one_of(DRIVE, DRIVE, BLIND, ODOMETRY, ONCE), min_size=1, max_size=12), st.booleans())
 def test_the_causes_add_up_to_the_filters_covariance_whatever_happens(events: list[Any], paper: bool) -> None:
-    kf, stretch = tapped(make_noise("paper", Noise(), 0.6) if paper else PHYSICAL, along_gyro=not paper)
+    kf, interval = tapped(make_noise("paper", Noise(), 0.6) if paper else PHYSICAL, along_gyro=not paper)
     for event in events:
         act(kf, event)
-        assert_mirrored(kf, stretch)
+        assert_mirrored(kf, interval)
 
 
 def test_a_filter_that_takes_over_goes_on_with_the_others_budget() -> None:
     """As at a reload: the second filter is made beside the first one, and copies it."""
-    first, stretch = tapped()
+    first, interval = tapped()
     act(first, ("drive", 30, 1.0, 0.4))
-    brought = stretch.budget.P[causes.GYRO_NOISE].copy()
-    second = TappedFilter(stretch, 0.6, SIGMAS, PHYSICAL, 50.0, is_told=False)
-    assert np.array_equal(stretch.budget.P[causes.GYRO_NOISE], brought)
+    brought = interval.budget.P[causes.GYRO_NOISE].copy()
+    second = TappedFilter(interval, 0.6, SIGMAS, PHYSICAL, 50.0, recorded=False)
+    assert np.array_equal(interval.budget.P[causes.GYRO_NOISE], brought)
     second.copy_from(first)
     act(second, ("drive", 30, 1.0, -0.4))
-    assert_mirrored(second, stretch)
-    assert stretch.budget.P[causes.GYRO_NOISE, GYRO_HEADING, GYRO_HEADING] > brought[GYRO_HEADING, GYRO_HEADING] > 0.0
+    assert_mirrored(second, interval)
+    assert interval.budget.P[causes.GYRO_NOISE, GYRO_HEADING, GYRO_HEADING] > brought[GYRO_HEADING, GYRO_HEADING] > 0.0
 
 
 def test_each_source_goes_to_its_own_cause() -> None:
@@ -164,8 +162,8 @@ def test_each_source_goes_to_its_own_cause() -> None:
         ("jitter_s2", causes.JITTER),
         ("comparison_rad2", causes.COMPARISON),
     ):
-        kf, stretch = tapped(NoiseProfile(**({"comparison_rad2": 0.0} | {field: 1e-6})))
-        stretch.budget.forget(*range(N))
+        kf, interval = tapped(NoiseProfile(**({"comparison_rad2": 0.0} | {field: 1e-6})))
+        interval.budget.forget(*range(N))
         kf.P[:] = np.diag(
             [0.0] * 3 + [1e-30] * (N - 3)
         )  # nothing is known badly; the comparison must have some variance
@@ -173,14 +171,14 @@ def test_each_source_goes_to_its_own_cause() -> None:
         if cause in (causes.TIMING, causes.COMPARISON):
             kf.P[HEADING, HEADING] = 1e-9
             assert kf.update(0.4) is Outcome.ACCEPTED
-        brought = np.flatnonzero(np.abs(stretch.budget.P).max(axis=(1, 2)) > 0.0)
+        brought = np.flatnonzero(np.abs(interval.budget.P).max(axis=(1, 2)) > 0.0)
         assert brought.tolist() == [cause], field
 
 
 def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
     """(59) against a state that is augmented by a copy of the pose: exact, whatever was known badly by then."""
     start_ns, at = 4_000_000_000, 80
-    kf, stretch = tapped(from_s=start_ns * 1e-9)
+    kf, interval = tapped(from_s=start_ns * 1e-9)
     A = np.zeros((N + 3, N + 3))
     pose = np.zeros(3)
     H = np.zeros(N + 3)
@@ -192,7 +190,7 @@ def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
             A[:N, :N] = kf.P
             A[N:, :N], A[:N, N:], A[N:, N:] = kf.P[POSE], kf.P[:, POSE], kf.P[np.ix_(POSE, POSE)]
             pose = np.array([n.x_m, n.y_m, kf.heading_rad])
-        stretch.clock.t_ns = round(k * STEP_S * 1e9)
+        interval.clock.t_ns = round(k * STEP_S * 1e9)
         rate = 0.5 * math.sin(0.05 * k)
         kf.predict(STEP_S, 0.05 - 0.3 * rate * STEP_S, 0.05 + 0.3 * rate * STEP_S, rate)
         F = np.eye(N + 3)
@@ -211,8 +209,8 @@ def test_increments_are_those_of_a_filter_that_remembers_the_pose() -> None:
     J = np.hstack([np.eye(N)[POSE], -np.eye(3)])
     J[0, -1], J[1, -1] = n.y_m - pose[1], -(n.x_m - pose[0])
     # The corrections move the nominal a little between the steps: the lever is that of the linearisation.
-    assert np.allclose(stretch.budget.P.sum(axis=0)[np.ix_(POSE, POSE)], J @ A @ J.T, rtol=1e-3, atol=1e-9)
-    assert stretch.budget.P.sum() != pytest.approx(kf.P.sum(), rel=1e-3)
+    assert np.allclose(interval.budget.P.sum(axis=0)[np.ix_(POSE, POSE)], J @ A @ J.T, rtol=1e-3, atol=1e-9)
+    assert interval.budget.P.sum() != pytest.approx(kf.P.sum(), rel=1e-3)
 
 
 def test_parts_are_the_conditional_means_of_a_dense_gaussian() -> None:
@@ -280,8 +278,8 @@ def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
     def drive(delay_s: float) -> tuple[Array, Array, float]:
         # A lag that is estimated would be found, and the estimator, not this filter, would shift the gyro's samples.
         noise, sigmas = replace(PHYSICAL, wheel_lag_s2_per_s=0.0), replace(SIGMAS, wheel_lag_s=0.0)
-        kf, stretch = tapped(noise, keep_s=(), sigmas=sigmas)
-        poses, foretold = [], []
+        kf, interval = tapped(noise, keep_s=(), sigmas=sigmas)
+        poses, predicted = [], []
         for k in range(2400):
             t_s = k * step_s
             turn = heading(t_s + step_s) - heading(t_s)
@@ -289,12 +287,12 @@ def test_a_late_gyro_moves_the_pose_as_foretold() -> None:
             kf.predict(step_s, step_s - 0.3 * turn, step_s + 0.3 * turn, rate)
             assert kf.update(rate) is Outcome.ACCEPTED
             poses.append([kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad])
-            foretold.append(stretch.budget.delay[POSE].copy())
-        return np.array(poses), np.array(foretold), stretch.delay_s
+            predicted.append(interval.budget.delay[POSE].copy())
+        return np.array(poses), np.array(predicted), interval.delay_s
 
-    poses, foretold, delay_s = drive(0.0)
+    poses, predicted, delay_s = drive(0.0)
     late = drive(delay_s)[0] - poses
     for k in range(3):
         assert np.abs(late[:, k]).max() > 3e-3
-        # The rate is known as means over steps: the effect is foretold half a step late.
-        assert np.abs(late - foretold)[:, k].max() < 0.2 * np.abs(late[:, k]).max()
+        # The rate is known as means over steps: the effect is predicted half a step late.
+        assert np.abs(late - predicted)[:, k].max() < 0.2 * np.abs(late[:, k]).max()

@@ -1,4 +1,4 @@
-"""`drd explain` as it is used: folders and MCAP files, with and without reference, stretches, bad input."""
+"""`drd explain` as it is used: folders and MCAP files, with and without reference, intervals, bad input."""
 
 import json
 import shutil
@@ -15,8 +15,8 @@ from drd.config.schema import ConfigError
 from drd_tools.evaluate.trajectory import read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.command import main
+from drd_tools.explain.interval import Interval
 from drd_tools.explain.source import open_source
-from drd_tools.explain.stretch import Stretch
 from drd_tools.explain.tap import tapped_track
 from drd_tools.explain.text import fits
 from drd_tools.limit import causes
@@ -101,7 +101,7 @@ def test_the_budget_is_the_published_covariance_in_motion(tmp_path: Path) -> Non
     assert found == pytest.approx(np.degrees(np.sqrt(hh)), rel=0.02)
 
 
-def test_a_stretch_begins_with_no_error_of_the_pose_and_what_was_learned(folder: Path, tmp_path: Path) -> None:
+def test_an_interval_begins_with_no_error_of_the_pose_and_what_was_learned(folder: Path, tmp_path: Path) -> None:
     source = open_source(copy_without_reference(folder, tmp_path / "alone"), None, None, None)
     explanation = explain(source, 30.0, 40.0, None)
     assert (explanation.from_s, explanation.to_s) == (30.0, 40.0)
@@ -115,28 +115,28 @@ def test_a_stretch_begins_with_no_error_of_the_pose_and_what_was_learned(folder:
 
 def test_the_replay_is_not_changed_by_being_explained(folder: Path) -> None:
     recording = read_recording(folder)
-    stretch = Stretch(0, None, None)
-    replayed = replay_folder(recording, new_track=partial(tapped_track, stretch))
+    interval = Interval(0, None, None)
+    replayed = replay_folder(recording, new_track=partial(tapped_track, interval))
     assert replayed.digest() == replay_folder(recording).digest()
-    assert len(stretch.table()) > len(replayed.poses)
+    assert len(interval.table()) > len(replayed.poses)
 
 
 def test_holes_in_both_sensors_are_mirrored(folder: Path, tmp_path: Path) -> None:
-    """Blind stretches, headings that are copied, a bias after a silence: in the estimator's own hands."""
+    """Blind intervals, headings that are copied, a bias after a silence: in the estimator's own hands."""
     holes = tmp_path / "holes"
     shutil.copytree(folder, holes)
     for name, gaps in (("fog.csv", [(20.0, 25.0), (34.0, 36.0)]), ("encoders.csv", [(30.0, 31.5), (35.0, 37.0)])):
         lines = (holes / name).read_text().splitlines()
         kept = [s for s in lines[1:] if not any(low < float(s.split(",")[0]) < high for low, high in gaps)]
         (holes / name).write_text("\n".join([lines[0], *kept]) + "\n")
-    stretch = Stretch(0, None, None)
-    replay_folder(read_recording(holes), new_track=partial(tapped_track, stretch))
-    assert stretch.clock is not None
-    P = stretch.clock.kf.P
+    interval = Interval(0, None, None)
+    replay_folder(read_recording(holes), new_track=partial(tapped_track, interval))
+    assert interval.clock is not None
+    P = interval.clock.kf.P
     sigma = np.sqrt(np.maximum(np.diag(P), 1e-30))  # a robot that does not skid has no sideways slip
-    assert np.abs((stretch.budget.P.sum(axis=0) - P) / np.outer(sigma, sigma)).max() < 1e-6
+    assert np.abs((interval.budget.P.sum(axis=0) - P) / np.outer(sigma, sigma)).max() < 1e-6
     for cause in (causes.NOT_SEEN, causes.BIAS_SILENCE):
-        assert stretch.budget.P[cause].max() > 0.0
+        assert interval.budget.P[cause].max() > 0.0
 
 
 def test_a_reference_of_start_and_end_alone(folder: Path, tmp_path: Path) -> None:

@@ -5,19 +5,17 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from scipy.stats import chi2
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.estimation.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
 from drd.estimation.noise import make_noise
 from drd.estimation.track import Track
-from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.interval import Interval
 from drd_tools.explain.tap import TappedFilter
 from drd_tools.limit.causes import GROUPS, by_group
-
-Array = npt.NDArray[np.float64]
 
 TREAD_M, STEP_S, STEPS, SEEDS = 0.588, 0.05, 500, 40
 POSE = [X, Y, GYRO_HEADING]
@@ -80,14 +78,14 @@ def increment(poses: Array) -> Array:
 @pytest.fixture(scope="module")
 def budget() -> Array:
     """Of the increment, by group, in the axes at BEGIN_S, from a drive without any error: (groups, 3, 3)."""
-    stretch, clock = Stretch(0, BEGIN_S, None), SimpleNamespace(t_ns=0)
-    stretch.clock = cast(Track, clock)
-    kf = TappedFilter(stretch, TREAD_M, SIGMAS, NOISE, 100.0)
+    interval, clock = Interval(0, BEGIN_S, None), SimpleNamespace(t_ns=0)
+    interval.clock = cast(Track, clock)
+    kf = TappedFilter(interval, TREAD_M, SIGMAS, NOISE, 100.0)
     _, estimated = drive(kf, clock, "none", np.random.default_rng(0))
     angle = estimated[round(BEGIN_S / STEP_S), 2]
     c, s = math.cos(angle), math.sin(angle)
     T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turned: Array = T @ by_group(stretch.budget.P[:, POSE][:, :, POSE]) @ T.T
+    turned: Array = T @ by_group(interval.budget.P[:, POSE][:, :, POSE]) @ T.T
     return turned
 
 

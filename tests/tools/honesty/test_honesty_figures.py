@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Mounting
 from drd_tools.evaluate.trajectory import Poses, Reference
 from drd_tools.honesty.drives import at_centre
-from drd_tools.honesty.figures import Array, Estimated, Figures, Yardstick, figures_of, is_moving, lag_of, nees_at_end
+from drd_tools.honesty.figures import Estimated, Figures, Yardstick, figures_of, is_moving, lag_of, nees_at_end
 
 TIME_S = np.arange(0.0, 40.0, 0.1)
 

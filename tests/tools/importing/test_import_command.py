@@ -65,8 +65,8 @@ def test_a_bag_with_its_traps_found(bag: Path, tmp_path: Path, capsys: pytest.Ca
     assert (applied["axis"], applied["sign"]) == ("y", "-")
     assert applied["shift_wheels_s"] == pytest.approx(-0.2, abs=0.01)
     assert said(out)["inputs"].keys() == {str(bag)}
-    assert recording.nominal.fog.rate_hz == pytest.approx(100.0)
-    assert recording.nominal.fog.range_deg_s is None
+    assert recording.nominal.gyro_rate_hz == pytest.approx(100.0)
+    assert recording.nominal.gyro_range_deg_s is None
     # The end of the drive: nothing but counts of 0.15 mm and a gyro with 0.17 deg/s of bias is in it.
     replayed = replay_folder(recording)
     assert replayed.poses[-1].x_m == pytest.approx(DRIVE[2].x_m[-1], abs=0.5)
@@ -103,7 +103,7 @@ def test_wheels_of_any_message_are_the_same_wheels(wheels: tuple[str, ...], bag:
     recording = read_recording(tmp_path / "out")
     # A first row has no interval: what an odometry says of the time before is not in the folder.
     check_wheels(recording, 3e-3)
-    assert recording.nominal.wheel.counts_per_revolution is None
+    assert recording.nominal.counts_per_revolution is None
 
 
 def test_counts_of_two_topics_that_wrap(bag: Path, tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_can_logs(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert run(path, "--config", config, "--wheels", "can", "--output", tmp_path / "out") == 0
     recording = read_recording(tmp_path / "out")
     check_wheels(recording, 1.2e-3)  # mm, twice rounded
-    assert recording.nominal.wheel.counts_per_revolution == pytest.approx(2.0 * math.pi * 100.0)
+    assert recording.nominal.counts_per_revolution == pytest.approx(2.0 * math.pi * 100.0)
     assert recording.nominal.tread_m == 0.5
     assert recording.encoders.left_counts is not None
     begin_s = float(said(tmp_path / "out")["zero"]) - EPOCH_NS * 1e-9
@@ -295,5 +295,5 @@ def test_robot_yaml_is_kept_and_overruled(bag: Path, tmp_path: Path) -> None:
     )
     assert run(bag, *words) == 0
     nominal = read_recording(tmp_path / "out").nominal
-    assert (nominal.name, nominal.tread_m, nominal.fog.range_deg_s) == ("husky", TREAD_M, 300.0)
+    assert (nominal.name, nominal.tread_m, nominal.gyro_range_deg_s) == ("husky", TREAD_M, 300.0)
     assert nominal.standstill_at_start_s == 3.0

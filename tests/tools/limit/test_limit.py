@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from replay_folders import STANDING, write_perfect
 
+from drd.arrays import Array
 from drd.batch.logs import EncoderLog
 from drd.cli import main
 from drd.estimation.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
@@ -29,8 +29,6 @@ from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
-
-Array = npt.NDArray[np.float64]
 
 N_01 = 0.1 * PER_SQRT_H  # the table's gyro
 TREAD_M = 0.5
@@ -193,7 +191,7 @@ def test_blocks_add_up_and_hold_either_rest_or_motion() -> None:
 
 
 def simulated(walk_deg_per_sqrt_h: float = 0.0833, seed: int = 1) -> Recording:
-    nominal = replace(DEFAULT, fog=replace(DEFAULT.fog, angle_random_walk_deg_per_sqrt_h=walk_deg_per_sqrt_h))
+    nominal = replace(DEFAULT, gyro_angle_random_walk_deg_per_sqrt_h=walk_deg_per_sqrt_h)
     return simulate(make_truth(make_drive("warehouse", 120.0)), nominal, seed=seed).recording
 
 
@@ -234,8 +232,7 @@ def test_a_reference_shows_the_wheels_noise(factor: float) -> None:
     ]
     time_s: Array = np.linspace(0.0, 0.05 * (rows - 1), rows)
     left, right = (np.round(np.cumsum(side) / (2.0 * math.pi * radius_m) * 1e6) for side in sides)
-    robot = replace(DEFAULT, wheel=replace(DEFAULT.wheel, radius_m=radius_m, counts_per_revolution=1e6))
-    robot = replace(robot, reference=replace(robot.reference, heading_sigma_deg=0.0))
+    robot = replace(DEFAULT, wheel_radius_m=radius_m, counts_per_revolution=1e6, reference_heading_sigma_deg=0.0)
     zeros = np.zeros(rows)
     recording = Recording(
         Path("none"),

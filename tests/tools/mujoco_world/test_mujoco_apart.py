@@ -7,18 +7,18 @@ from pathlib import Path
 import pytest
 
 import drd_tools.mujoco_world as package
-from drd_tools.simulate_command import main
+from drd.cli import main as drd
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
 # The forms of the recording folder, the errors, the look of pictures; and the sensors, which are those of all worlds.
 SHARED = {
-    "drd.config.nominal",
-    "drd.config.schema",
+    "drd.arrays",
+    "drd.commands",
+    "drd.config.robot",
     "drd.effects.motion",
     "drd.units",
     "drd_tools.recordings.folder",
     "drd_tools.report.style",
-    "drd_tools.simulate.arguments",
     "drd_tools.simulate.conditions",
     "drd_tools.simulate.files",
     "drd_tools.simulate.sensors",
@@ -48,7 +48,7 @@ def test_without_mujoco_it_says_what_to_install(
         monkeypatch.delitem(sys.modules, f"{package.__name__}.{file.stem}", raising=False)
         monkeypatch.delattr(package, file.stem, raising=False)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert main(["--world", "mujoco", "--output", str(tmp_path / "run")]) == 2
+    assert drd(["simulate", "--world", "mujoco", "--output", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
     assert "drd[mujoco]" in error
     assert error.count("\n") == 1
@@ -59,18 +59,17 @@ def test_without_mujoco_it_says_what_to_install(
     "argv",
     [["--world", "moon", "--output", "a"], ["--world", "mujoco"], ["--world", "mujoco", "--mission", "moon"],
      ["--world", "mujoco", "--friction", "0", "--output", "a"], ["--world", "mujoco", "--seed", "-1", "--output", "a"],
-     ["--world", "mujoco", "--reference", "sparse:x", "--output", "a"],
      ["--world", "mujoco", "--temperature", "cycle", "--output", "a"]],
 )  # fmt: skip
 def test_bad_usage_is_code_2(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        main(argv)
+        drd(["simulate", *argv])
     assert caught.value.code == 2
     assert "drd simulate" in capsys.readouterr().err
 
 
 def test_its_help_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        main(["--world", "mujoco", "--help"])
+        drd(["simulate", "--world", "mujoco", "--help"])
     assert caught.value.code == 0
     assert "--friction" in capsys.readouterr().out

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples
+from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Gyro, RateTable
 

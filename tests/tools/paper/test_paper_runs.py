@@ -7,7 +7,7 @@ import pytest
 
 from drd.config.file import load_config
 from drd_tools.paper import physics as p
-from drd_tools.paper.runs import CELLS, Laboratory, Robot, run_gyro, told
+from drd_tools.paper.runs import CELLS, Laboratory, Robot, informed, run_gyro
 from drd_tools.paper.studies import STATES, delay_alone, sigmas_over_laps
 from drd_tools.shipped import shipped_config
 
@@ -15,7 +15,7 @@ from drd_tools.shipped import shipped_config
 @pytest.fixture(scope="module")
 def laboratory() -> Laboratory:
     physics = p.Physics()
-    return Laboratory.make(told(load_config(shipped_config("pioneer-at.yaml")).value, physics), physics)
+    return Laboratory.make(informed(load_config(shipped_config("pioneer-at.yaml")).value, physics), physics)
 
 
 def test_the_path_is_the_papers(laboratory: Laboratory) -> None:

@@ -43,11 +43,10 @@ def test_the_folder_and_the_daemons_file_of_a_drive_say_the_same(tmp_path: Path)
     assert made.encoders.left_counts is not None
     assert told.encoders.left_counts is not None
     assert np.array_equal(told.encoders.left_counts, made.encoders.left_counts - made.encoders.left_counts[0])
-    assert told.nominal.wheel == made.nominal.wheel
-    assert told.nominal.tread_m == made.nominal.tread_m
-    for name in ("angle_random_walk_deg_per_sqrt_h", "bias_repeatability_deg_s", "rate_hz"):
-        assert getattr(told.nominal.fog, name) == pytest.approx(getattr(made.nominal.fog, name))
-    assert told.nominal.standstill_at_start_s == made.nominal.standstill_at_start_s
+    for name in ("wheel_radius_m", "counts_per_revolution", "tread_m", "standstill_at_start_s"):
+        assert getattr(told.nominal, name) == getattr(made.nominal, name)
+    for name in ("gyro_angle_random_walk_deg_per_sqrt_h", "gyro_bias_repeatability_deg_s", "gyro_rate_hz"):
+        assert getattr(told.nominal, name) == pytest.approx(getattr(made.nominal, name))
     assert told.reference is not None
     assert sorted(told.sha256) == ["run.mcap", "run.reference.csv"]
 

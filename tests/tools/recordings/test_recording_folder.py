@@ -64,9 +64,9 @@ def test_without_encoders_the_wheels_may_be_null(tmp_path: Path) -> None:
     tmp_path.joinpath("robot.yaml").write_text("wheel: {radius_m: null}\ntread_m: null\nfog: {rate_hz: 10}\n")
     tmp_path.joinpath("fog.csv").write_text("time_s,rate_deg_s\n0.1,1\n")
     nominal = read_recording(tmp_path).nominal
-    assert math.isnan(nominal.wheel.radius_m)
+    assert math.isnan(nominal.wheel_radius_m)
     assert math.isnan(nominal.tread_m)
-    assert nominal.fog.rate_hz == 10.0
+    assert nominal.gyro_rate_hz == 10.0
 
 
 def test_counts_become_wheel_angles_from_the_first_row(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_folders import long_drive, short_drive, true_end, write_perfect
 
-from drd.batch.logs import Array, EncoderLog, FogLog
+from drd.arrays import Array
+from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import FIRST_NS, gyro_samples, metres_per_count, stamps_ns, wheel_samples
 from drd.config.schema import ConfigError
 from drd.encoders.counter import Counter, Outcome

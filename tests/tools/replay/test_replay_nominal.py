@@ -33,13 +33,13 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 def test_robot_yaml_is_the_nominal_model(short: Recording) -> None:
-    sheet = replace(
-        short.nominal.fog,
-        angle_random_walk_deg_per_sqrt_h=0.1,
-        bias_random_walk_deg_per_h_per_sqrt_h=5.0,
-        bias_repeatability_deg_s=0.03,
+    nominal = replace(
+        short.nominal,
+        gyro_angle_random_walk_deg_per_sqrt_h=0.1,
+        gyro_bias_random_walk_deg_per_h_per_sqrt_h=5.0,
+        gyro_bias_repeatability_deg_s=0.03,
     )
-    config = configuration(replace(short, nominal=replace(short.nominal, fog=sheet)))
+    config = configuration(replace(short, nominal=nominal))
     noise = config.estimation.noise
     assert (config.robot.wheel_radius_m, config.robot.tread_m, config.encoders.counts_per_revolution) == (
         0.1,
@@ -58,8 +58,8 @@ def test_robot_yaml_is_the_nominal_model(short: Recording) -> None:
 
 
 def test_a_mems_gyro_is_not_taken_for_a_fog(short: Recording) -> None:
-    sheet = replace(short.nominal.fog, kind="MEMS", angle_random_walk_deg_per_sqrt_h=0.2)
-    mems = configuration(replace(short, nominal=replace(short.nominal, fog=sheet))).estimation
+    nominal = replace(short.nominal, gyro_kind="MEMS", gyro_angle_random_walk_deg_per_sqrt_h=0.2)
+    mems = configuration(replace(short, nominal=nominal)).estimation
     fog = configuration(short).estimation
     assert mems.noise.gyro_deg_per_sqrt_h == 0.2  # what is stated is kept
     assert mems.initial.gyro_bias_deg_s > 5.0 * fog.initial.gyro_bias_deg_s
@@ -168,8 +168,8 @@ def test_a_model_changes_the_nominal_robot(short: Recording, tmp_path: Path) -> 
     file = tmp_path / "model.yaml"
     file.write_text("tread_m: 0.55\nwheel: {radius_m: 0.11}\neffects: []\n")
     changed = with_model(short, file).nominal
-    assert (changed.tread_m, changed.wheel.radius_m, changed.wheel.counts_per_revolution) == (0.55, 0.11, 4000)
-    assert changed.fog == short.nominal.fog
+    assert changed.counts_per_revolution == 4000
+    assert changed == replace(short.nominal, tread_m=0.55, wheel_radius_m=0.11)
 
 
 def test_what_a_model_has_null_stays_as_it_is(short: Recording, tmp_path: Path) -> None:

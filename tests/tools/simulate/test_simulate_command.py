@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from drd.cli import main as drd
 from drd_tools.recordings.folder import read_recording
-from drd_tools.simulate_command import main
 
 MODEL = """\
 effects:
@@ -18,7 +18,7 @@ def test_it_writes_a_folder_and_draws_it_again(tmp_path: Path, capsys: pytest.Ca
     model, run = tmp_path / "model.yaml", tmp_path / "run"
     model.write_text(MODEL)
     argv = ["--mission", "slalom", "--seconds", "60", "--seed", "2", "--model", str(model), "--ground", "asphalt"]
-    assert main([*argv, "--stressed", "--reference", "sparse:5", "--output", str(run)]) == 0
+    assert drd(["simulate", *argv, "--stressed", "--reference", "sparse:5", "--output", str(run)]) == 0
     text = capsys.readouterr().out
     assert "Mission slalom" in text
     assert "cut before the first lap ended" in text
@@ -31,13 +31,13 @@ def test_it_writes_a_folder_and_draws_it_again(tmp_path: Path, capsys: pytest.Ca
         (run / name).unlink()
     page = (run / "report.html").read_text()
     assert "gyro_scale_error" in page
-    assert main(["--draw", str(run)]) == 0
+    assert drd(["simulate", "--draw", str(run)]) == 0
     assert (run / "effects.png").exists()
 
 
 def test_it_writes_a_recording_of_the_daemon(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "run.mcap"
-    assert main(["--mission", "spins", "--seconds", "15", "--noise", "0", "--output", str(file)]) == 0
+    assert drd(["simulate", "--mission", "spins", "--seconds", "15", "--noise", "0", "--output", str(file)]) == 0
     assert file.stat().st_size > 10_000
     assert "poses" in capsys.readouterr().out
 
@@ -55,7 +55,7 @@ def test_it_writes_a_recording_of_the_daemon(tmp_path: Path, capsys: pytest.Capt
 def test_bad_input_is_one_line_and_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], argv: list[str], said: str
 ) -> None:
-    assert main([*argv, "--output", str(tmp_path / "run")]) == 2
+    assert drd(["simulate", *argv, "--output", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
     assert error.startswith("drd simulate: ")
     assert said in error
@@ -70,11 +70,11 @@ def test_bad_input_is_one_line_and_code_2(
 )  # fmt: skip
 def test_bad_usage_is_code_2(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        main(argv)
+        drd(["simulate", *argv])
     assert caught.value.code == 2
     assert "drd simulate" in capsys.readouterr().err
 
 
 def test_drawing_what_is_no_simulation_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--draw", str(tmp_path)]) == 2
+    assert drd(["simulate", "--draw", str(tmp_path)]) == 2
     assert "drd simulate wrote" in capsys.readouterr().err

@@ -143,7 +143,7 @@ def test_waypoints_of_a_file_are_visited(tmp_path: Path) -> None:
     [
         ("x,y\n1,2\n", "way.csv:1", "x_m,y_m or"),
         ("x_m,y_m\n1,2\n", "way.csv:", "at least 2"),
-        ("x_m,y_m\n1,2\n3,four\n", "way.csv:3", "a number"),
+        ("x_m,y_m\n1,2\n3,four\n", "way.csv:3", "a finite number"),
         ("x_m,y_m\n1,2\n3\n", "way.csv:3", "2 columns"),
         ("x_m,y_m\n1,2\n1,2\n", "way.csv:", "at least 0.01 m apart"),
         ("x_m,y_m,speed_m_s\n1,2,1\n3,4,0\n", "way.csv:3", "0.05 to 10"),

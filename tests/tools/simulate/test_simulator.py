@@ -9,7 +9,7 @@ import allantools
 import numpy as np
 import pytest
 
-from drd.config.nominal import FogSheet
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
 from drd.units import RAD_PER_DEG, S_PER_H
@@ -18,7 +18,7 @@ from drd_tools.replay.result import table
 from drd_tools.simulate.conditions import GROUNDS, PERFECT, Conditions, Ground, Reference, scatter, stream, wandering
 from drd_tools.simulate.missions import Drive, make_drive
 from drd_tools.simulate.robot import DEFAULT
-from drd_tools.simulate.route import RATE_HZ, STEP_S, Array, Steps
+from drd_tools.simulate.route import RATE_HZ, STEP_S, Steps
 from drd_tools.simulate.simulator import Simulated, simulate
 from drd_tools.simulate.truth import Truth, make_truth
 
@@ -51,9 +51,9 @@ def digest(simulated: Simulated) -> str:
 
 
 def test_the_gyros_noise_is_that_of_its_data_sheet() -> None:
-    seconds, sheet = 3600, replace(DEFAULT.fog, bias_random_walk_deg_per_h_per_sqrt_h=20.0)
+    seconds, sheet = 3600, replace(DEFAULT, gyro_bias_random_walk_deg_per_h_per_sqrt_h=20.0)
     still = np.zeros(seconds * RATE_HZ)
-    simulated = simulate(truth_of(still, still), replace(DEFAULT, fog=sheet), seed=5)
+    simulated = simulate(truth_of(still, still), sheet, seed=5)
     rate_deg_s = rates(simulated) / RAD_PER_DEG
     taus, adev, _, _ = allantools.oadev(rate_deg_s, rate=10.0, data_type="freq", taus=[0.5, 1.0, 2.0, 500.0])
     walk = 60.0 * adev * np.sqrt(taus)  # deg/sqrt(h): sigma = N / sqrt(tau)
@@ -129,7 +129,7 @@ def test_wheels_turn_as_the_tread_and_the_speed_demand() -> None:
 
 
 def test_without_counts_the_drive_reports_speeds_and_without_a_data_sheet_there_is_no_gyro() -> None:
-    robot = replace(DEFAULT, wheel=replace(DEFAULT.wheel, counts_per_revolution=None), fog=FogSheet())
+    robot = replace(DEFAULT, counts_per_revolution=None).without_gyro()
     n = 5 * RATE_HZ
     recording = simulate(truth_of(np.full(n, 0.55), np.zeros(n)), robot, (), PERFECT).recording
     assert recording.fog is None
@@ -147,7 +147,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not() -> None:
 
 def test_effects_leave_the_noise_as_it_is() -> None:
     truth = make_truth(make_drive("eights", 120.0))
-    fine = replace(DEFAULT, fog=replace(DEFAULT.fog, resolution_deg_s=None))
+    fine = replace(DEFAULT, gyro_resolution_deg_s=None)
     known = catalogue()
     effects = [(known["gyro_scale_error"], {"k": 0.01}), (known["wheel_radius_error"], {"left": 0.02, "right": 0.0})]
     for conditions in (Conditions(), Conditions(ground=GROUNDS["grass"], tails=4.0).stressed(3)):

@@ -122,6 +122,6 @@ def test_the_other_world_is_calibrated() -> None:
     half = 0.5 * m.tread_m * m.rate_rad_s
     for wheel, true in ((m.left_m_s, m.speed_m_s - half), (m.right_m_s, m.speed_m_s + half)):
         assert np.sqrt(np.mean((wheel - true) ** 2)) < 0.01
-    angle = driven.recording.nominal.wheel.radius_m * driven.recording.wheel_angles_rad()[0]
+    angle = driven.recording.nominal.wheel_radius_m * driven.recording.wheel_angles_rad()[0]
     assert angle[-1] == pytest.approx(float(np.trapezoid(m.left_m_s, m.time_s)), abs=0.01)
     assert driven.recording.nominal.tread_m > 0.6  # the drawing's track is 0.57 m

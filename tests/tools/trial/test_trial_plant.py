@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from trial_records import amount, finding
 
+from drd.arrays import Array
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.results import Finding
@@ -23,8 +23,6 @@ from drd_tools.trial import plant
 from drd_tools.trial.overlay import planted
 from drd_tools.trial.planted import Judged, composed, judged, not_visible, planted_table
 from drd_tools.trial.results import Planted, Store, TrueEffect, Untouched
-
-Array = npt.NDArray[np.float64]
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 SCRIPT = SHARED / "trials/plant.py"

@@ -3,14 +3,14 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import chi2
 
-from drd.config.nominal import Nominal
+from drd.arrays import Array
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.compare.blocks import Blocks, cut
-from drd_tools.compare.drivers import Covariate, drivers_of
+from drd_tools.compare.covariates import Covariate, covariates_of
 from drd_tools.compare.mismatch import (
     Kind,
     ReferenceError,
@@ -28,8 +28,6 @@ from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence, gather
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 P_NAMED: Final = 0.01
 # Data sheets may be wrong by 30 %, and noise has tails: only a ratio surely above this is more than noise.
@@ -57,12 +55,14 @@ def compare(recording: Recording, seed: int = 0) -> Comparison:
     found = mismatches(e, path, model, still.bias_rad_s)
     noise = expected(e, path, blocks, still, seed)
     enough = len(blocks.time_s) >= FEWEST_BLOCKS
-    drivers = drivers_of(e, path, blocks) if enough else []
+    covariates = covariates_of(e, path, blocks) if enough else []
     channels = [whitened(blocks.means(found[k.id]), noise[k.id]) for k in kinds]
-    judged = shares(channels, drivers, seed)
+    judged = shares(channels, covariates, seed)
     errors = {name: [error for error, _ in pairs] for name, pairs in reference_errors(e, path).items()}
     results = [
-        _channel(kind, w, blocks.means(found[kind.id]), noise[kind.id], blocks, drivers, row, errors.get(kind.id, []))
+        _channel(
+            kind, w, blocks.means(found[kind.id]), noise[kind.id], blocks, covariates, row, errors.get(kind.id, [])
+        )
         for kind, w, row in zip(kinds, channels, judged, strict=True)
     ]
     notes = list(recording.notes)
@@ -111,24 +111,29 @@ def _bias(e: Evidence, still: Standstill) -> str:
     return f"The bias of the standstill, {deg_s:.4f} deg/s in {still.seen_s:.1f} s, is taken off the gyro."
 
 
-def _noise_table(e: Evidence, nominal: Nominal) -> list[list[str]]:
+def _noise_table(e: Evidence, nominal: Robot) -> list[list[str]]:
     """Name, value with unit, and whether robot.yaml states it."""
-    sheet, fog, ref = e.datasheet, nominal.fog, nominal.reference
+    sheet, bias_walk_stated = e.datasheet, nominal.gyro_bias_random_walk_deg_per_h_per_sqrt_h
     walk = sheet.walk_rad_per_sqrt_s / RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     bias_walk = sheet.bias_walk_rad_s_per_sqrt_s / RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     rows: list[tuple[str, float, str, float | None]] = []
     if e.gyro_rad is not None:
         rows += [
-            ("gyro's angle random walk", walk, "deg/sqrt(h)", fog.angle_random_walk_deg_per_sqrt_h),
-            ("gyro's bias random walk", bias_walk, "deg/h/sqrt(h)", fog.bias_random_walk_deg_per_h_per_sqrt_h),
-            ("gyro's bias repeatability", sheet.bias_rad_s * DEG_PER_RAD, "deg/s", fog.bias_repeatability_deg_s),
+            ("gyro's angle random walk", walk, "deg/sqrt(h)", nominal.gyro_angle_random_walk_deg_per_sqrt_h),
+            ("gyro's bias random walk", bias_walk, "deg/h/sqrt(h)", bias_walk_stated),
+            (
+                "gyro's bias repeatability",
+                sheet.bias_rad_s * DEG_PER_RAD,
+                "deg/s",
+                nominal.gyro_bias_repeatability_deg_s,
+            ),
         ]
-    slip = nominal.encoders.slip_noise_m_per_sqrt_m
+    slip = nominal.slip_noise_m_per_sqrt_m
     rows.append(("slip noise of each wheel", sheet.slip_m_per_sqrt_m, "m/sqrt(m)", slip))
     if len(e.fix) > 1:
         rows += [
-            ("reference's position", sheet.position_m, "m", ref.position_sigma_m),
-            ("reference's heading", sheet.heading_rad * DEG_PER_RAD, "deg", ref.heading_sigma_deg),
+            ("reference's position", sheet.position_m, "m", nominal.reference_position_sigma_m),
+            ("reference's heading", sheet.heading_rad * DEG_PER_RAD, "deg", nominal.reference_heading_sigma_deg),
         ]
     return [
         [name, f"{value:.4g} {unit}", "assumed: robot.yaml does not state it" if stated is None else "robot.yaml"]
@@ -142,7 +147,7 @@ def _channel(
     means: Array,
     noise: Expected,
     blocks: Blocks,
-    drivers: list[Covariate],
+    covariates: list[Covariate],
     judged: list[Share],
     reference: list[ReferenceError],
 ) -> ChannelResult:
@@ -155,7 +160,7 @@ def _channel(
     added = np.tril(np.tile(blocks.duration_s, (len(means), 1)))
     sums, sum_sigma = added @ means, np.sqrt(np.einsum("ij,jk,ik->i", added, C, added))
     mean, mean_sigma = float(sums[-1] / added[-1].sum()), float(sum_sigma[-1] / added[-1].sum())
-    rows = [_driver(alone, d, s, factor) for d, s in zip(drivers, judged, strict=True)]
+    rows = [_covariate(alone, d, s, factor) for d, s in zip(covariates, judged, strict=True)]
     rows.sort(key=lambda d: -d.share)
     named = [d.name for k, d in enumerate(rows) if d.p <= P_NAMED and (k == 0 or d.as_good)]
     surely = ratio * float(np.sqrt(len(w.y) / chi2.ppf(SURE, len(w.y))))
@@ -180,7 +185,7 @@ def _channel(
             [q.name, q.sigma * float(value), q.sigma * float(variance) ** 0.5, q.unit]
             for q, value, variance in zip(reference, errors, np.diag(P), strict=True)
         ],
-        drivers=rows,
+        covariates=rows,
         block_mean=(factor * means).tolist(),
         block_sigma=(factor * sigma).tolist(),
         sum=(factor * sums).tolist(),
@@ -188,16 +193,16 @@ def _channel(
     )
 
 
-def _driver(w: Whitened, driver: Covariate, judged: Share, factor: float) -> CovariateResult:
-    fitted = curve(w, driver, judged.left)
+def _covariate(w: Whitened, covariate: Covariate, judged: Share, factor: float) -> CovariateResult:
+    fitted = curve(w, covariate, judged.left)
     return CovariateResult(
-        driver.name,
-        driver.unit,
+        covariate.name,
+        covariate.unit,
         judged.share,
         judged.p,
         judged.left,
         judged.as_good,
-        driver.knots.tolist(),
+        covariate.knots.tolist(),
         (factor * fitted.value).tolist(),
         (factor * fitted.sigma).tolist(),
         (factor * fitted.noise_sigma).tolist(),

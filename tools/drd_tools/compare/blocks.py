@@ -6,9 +6,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 SHORTEST_S: Final = 2.0
 USUAL: Final = 120  # blocks in a recording, where it is long enough

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.effects.chain import add
 from drd.effects.effect import Errors
 from drd.effects.model import Term
@@ -14,8 +14,6 @@ from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path, within_steps
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 # What a reference may do without anything missing in the robot: prior sigmas, as the diagnosis has them.
 LATENCY_S: Final = 0.010

@@ -5,19 +5,17 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.optimize import nnls
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd_tools.compare.blocks import Blocks
 from drd_tools.compare.mismatch import Standstill, kinds_of, mismatches, reference_errors, white
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.nominal_path import follow
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 BLOCKS_WANTED: Final = 480  # in all draws together: sigmas are then known to about 3 %
 FEWEST_DRAWS: Final = 4
@@ -39,8 +37,7 @@ class Expected:
 
     def whiten(self, rows: Array) -> Array:
         """L^-1 rows, L L^T the whole covariance: what blocks before do not predict of each, in sigmas."""
-        result: Array = solve_triangular(self._L, rows, lower=True)
-        return result
+        return np.asarray(solve_triangular(self._L, rows, lower=True))
 
     def fit_reference(self, means: Array) -> tuple[Array, Array]:
         """The reference's errors (k,) that block means (b,) tell, in sigmas of their priors, and covariance (k, k)."""

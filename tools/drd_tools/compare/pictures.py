@@ -4,14 +4,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
+from drd.arrays import Array
 from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 from drd_tools.compare.text import COVARIATES, P_SHOWN, rate
 from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
-
-Array = npt.NDArray[np.float64]
 
 MAP: Final = LinearSegmentedColormap.from_list("mismatch", (BLUE, "#E4E4E4", VERMILION))
 SHARES: Final = LinearSegmentedColormap.from_list("share", ("white", SKY, BLUE))
@@ -21,18 +19,18 @@ ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: a jump of t
 
 def overview_picture(file: Path, c: Comparison) -> None:
     """How far each channel is beyond noise, and which covariate predicts it. Raises OSError."""
-    names = [n for n in COVARIATES if any(d.name == n for ch in c.channels for d in ch.drivers)]
+    names = [n for n in COVARIATES if any(d.name == n for ch in c.channels for d in ch.covariates)]
     with picture(file, 11.0, 1.7 + 0.46 * len(c.channels)) as figure:
         ratios = (1.0, 2.7) if names else (1.0,)
         panels: Any = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
         _ratios(panels[0], c)
         if names:
-            shares = np.array([[ch.driver(n).share for n in names] for ch in c.channels])
+            shares = np.array([[ch.covariate(n).share for n in names] for ch in c.channels])
             axes = panels[1]
             axes.imshow(np.clip(shares, 0.0, 1.0), cmap=SHARES, vmin=0.0, vmax=1.0, aspect="auto")
             for i, ch in enumerate(c.channels):
                 for j, n in enumerate(names):
-                    d = ch.driver(n)
+                    d = ch.covariate(n)
                     sure = d.p <= P_SHOWN
                     color = "white" if d.share > 0.6 else INK if sure or d.share > 0.3 else GREY
                     text = f"{max(d.share, 0.0):.2f}"
@@ -64,31 +62,31 @@ def _ratios(axes: Any, c: Comparison) -> None:
 
 def channel_picture(file: Path, c: Comparison, ch: ChannelResult) -> None:
     """One channel: blocks and their sum over time, curves of the covariates, and the map. Raises OSError."""
-    drivers = [d for n in COVARIATES if n != "place" for d in ch.drivers if d.name == n]
-    count = -(-(len(drivers) + 1) // COLUMNS) if drivers else 0
+    covariates = [d for n in COVARIATES if n != "place" for d in ch.covariates if d.name == n]
+    count = -(-(len(covariates) + 1) // COLUMNS) if covariates else 0
     with picture(file, 11.0, 3.5 + 2.9 * count) as figure:
-        halves: Any = figure.subfigures(2, 1, height_ratios=(3.5, 2.9 * count)) if drivers else [figure]
-        panels: Any = halves[0].subplots(1, 2 if drivers else 3)
+        halves: Any = figure.subfigures(2, 1, height_ratios=(3.5, 2.9 * count)) if covariates else [figure]
+        panels: Any = halves[0].subplots(1, 2 if covariates else 3)
         _over_time(panels[0], c, ch)
         _added(panels[1], c, ch)
         legend_below(halves[0], panels[0], 3)
-        if drivers:
-            _curves(halves[1], count, c, ch, drivers)
+        if covariates:
+            _curves(halves[1], count, c, ch, covariates)
         else:
             _map(figure, panels[2], c, ch)
 
 
-def _curves(figure: Any, count: int, c: Comparison, ch: ChannelResult, drivers: list[CovariateResult]) -> None:
+def _curves(figure: Any, count: int, c: Comparison, ch: ChannelResult, covariates: list[CovariateResult]) -> None:
     cells = figure.subplots(count, COLUMNS, squeeze=False).ravel().tolist()
-    limits = _limits(ch, drivers)
-    for k, (axes, d) in enumerate(zip(cells, drivers, strict=False)):
+    limits = _limits(ch, covariates)
+    for k, (axes, d) in enumerate(zip(cells, covariates, strict=False)):
         _curve(axes, ch, d, limits)
         if k % COLUMNS == 0:
             axes.set_ylabel(rate(ch)[1])
         else:
             axes.tick_params(labelleft=False)
     _map(figure, cells[-1], c, ch)
-    for axes in cells[len(drivers) : -1]:
+    for axes in cells[len(covariates) : -1]:
         axes.set_visible(False)
 
 
@@ -129,11 +127,11 @@ def _zoom(axes: Any, values: Array, least: float) -> None:
         axes.text(0.99, 0.02, text, transform=axes.transAxes, ha="right", fontsize=9, color=GREY)
 
 
-def _limits(ch: ChannelResult, drivers: list[CovariateResult]) -> tuple[float, float]:
+def _limits(ch: ChannelResult, covariates: list[CovariateResult]) -> tuple[float, float]:
     """Common limits, that a poorly known end of a curve does not spoil."""
     factor = rate(ch)[0]
     value, sigma, noise = (
-        factor * np.concatenate([getattr(d, name) for d in drivers]) for name in ("value", "sigma", "noise_sigma")
+        factor * np.concatenate([getattr(d, name) for d in covariates]) for name in ("value", "sigma", "noise_sigma")
     )
     known = sigma <= 3.0 * np.median(sigma)
     least = 2.0 * float(np.median(noise))
@@ -171,7 +169,7 @@ def _map(figure: Any, axes: Any, c: Comparison, ch: ChannelResult) -> None:
     dots = axes.scatter(c.x_m, c.y_m, c=value, s=14, cmap=MAP, norm=norm, zorder=2, linewidths=0)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    place = next((d for d in ch.drivers if d.name == "place"), None)
+    place = next((d for d in ch.covariates if d.name == "place"), None)
     axes.set_xlabel("x / m")
     tidy(axes, "", 4)
     _title(axes, "place", place)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from msgspec import Struct, field
+
 from drd_tools.report.saved import Saved
 
 
@@ -26,8 +28,7 @@ class CovariateResult:
     noise_sigma: list[float]
 
 
-@dataclass(frozen=True)
-class ChannelResult:
+class ChannelResult(Struct, frozen=True):
     """One channel: block means in deg/s or m/s, sums in deg or m, each with what noise alone would make of it.
 
     `rms` of the block means and what is expected of it; `ratio`: their rms in sigmas, correlation accounted for.
@@ -51,15 +52,15 @@ class ChannelResult:
     verdict: str
     named: list[str]
     reference: list[list[Any]]
-    drivers: list[CovariateResult]
+    covariates: list[CovariateResult] = field(name="drivers")
     block_mean: list[float]
     block_sigma: list[float]
     sum: list[float]
     sum_sigma: list[float]
 
-    def driver(self, name: str) -> CovariateResult:
+    def covariate(self, name: str) -> CovariateResult:
         """One of its covariates."""
-        return next(d for d in self.drivers if d.name == name)
+        return next(d for d in self.covariates if d.name == name)
 
 
 @dataclass(frozen=True)

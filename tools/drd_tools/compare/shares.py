@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.compare.drivers import Covariate
+from drd.arrays import Array
+from drd_tools.compare.covariates import Covariate
 from drd_tools.compare.noise import Expected
-
-Array = npt.NDArray[np.float64]
 
 FOLDS: Final = 20
 FLIPS: Final = 1999
@@ -34,8 +33,7 @@ class Whitened:
 
     def about_mean(self) -> Array:
         """`y` less the constant mismatch, (b,)."""
-        result: Array = self.y - self.mean[0] * self.one
-        return result
+        return np.asarray(self.y - self.mean[0] * self.one)
 
 
 def whitened(means: Array, expected: Expected) -> Whitened:
@@ -44,9 +42,9 @@ def whitened(means: Array, expected: Expected) -> Whitened:
     return Whitened(both[:, 0], both[:, 1], expected, float(np.sqrt(np.mean(means**2))))
 
 
-def _columns(w: Whitened, driver: Covariate | None) -> Array:
+def _columns(w: Whitened, covariate: Covariate | None) -> Array:
     """Columns (b, 1 + k) of a constant and of a curve's knots."""
-    return w.one[:, None] if driver is None else np.column_stack([w.one, w.expected.whiten(driver.design)])
+    return w.one[:, None] if covariate is None else np.column_stack([w.one, w.expected.whiten(covariate.design)])
 
 
 def _ridge(w: Whitened, columns: Array, width: float) -> Array:
@@ -76,15 +74,15 @@ class Curve:
     noise_sigma: Array
 
 
-def curve(w: Whitened, driver: Covariate, left: float) -> Curve:
+def curve(w: Whitened, covariate: Covariate, left: float) -> Curve:
     """Fit to all blocks. `left`: rms of what is left, in sigmas.
 
     Between knots that the blocks do not tell apart the line is kept straight (prior on second differences).
     """
-    X = _columns(w, driver)
+    X = _columns(w, covariate)
     k = X.shape[1] - 1
     penalty = _ridge(w, X, max(WIDTHS))
-    if driver.knots.ndim == 1:
+    if covariate.knots.ndim == 1:
         bends = np.diff(np.eye(k), n=2, axis=0) / max(w.rms, 1e-300)
         penalty[1:, 1:] += bends.T @ bends
     P = np.linalg.inv(X.T @ X + penalty)
@@ -107,7 +105,7 @@ class Share:
 
 
 def shares(
-    channels: Sequence[Whitened], drivers: Sequence[Covariate], seed: int = 0, flips: int = FLIPS
+    channels: Sequence[Whitened], covariates: Sequence[Covariate], seed: int = 0, flips: int = FLIPS
 ) -> list[list[Share]]:
     """For each channel and covariate. `p` is family-wise over all: largest shares of a channel with the signs of
     its blocks flipped at random, times the number of channels (Bonferroni)."""
@@ -123,8 +121,8 @@ def shares(
         total = _squares(base, flipped)
         largest = np.full(flips, -np.inf)
         rows = []
-        for driver in drivers:
-            X, tried = _columns(w, driver), []
+        for covariate in covariates:
+            X, tried = _columns(w, covariate), []
             for width in WIDTHS:
                 E = left_over(X, _ridge(w, X, width))
                 tried.append(E @ w.y)
@@ -137,8 +135,7 @@ def shares(
 def _squares(E: Array, columns: npt.NDArray[np.float32]) -> Array:
     """Sums of squares of `E columns`, one for each column."""
     left = E.astype(np.float32) @ columns
-    result: Array = np.einsum("ij,ij->j", left, left).astype(np.float64)
-    return result
+    return np.asarray(np.einsum("ij,ij->j", left, left).astype(np.float64))
 
 
 def _judged(nothing: Array, rows: list[Array], largest: Array, channels: int) -> list[Share]:

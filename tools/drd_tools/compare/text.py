@@ -42,7 +42,7 @@ def rows(c: Comparison) -> list[tuple[str, ...]]:
             _pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1]),
             _pair(ch.end, ch.end_sigma, ch.unit),
             {"nothing": "nothing beyond noise", "more": "more than noise"}.get(ch.verdict, " or ".join(ch.named)),
-            f"{ch.driver(ch.named[0]).share:.2f}" if ch.named else "",
+            f"{ch.covariate(ch.named[0]).share:.2f}" if ch.named else "",
         )
         for ch in c.channels
     ]
@@ -78,8 +78,10 @@ def is_small(ch: ChannelResult) -> bool:
 
 
 def _named(ch: ChannelResult) -> str:
-    with_what = " or ".join(ch.named) or ("no covariate for sure" if ch.drivers else "too few blocks to say with what")
-    return f"{ch.title} ({'' if not ch.drivers else 'with '}{with_what})"
+    with_what = " or ".join(ch.named) or (
+        "no covariate for sure" if ch.covariates else "too few blocks to say with what"
+    )
+    return f"{ch.title} ({'' if not ch.covariates else 'with '}{with_what})"
 
 
 def sentence(ch: ChannelResult) -> str:
@@ -90,15 +92,15 @@ def sentence(ch: ChannelResult) -> str:
         return f"{begin}: nothing beyond noise ({ch.ratio:.1f} sigmas rms). {end}"
     mean = f" Its mean is {_pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1])}."
     if ch.verdict == "more":
-        drivers = "with too few blocks to say with what it goes"
-        if ch.drivers:
-            drivers = "but no covariate surely predicts it in blocks that were left out of the fit"
-            nearest = ch.drivers[0]
+        what = "with too few blocks to say with what it goes"
+        if ch.covariates:
+            what = "but no covariate surely predicts it in blocks that were left out of the fit"
+            nearest = ch.covariates[0]
             if nearest.share > WORTH_A_WORD:
-                drivers += f" (nearest: {nearest.name}, share {nearest.share:.2f}, p {nearest.p:.2g})"
-        return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise, {drivers}.{mean} {end}"
-    best = ch.driver(ch.named[0])
-    others = "".join(f", or as well with {name} ({ch.driver(name).share:.2f})" for name in ch.named[1:])
+                what += f" (nearest: {nearest.name}, share {nearest.share:.2f}, p {nearest.p:.2g})"
+        return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise, {what}.{mean} {end}"
+    best = ch.covariate(ch.named[0])
+    others = "".join(f", or as well with {name} ({ch.covariate(name).share:.2f})" for name in ch.named[1:])
     left = f"The curve leaves {best.left:.1f} of {ch.ratio:.1f} sigmas rms."
     size = "no larger than noise, but " if is_small(ch) else ""
     return (
@@ -126,10 +128,13 @@ def reference_rows(c: Comparison) -> list[list[str]]:
 
 def share_rows(c: Comparison) -> tuple[list[str], list[list[str]]]:
     """Header and rows: the share of each covariate in each channel; * where noise hardly does as well."""
-    names = list(dict.fromkeys(d.name for ch in c.channels for d in ch.drivers))
+    names = list(dict.fromkeys(d.name for ch in c.channels for d in ch.covariates))
     order = [n for n in COVARIATES if n in names]
     body = [
-        [ch.title, *(f"{max(ch.driver(n).share, 0.0):.2f}{'*' if ch.driver(n).p <= P_SHOWN else ' '}" for n in order)]
+        [
+            ch.title,
+            *(f"{max(ch.covariate(n).share, 0.0):.2f}{'*' if ch.covariate(n).p <= P_SHOWN else ' '}" for n in order),
+        ]
         for ch in c.channels
     ]
     return ["channel", *order], body

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drd.batch.logs import Columns, columns, gyro_log, wheel_log
-from drd.robot import Robot
+from drd.config.robot import Robot
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.run import run
 from drd_tools.recordings.folder import POSES, Recording, ReferenceLog, continuous_rad
@@ -22,7 +22,7 @@ def diagnose(
     left_rad_s, right_rad_s. `reference`: time_s, x_m, y_m, heading_deg. Two of the three are needed. Times are of one
     clock. Raises ConfigError where columns are missing, or have nothing in common.
     """
-    nominal = robot.nominal()
+    nominal = robot.checked()
     encoders = None if wheels is None else wheel_log(wheels, nominal)
     return run(Recording(Path(nominal.name), nominal, encoders, gyro_log(gyro), _reference(reference), {}))
 

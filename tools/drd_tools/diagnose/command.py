@@ -1,11 +1,11 @@
 """The command `drd diagnose`: find the physics that the nominal model leaves out."""
 
-import argparse
 import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.diagnosis import Diagnosis
@@ -47,23 +47,17 @@ Exit code: 0 done, whether or not something was found; 2 bad usage or input.
 
 def main(argv: list[str]) -> int:
     """Diagnose, print the findings, write the files. Raises ConfigError on bad input."""
-    parser = argparse.ArgumentParser(
-        prog="drd diagnose",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
-    parser.add_argument("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="to prove it on")
-    cores = os.cpu_count() or 1
-    parser.add_argument(
-        "--jobs", type=_jobs, default=cores, metavar="N", help=f"recordings at a time (default: {cores})"
-    )
-    parser.add_argument("--output", type=Path, metavar="DIR", help="folder for the results")
-    parser.add_argument("--draw", type=Path, metavar="DIR", help="only draw the report of results that DIR holds")
+    parser = command("drd diagnose", DESCRIPTION, EXAMPLES)
+    add, cores = parser.add_argument, os.cpu_count() or 1
+    add("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
+    add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="to prove it on")
+    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings at a time (default: {cores})")
+    add("--output", type=Path, metavar="DIR", help="folder for the results")
+    add("--draw", type=Path, metavar="DIR", help="only draw the report of results that DIR holds")
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
-        return _drawn(chosen.draw)
+        print(", ".join(map(str, write_report(chosen.draw))))
+        return 0
     if not chosen.recordings or chosen.output is None:
         parser.error("give RECORDING and --output DIR, or --draw DIR")
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
@@ -71,13 +65,9 @@ def main(argv: list[str]) -> int:
     pieces = [part for recording in recordings for part in parts(recording)]
     # A part of an hour needs the memory of an hour: one at a time.
     jobs = chosen.jobs if len(pieces) == len(recordings) else 1
-    try:
+    with writing(chosen.output):
         chosen.output.mkdir(parents=True, exist_ok=True)
         return _diagnosed(pieces, held_out, chosen.output, jobs, names)
-    except BrokenPipeError:
-        raise  # not the folder: whoever read the output has left
-    except OSError as error:
-        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
 
 
 def _read(paths: Sequence[Path]) -> list[Recording]:
@@ -128,14 +118,3 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
     for note in diagnosis.notes:
         print(f"  {note}")
     print("  files: " + ", ".join(str(f) for f in files[:3]))
-
-
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got {text!r}")
-    return int(text)
-
-
-def _drawn(folder: Path) -> int:
-    print(", ".join(str(f) for f in write_report(folder)))
-    return 0

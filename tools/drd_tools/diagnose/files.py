@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -11,12 +10,17 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.results import Result, Series, Status, Verdict
+from drd_tools.report.json_file import converted, read_json
 
 T = TypeVar("T")
 
 DIAGNOSIS: Final = "diagnosis.json"
 SERIES: Final = "series.json"
-WORDS: Final = tuple(", ".join(words) for words in (Verdict, Status, ("for", "against", "neither")))
+WORDS: Final = {
+    "verdict": ", ".join(Verdict),
+    "status": ", ".join(Status),
+    "speaks": "for, against, neither",
+}
 
 
 def plain(value: object) -> Any:
@@ -59,25 +63,16 @@ def load(folder: Path) -> tuple[Result, Series]:
 
 
 def _read(file: Path, form: type[T]) -> T:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(str(file), "", "a readable file", str(error.strerror)) from error
-    except (ValueError, RecursionError) as error:  # not UTF-8, or not JSON
-        raise ConfigError(str(file), "", "JSON", f"an error: {error}") from error
-    try:
-        return msgspec.convert(_parted(content), form, dec_hook=_array)
-    except msgspec.ValidationError as error:
-        raise _refused(str(file), content, str(error)) from error
+    return converted(file, parted(read_json(file)), form, _array, WORDS)
 
 
-def _parted(value: Any) -> Any:
+def parted(value: Any) -> Any:
     """With an effect's words apart from its numbers; a number of null is not known."""
     if isinstance(value, list):
-        return [_parted(v) for v in value]
+        return [parted(v) for v in value]
     if not isinstance(value, dict):
         return value
-    value = {k: _parted(v) for k, v in value.items()}
+    value = {k: parted(v) for k, v in value.items()}
     parameters = value.get("parameters")
     if isinstance(parameters, dict):
         value["choices"] = {k: v for k, v in parameters.items() if isinstance(v, str)}
@@ -97,22 +92,3 @@ def _array(_: type, value: Any) -> Any:
     if not known:
         raise ValueError("a list of numbers and nulls")
     return np.array([math.nan if v is None else v for v in value], np.float64)
-
-
-def _refused(file: str, content: Any, message: str) -> ConfigError:
-    """The error that names the place, what is expected there, and what is."""
-    what, _, path = message.partition(" - at `$")
-    path = path.rstrip("`").lstrip(".")
-    if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
-        place = f"{path}.{missing[1]}" if path else missing[1]
-        return ConfigError(file, place, "a value (the key is required)", "nothing")
-    value: Any = content
-    for key, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path):
-        value = value[int(index)] if index else value.get(key) if isinstance(value, dict) else None
-    text = json.dumps(value)
-    got = text if len(text) <= 80 else text[:77] + "..."
-    if what.startswith("Invalid enum value"):
-        words = next((w for w in WORDS if path.endswith("status") and w.startswith(Status.SUSPECTED)), WORDS[0])
-        return ConfigError(file, path, f"one of {words}", got)
-    expected, _, sizes = what.removeprefix("Expected ").partition("; ")
-    return ConfigError(file, path, expected.partition(", got")[0], sizes or got)

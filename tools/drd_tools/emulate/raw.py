@@ -43,11 +43,11 @@ class Arrival(NamedTuple):
 
 def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
     """All of a recording, in order; each sample as late as the configuration says. Raises ConfigError."""
-    log, per_revolution = recording.encoders, recording.nominal.wheel.counts_per_revolution
+    log, per_revolution = recording.encoders, recording.nominal.counts_per_revolution
     if log.left_counts is None or log.right_counts is None or per_revolution is None:
         path = "wheel.counts_per_revolution"
         raise ConfigError(recording.name, path, "a number: frames are made of counts", "null")
-    count_m = 2.0 * math.pi * recording.nominal.wheel.radius_m / per_revolution
+    count_m = 2.0 * math.pi * recording.nominal.wheel_radius_m / per_revolution
     # In a count's middle, so that an encoder that rounds down finds it.
     left, right = (count_m * (counts + 0.5) for counts in (log.left_counts, log.right_counts))
     step_s = np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1])

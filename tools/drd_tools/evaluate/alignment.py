@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Pairs, wrapped
-
-Array = npt.NDArray[np.float64]
 
 KINDS: Final = ("none", "start", "first-metres", "se2")
 
@@ -82,5 +80,4 @@ def turned_covariance(covariance: Array, angle_rad: float | Array) -> Array:
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     T = np.zeros_like(covariance)
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1], T[:, 2, 2] = c, -s, s, c, 1.0
-    result: Array = T @ covariance @ T.transpose(0, 2, 1)
-    return result
+    return np.asarray(T @ covariance @ T.transpose(0, 2, 1))

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal, stats
 
+from drd.arrays import Array
 from drd.estimation.uncertainty import BOUND_SIGMAS
 from drd_tools.evaluate.alignment import Alignment, turned_covariance
 from drd_tools.evaluate.trajectory import Pairs, Reference
-
-Array = npt.NDArray[np.float64]
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
@@ -85,8 +83,7 @@ def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference)
     J = np.tile(np.eye(3), (len(aligned.time_s), 1, 1))
     lever = aligned.estimate[:, :2] - aligned.estimate[0, :2]
     J[:, 0, 2], J[:, 1, 2] = -lever[:, 1], lever[:, 0]
-    total: Array = aligned.covariance + R + J @ R @ J.transpose(0, 2, 1)
-    return total
+    return np.asarray(aligned.covariance + R + J @ R @ J.transpose(0, 2, 1))
 
 
 def reference_covariance(reference: Reference) -> Array:
@@ -164,8 +161,7 @@ def together(parts: Sequence[Nees]) -> Nees:
 def track_sigmas(S: Array, heading_rad: Array) -> Array:
     """Standard deviations along the track, across it (m) and of the heading (rad), shape (k, 3)."""
     turned = turned_covariance(S, -heading_rad)
-    result: Array = np.sqrt(np.maximum(turned[:, range(3), range(3)], 0.0))
-    return result
+    return np.asarray(np.sqrt(np.maximum(turned[:, range(3), range(3)], 0.0)))
 
 
 def sigma_99() -> float:

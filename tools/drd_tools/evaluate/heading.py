@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD, S_PER_H
-
-Array = npt.NDArray[np.float64]
 
 POINTS: Final = 120
 BLOCKS: Final = 15

@@ -7,7 +7,7 @@ import numpy as np
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import Alignment, align
 from drd_tools.evaluate.consistency import consistency, total_covariance, track_sigmas
-from drd_tools.evaluate.drivers import error_growth
+from drd_tools.evaluate.growth import error_growth
 from drd_tools.evaluate.heading import heading_drift
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift, relative_by_time, turned
 from drd_tools.evaluate.results import Run, Series

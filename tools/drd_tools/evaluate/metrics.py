@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import align, rotation
 from drd_tools.evaluate.trajectory import Pairs, wrapped
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 FRACTIONS: Final = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # KITTI: 100 to 800 m, of paths of about 1 km

@@ -6,8 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.evaluate.consistency import sigma_99
-from drd_tools.evaluate.drivers import Array, Windows, binned
+from drd_tools.evaluate.growth import Windows, binned
 from drd_tools.evaluate.results import Run
 from drd_tools.report.style import (
     BLUE,
@@ -80,21 +81,21 @@ def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
     axes.fill_between(time_s, -sigma, sigma, color=SKY, alpha=0.45, linewidth=0, label="1 sigma, as claimed")
 
 
-def drivers_picture(file: Path, windows: Windows) -> None:
+def growth_picture(file: Path, windows: Windows) -> None:
     """Growth of heading and along-track error beside temperature, yaw rate and speed. Raises OSError."""
-    drivers = [("yaw rate / deg/s", windows.rate_deg_s), ("speed / m/s", windows.speed_m_s)]
+    covariates = [("yaw rate / deg/s", windows.rate_deg_s), ("speed / m/s", windows.speed_m_s)]
     if windows.temperature_c is not None:
-        drivers.insert(0, ("temperature / degC", windows.temperature_c))
+        covariates.insert(0, ("temperature / degC", windows.temperature_c))
     growths = (("Heading", windows.heading_deg_s, 1.0, "deg/s"), ("Along the track", windows.along_m_s, 1000.0, "mm/s"))
     with picture(file, 10.0, 6.6) as figure:
-        panels: Any = figure.subplots(2, len(drivers), sharex="col", sharey="row")
+        panels: Any = figure.subplots(2, len(covariates), sharex="col", sharey="row")
         for k, (title, growth, factor, unit) in enumerate(growths):
             # Rare jumps of the reference would squeeze everything else into a line.
             low, high = np.percentile(factor * growth, (1.0, 99.0))
-            for axes, (name, driver) in zip(panels[k], drivers, strict=True):
+            for axes, (name, covariate) in zip(panels[k], covariates, strict=True):
                 axes.axhline(0.0, color=GREY, linewidth=0.8)
-                axes.plot(driver, factor * growth, ".", color=TRUE_GREY, markersize=3, label="one window")
-                means = binned(driver, factor * growth)
+                axes.plot(covariate, factor * growth, ".", color=TRUE_GREY, markersize=3, label="one window")
+                means = binned(covariate, factor * growth)
                 style: Any = {"color": BLUE, "capsize": 3, "linewidth": 1.4, "markersize": 5}
                 axes.errorbar(*means[:, :2].T, yerr=means[:, 2], fmt="o-", label="mean, with standard error", **style)
                 is_first = axes is panels[k, 0]

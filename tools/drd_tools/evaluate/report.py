@@ -6,7 +6,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from drd_tools.evaluate import text
-from drd_tools.evaluate.pictures import drivers_picture, error_picture, path_picture
+from drd_tools.evaluate.pictures import error_picture, growth_picture, path_picture
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.limit import text as limit_text
 from drd_tools.report.page import Page
@@ -47,15 +47,15 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     error_picture(files[1], [("error", run)])
     claim = " Shaded: what the covariance claims for it, the reference's own noise included." if run.series.sigma is not None else ""  # fmt: skip  # noqa: E501
     page.picture(files[1], f"Error in the axes of the reference (forward, left) against time.{claim}")
-    drivers = folder / f"{prefix}drivers.png"
+    growth = folder / f"{prefix}drivers.png"
     if run.windows.why_not:
         page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
-        drivers.unlink(missing_ok=True)  # of an earlier evaluation
+        growth.unlink(missing_ok=True)  # of an earlier evaluation
     else:
-        drivers_picture(drivers, run.windows)
-        files.append(drivers)
+        growth_picture(growth, run.windows)
+        files.append(growth)
         page.picture(
-            drivers,
+            growth,
             f"Growth of the error (not what had piled up before) in windows of {run.windows.window_s:g} s. Yaw rate "
             f"and speed are the estimate's. {'' if run.windows.temperature_c is not None else no_temperature(run)}",
         )

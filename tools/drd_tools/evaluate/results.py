@@ -3,19 +3,16 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-import numpy as np
-import numpy.typing as npt
 from msgspec import Meta
 
+from drd.arrays import Array
 from drd_tools.evaluate.alignment import Alignment
 from drd_tools.evaluate.consistency import Consistency
-from drd_tools.evaluate.drivers import Windows
+from drd_tools.evaluate.growth import Windows
 from drd_tools.evaluate.heading import HeadingDrift
 from drd_tools.evaluate.metrics import Absolute, Drift, EndError, Relative
 from drd_tools.limit.limit import Limit
 from drd_tools.report.saved import Saved
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

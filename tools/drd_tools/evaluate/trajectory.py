@@ -9,11 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import POSES, Recording, continuous_rad, file_hash, read_recording, read_table
-
-Array = npt.NDArray[np.float64]
 
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
@@ -83,8 +82,7 @@ class Pairs:
 
 def wrapped(angle_rad: Array) -> Array:
     """The angle in (-pi, pi]."""
-    result: Array = math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi)
-    return result
+    return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
 
 
 def read_poses(file: Path) -> Poses:
@@ -126,12 +124,12 @@ def read_reference(path: Path, position_sigma_m: float | None = None, heading_si
 
 def reference_of(recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
     """The reference of a recording that was read. Raises ConfigError where there is none."""
-    log, sheet, fog = recording.reference, recording.nominal.reference, recording.fog
+    log, sheet, fog = recording.reference, recording.nominal, recording.fog
     if log is None or len(log.time_s) < 2:
         got = "none" if log is None else "1"
         raise ConfigError(str(recording.folder), "reference.csv", "a reference of at least 2 rows", got)
-    sigma_m = sheet.position_sigma_m if position_sigma_m is None else position_sigma_m
-    sigma_deg = sheet.heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
+    sigma_m = sheet.reference_position_sigma_m if position_sigma_m is None else position_sigma_m
+    sigma_deg = sheet.reference_heading_sigma_deg if heading_sigma_deg is None else heading_sigma_deg
     return Reference(
         recording.name,
         log.time_s,
@@ -163,8 +161,7 @@ def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
 
     def at_times(values: Array) -> Array:
         share = part.reshape(-1, *([1] * (values.ndim - 1)))
-        result: Array = (1.0 - share) * values[k - 1] + share * values[k]
-        return result
+        return np.asarray((1.0 - share) * values[k - 1] + share * values[k])
 
     is_dense = bool(np.median(np.diff(time_s)) <= DENSE_S)
     if is_dense:
@@ -203,5 +200,4 @@ def path_length_m(xy_m: Array, sigma_m: float) -> Array:
         if chord_m >= VERTEX_SIGMAS * sigma_m:
             vertices.append(k)
             lengths.append(lengths[-1] + chord_m)
-    result: Array = np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths)
-    return result
+    return np.asarray(np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths))

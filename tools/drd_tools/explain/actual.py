@@ -4,16 +4,14 @@ import math
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
+from drd_tools.explain.interval import Interval
 from drd_tools.explain.results import Actual, Part
-from drd_tools.explain.stretch import Stretch
 from drd_tools.limit.causes import CAUSES, GROUPS, SKID_SCALE
-
-Array = npt.NDArray[np.float64]
 
 DRAWN: Final = 600
 REFERENCE: Final = "the reference itself"
@@ -35,11 +33,11 @@ def errors(table: Array, reference: Reference, time_s: Array, from_s: float) -> 
     return np.column_stack([e[:, 0] - c * r[:, 0] + s * r[:, 1], e[:, 1] - s * r[:, 0] - c * r[:, 1], heading])
 
 
-def actual_error(stretch: Stretch, reference: Reference, keep_s: tuple[float, ...], from_s: float) -> Actual:
+def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, ...], from_s: float) -> Actual:
     """At the end, and on the way where the reference says how good it is: otherwise its noise would pass for drift."""
-    table, followed = stretch.table(), stretch.budget.parts
+    table, followed = interval.table(), interval.budget.parts
     assert followed is not None
-    mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, stretch.kept_ways)
+    mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, interval.kept_ways)
     kept_s = np.minimum(keep_s[: len(mean)], table[-1, 0])
     if not (reference.position_sigma_m > 0.0 and reference.heading_sigma_rad > 0.0):
         rows = 3 * mean.shape[1]
@@ -49,7 +47,7 @@ def actual_error(stretch: Stretch, reference: Reference, keep_s: tuple[float, ..
     own = reference_joint((poses - start)[:, :2], reference.position_sigma_m, reference.heading_sigma_rad)
     e = errors(table, reference, kept_s, from_s)
     course = attribute(mean, covariance, own, e.ravel())
-    budget = stretch.snapshots[-1].covariance.sum(axis=0)
+    budget = interval.snapshots[-1].covariance.sum(axis=0)
     S = budget + own[-3:, -3:]
     last = attribute(np.zeros((1, 1, 3)), budget, own[-3:, -3:], e[-1])
     drawn_s = reference.time_s[(reference.time_s >= from_s) & (reference.time_s <= kept_s[-1])]

@@ -4,19 +4,18 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
+from drd_tools.evaluate.alignment import turned_covariance
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
+from drd_tools.explain.interval import Interval, Snapshot
 from drd_tools.explain.results import Actual, Delay, Explanation, Line
 from drd_tools.explain.source import Source
-from drd_tools.explain.stretch import Snapshot, Stretch
 from drd_tools.limit.causes import CAUSES, GROUPS, by_group
 from drd_tools.replay.result import Replayed
-
-Array = npt.NDArray[np.float64]
 
 DRAWN: Final = 600
 KEPT: Final = 8  # times on the way at which the actual error is looked at
@@ -35,23 +34,23 @@ class Plan(NamedTuple):
 def explain(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Explanation:
     """Replay and explain. Raises ConfigError, also where the interval has no pose."""
     plan = make_plan(source, from_s, to_s, reference)
-    stretch = Stretch(source.zero_ns, plan.from_s, plan.to_s, plan.keep_s)
-    replayed = source.run(stretch)
-    if len(stretch.snapshots) < 2:
-        table = stretch.table()
+    interval = Interval(source.zero_ns, plan.from_s, plan.to_s, plan.keep_s)
+    replayed = source.run(interval)
+    if len(interval.snapshots) < 2:
+        table = interval.table()
         poses = f"steps from {table[0, 0]:.6g} to {table[-1, 0]:.6g} s" if len(table) else "no step of the filter"
         raise ConfigError(str(source.path), "--from, --to", "an interval with steps of the filter", poses)
     notes = [*plan.notes, *replayed.notes, *_rejections(replayed)]
     actual = None
     if reference is not None and plan.keep_s:
-        if stretch.set_at_s:
+        if interval.set_at_s:
             notes.append("A pose was set on the way: the reference is not used.")
         else:
-            actual = actual_error(stretch, reference, plan.keep_s, plan.from_s or 0.0)
-    if stretch.set_at_s:
-        at = ", ".join(f"{t_s:.1f}" for t_s in stretch.set_at_s)
+            actual = actual_error(interval, reference, plan.keep_s, plan.from_s or 0.0)
+    if interval.set_at_s:
+        at = ", ".join(f"{t_s:.1f}" for t_s in interval.set_at_s)
         notes.append(f"The pose was set from outside at {at} s.")
-    return _explanation(source, replayed, stretch, plan, actual, notes)
+    return _explanation(source, replayed, interval, plan, actual, notes)
 
 
 def _rejections(replayed: Replayed) -> list[str]:
@@ -93,22 +92,14 @@ def make_plan(source: Source, from_s: float | None, to_s: float | None, referenc
     return Plan(float(rows[0]), float(rows[-1]), tuple(rows[np.unique(near)].tolist()), notes)
 
 
-def turned(covariance: Array, heading_rad: float) -> Array:
-    """Covariances (..., 3, 3) in axes along and across the heading."""
-    c, s = math.cos(heading_rad), math.sin(heading_rad)
-    T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    result: Array = T @ covariance @ T.T
-    return result
-
-
 def _explanation(
-    source: Source, replayed: Replayed, stretch: Stretch, plan: Plan, actual: Actual | None, notes: list[str]
+    source: Source, replayed: Replayed, interval: Interval, plan: Plan, actual: Actual | None, notes: list[str]
 ) -> Explanation:
-    snapshots = stretch.snapshots
+    snapshots = interval.snapshots
     rows = np.unique(np.linspace(0, len(snapshots) - 1, DRAWN).round().astype(int))
     drawn = [snapshots[row] for row in rows]
     last = snapshots[-1]
-    causes = turned(last.covariance, last.heading_rad)
+    causes = turned_covariance(last.covariance, -last.heading_rad)
     groups = by_group(causes)
     total = groups.sum(axis=0)
     variances = np.array([by_group(s.covariance)[:, range(3), range(3)] for s in drawn])
@@ -116,14 +107,14 @@ def _explanation(
         recording=str(source.path),
         sha256=dict(replayed.inputs),
         digest=replayed.digest(),
-        counts_from=_counts_from(stretch, plan),
+        counts_from=_counts_from(interval, plan),
         from_s=round(snapshots[0].time_s, 6),
         to_s=round(last.time_s, 6),
         way_m=last.way_m,
         groups=[_line(name, "", P, total) for name, P in zip(GROUPS, groups, strict=True)],
         causes=[_line(cause.group, cause.part, P, total) for cause, P in zip(CAUSES, causes, strict=True)],
         total=_line("all", "", total, total),
-        delay=None if replayed.config.fog.protocol == "none" else _delay(snapshots, stretch.delay_s),
+        delay=None if replayed.config.fog.protocol == "none" else _delay(snapshots, interval.delay_s),
         actual=actual,
         notes=notes,
         time_s=rounded(np.array([s.time_s for s in drawn])),
@@ -133,9 +124,9 @@ def _explanation(
     )
 
 
-def _counts_from(stretch: Stretch, plan: Plan) -> str:
-    if stretch.set_at_s:
-        return f"the pose that was set at {stretch.set_at_s[-1]:.1f} s"
+def _counts_from(interval: Interval, plan: Plan) -> str:
+    if interval.set_at_s:
+        return f"the pose that was set at {interval.set_at_s[-1]:.1f} s"
     return "the filter's own start" if plan.from_s is None else "the pose at the interval's beginning"
 
 

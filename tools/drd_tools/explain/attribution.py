@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are rounding
 
@@ -78,8 +77,7 @@ def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: flo
     J = np.tile(np.eye(3), (len(xy_m), 1, 1))
     J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
     J = J.reshape(-1, 3)
-    total: Array = np.kron(np.eye(len(xy_m)), R) + J @ R @ J.T
-    return total
+    return np.asarray(np.kron(np.eye(len(xy_m)), R) + J @ R @ J.T)
 
 
 def inseparable(covariance: Array, limit: float = -0.7) -> list[tuple[int, int]]:

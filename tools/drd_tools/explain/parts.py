@@ -7,12 +7,10 @@ matters for what each has brought to the pose: so the parts are followed togethe
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N
 from drd_tools.limit.causes import CAUSES, GROUPS
-
-Array = npt.NDArray[np.float64]
 
 COUNT: Final = len(GROUPS)
 FIRST: Final = [[cause.group for cause in CAUSES].index(group) for group in GROUPS]  # causes of a group are neighbours

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from drd.batch.samples import zero_of
-from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.interval import Interval
 from drd_tools.explain.tap import tapped_track
 from drd_tools.limit.limit import Limit, limit_of
 from drd_tools.recordings.daemon_log import read_daemon_log
@@ -34,12 +34,12 @@ class Source:
     replay: Callable[..., Replayed]
     limit: Callable[[], Limit]
 
-    def run(self, stretch: Stretch) -> Replayed:
-        """Replay, telling `stretch` each step of the filter. Raises ConfigError."""
-        replayed = self.replay(new_track=partial(tapped_track, stretch))
+    def run(self, interval: Interval) -> Replayed:
+        """Replay, telling `interval` each step of the filter. Raises ConfigError."""
+        replayed = self.replay(new_track=partial(tapped_track, interval))
         assert replayed.zero_ns == self.zero_ns
-        if stretch.clock is not None:
-            stretch.finish(stretch.clock.kf)
+        if interval.clock is not None:
+            interval.finish(interval.clock.kf)
         return replayed
 
 

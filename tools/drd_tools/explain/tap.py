@@ -32,7 +32,7 @@ from drd.estimation.noise import NoiseProfile
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track, make_track
 from drd_tools.explain.budget import COUNT
-from drd_tools.explain.stretch import Stretch
+from drd_tools.explain.interval import Interval
 from drd_tools.limit import causes
 from drd_tools.limit.process_noise import FilterByCause
 
@@ -46,22 +46,22 @@ START_OF = {
 }
 
 
-def tapped_track(stretch: Stretch, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
-    """A track as the estimator's own, whose filter tells `stretch` its steps."""
-    stretch.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
-    stretch.steering = stretch.begin_steering()
+def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
+    """A track as the estimator's own, whose filter tells `interval` its steps."""
+    interval.begin_steering = lambda: Steering(config, WheelNoise(noise, config.estimation.profile == "physical"))
+    interval.steering = interval.begin_steering()
 
     # One that is to take over from another goes on with the other's budget, see copy_from.
-    is_first = stretch.clock is None
+    is_first = interval.clock is None
 
     def tapped(*args: Any) -> TappedFilter:
-        return TappedFilter(stretch, *args, is_told=is_first)
+        return TappedFilter(interval, *args, recorded=is_first)
 
-    stretch.clock = make_track(config, sigmas, noise, tapped)
-    return stretch.clock
+    interval.clock = make_track(config, sigmas, noise, tapped)
+    return interval.clock
 
 
-class _Told(Filter):
+class _View(Filter):
     """What steering looks at, which nothing that it says changes: the filter is told by the estimator's own."""
 
     def __init__(self, kf: Filter):
@@ -81,26 +81,20 @@ class TappedFilter(FilterByCause):
     """Does what the filter does, and the same to the covariance of each cause."""
 
     def __init__(
-        self,
-        stretch: Stretch,
-        tread_m: float,
-        sigmas: Sigmas,
-        noise: NoiseProfile,
-        *args: Any,
-        is_told: bool = True,
+        self, interval: Interval, tread_m: float, sigmas: Sigmas, noise: NoiseProfile, *args: Any, recorded: bool = True
     ):
-        self._stretch, self._budget, self._watches = stretch, stretch.budget, is_told
+        self._interval, self._budget, self._watches = interval, interval.budget, recorded
         self._R = np.zeros(COUNT)
         self._R[causes.COUNTS] = 2.0 * noise.count_m2 / tread_m**2  # (25)
         self._R[causes.COMPARISON] = noise.comparison_rad2 - self._R[causes.COUNTS]
-        stretch.reading_m2 = noise.count_m2
+        interval.reading_m2 = noise.count_m2
         self._rate_rad_s: float | None = None
         self._unseen = False
         super().__init__(tread_m, sigmas, noise, *args)
 
     @property
-    def _is_told(self) -> bool:
-        return self._watches and not self._stretch.done
+    def _is_recorded(self) -> bool:
+        return self._watches and not self._interval.done
 
     def copy_from(self, other: Filter) -> None:
         """As the filter's: goes on in another's place, also where that one was watched."""
@@ -109,13 +103,13 @@ class TappedFilter(FilterByCause):
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """As the filter's; each standard deviation is a cause of its own."""
-        if self._is_told:
+        if self._is_recorded:
             self._budget.forget(*range(N))
-            if self._stretch.begin_steering is not None:
-                self._stretch.steering = self._stretch.begin_steering()
+            if self._interval.begin_steering is not None:
+                self._interval.steering = self._interval.begin_steering()
         super().restart(tread_m, s)
         self._rate_rad_s = None
-        if not self._is_told:
+        if not self._is_recorded:
             return
         for cause, i, sigma in (
             (causes.START_POSE, X, s.position_m),
@@ -138,39 +132,39 @@ class TappedFilter(FilterByCause):
     ) -> None:
         """As the filter's."""
         self._unseen = False
-        self._stretch.before_step(self)
+        self._interval.before_step(self)
         n = self.nominal
         x_m, y_m = n.x_m, n.y_m
         super().predict(dt_s, left_m, right_m, rate_rad_s, *args, **kwargs)
-        self._stretch.moved(n.x_m - x_m, n.y_m - y_m)
+        self._interval.moved(n.x_m - x_m, n.y_m - y_m)
         before, self._rate_rad_s = self._rate_rad_s, rate_rad_s
-        if self._is_told:
+        if self._is_recorded:
             change = 0.0 if before is None or rate_rad_s is None else n.gyro_scale * (rate_rad_s - before)
-            self._budget.predict(self._FT, self.Q_causes, -self._stretch.delay_s * change)
+            self._budget.predict(self._FT, self.Q_causes, -self._interval.delay_s * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
         """As the filter's."""
         PH = self.P[HEADING] - self.P[GYRO_HEADING]
         outcome = super().update(rate_rad_s)
-        if outcome is Outcome.ACCEPTED and self._is_told:
+        if outcome is Outcome.ACCEPTED and self._is_recorded:
             self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
             self._budget.update(PH / self.S, self._R, self.z)  # (19)
-            if (steering := self._stretch.steering) is not None and steering.drive is Drive.UNKNOWN:
-                steering.watch(_Told(self))
+            if (steering := self._interval.steering) is not None and steering.drive is Drive.UNKNOWN:
+                steering.watch(_View(self))
         return outcome
 
     def anchor_gyro(self) -> None:
         """As the filter's."""
         super().anchor_gyro()
         self._unseen = False
-        if self._is_told:
+        if self._is_recorded:
             self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
         """As the filter's."""
         super().anchor_wheels()
         self._unseen = False
-        if self._is_told:
+        if self._is_recorded:
             self._budget.copy_error(GYRO_HEADING, HEADING)
 
     def add_position_variance(self, variance_m2: float) -> None:
@@ -178,7 +172,7 @@ class TappedFilter(FilterByCause):
         xx, yy = self._p[XX], self._p[YY]
         super().add_position_variance(variance_m2)
         self._unseen = True
-        if self._is_told:
+        if self._is_recorded:
             self._budget.add(causes.NOT_SEEN, X, X, self._p[XX] - xx)
             self._budget.add(causes.NOT_SEEN, Y, Y, self._p[YY] - yy)
 
@@ -187,7 +181,7 @@ class TappedFilter(FilterByCause):
         hh = self._p[HH]
         super().add_heading_variance(variance_rad2, both)
         cause = causes.NOT_SEEN if self._unseen and both else causes.SLIP_FOUND
-        if self._is_told:
+        if self._is_recorded:
             for i in (HEADING, GYRO_HEADING) if both else (HEADING,):
                 for j in (HEADING, GYRO_HEADING) if both else (HEADING,):
                     self._budget.add(cause, i, j, self._p[HH] - hh)
@@ -195,15 +189,15 @@ class TappedFilter(FilterByCause):
     def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
         """As the filter's."""
         super().add_gyro_bias_variance(variance_rad2_s2)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.add(causes.BIAS_SILENCE, GYRO_BIAS, GYRO_BIAS, variance_rad2_s2)
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
         """As the filter's."""
         super().set_pose(x_m, y_m, heading_rad, covariance)
-        if not self._is_told:
+        if not self._is_recorded:
             return
-        self._stretch.pose_was_set()
+        self._interval.pose_was_set()
         self._budget.forget(X, Y, HEADING, GYRO_HEADING)
         for i in (X, Y, HEADING):
             for j in (X, Y, HEADING):
@@ -213,7 +207,7 @@ class TappedFilter(FilterByCause):
     def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
         """As the filter's."""
         super().set_gyro_bias(bias_rad_s, sigma_rad_s)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.forget(GYRO_BIAS)
             self._budget.add(causes.BIAS_START, GYRO_BIAS, GYRO_BIAS, sigma_rad_s**2)
 
@@ -221,32 +215,32 @@ class TappedFilter(FilterByCause):
         """As the filter's: the wheels skid."""
         before = self.P.copy()
         super().add_scale_variance(common, difference)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.add_matrix(causes.SKID_SCALE, self.P - before)
 
     def add_slip_variance(self, variance_s2: float) -> None:
         """As the filter's."""
         super().add_slip_variance(variance_s2)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
 
     def add_lag_variance(self, variance_s2: float) -> None:
         """As the filter's: the tread was wrong with which the lag was learned."""
         before = self.P.copy()
         super().add_lag_variance(variance_s2)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.add_matrix(causes.LAG_START, self.P - before)
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
         """As the filter's: which cause brought what is not known of an estimate from elsewhere."""
         super().put(nominal, P)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.forget(*range(N))
             self._budget.add_matrix(causes.HANDED_OVER, P)
 
     def forget(self, state: int, sigma: float) -> None:
         """As the filter's."""
         super().forget(state, sigma)
-        if self._is_told:
+        if self._is_recorded:
             self._budget.forget(state)
             self._budget.add(START_OF[state], state, state, sigma**2)

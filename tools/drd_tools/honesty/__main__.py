@@ -1,10 +1,10 @@
 """`make honesty`: prints the table of all drives and fails where a promise is broken."""
 
-import argparse
 import os
 import sys
 from pathlib import Path
 
+from drd.commands import command, whole
 from drd.config.schema import ConfigError
 from drd_tools.honesty.promises import promises
 from drd_tools.honesty.results import Results
@@ -20,17 +20,15 @@ EPILOG = "Exit code: 0 all promises kept, 1 one is broken, 2 bad usage or input.
 
 def main(argv: list[str]) -> int:
     """Run or read again, print, judge."""
-    parser = argparse.ArgumentParser(prog="python -m drd_tools.honesty", description=DESCRIPTION, epilog=EPILOG)
+    parser = command("python -m drd_tools.honesty", DESCRIPTION, EPILOG)
     add = parser.add_argument
     add("--short", action="store_true", help=f"{SHORT_SEEDS} seeds a scenario, fewer real drives: for CI")
-    add("--seeds", type=int, metavar="N", help=f"seeds a scenario (default {FULL_SEEDS})")
-    add("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
+    add("--seeds", type=whole(1), metavar="N", help=f"seeds a scenario (default {FULL_SEEDS})")
+    add("--jobs", type=whole(1), default=os.cpu_count() or 1, metavar="N", help="processes (default: one a core)")
     add("--json", type=Path, metavar="FILE", help="keep the results here")
     add("--read", type=Path, metavar="FILE", help="print again what --json has kept, instead of running")
     chosen = parser.parse_args(argv)
     seeds = chosen.seeds or (SHORT_SEEDS if chosen.short else FULL_SEEDS)
-    if seeds < 1 or chosen.jobs < 1:
-        parser.error("--seeds and --jobs: 1 or more")
     try:
         results = Results.read(chosen.read) if chosen.read else run(seeds, short=chosen.short, jobs=chosen.jobs)
         if chosen.json is not None:

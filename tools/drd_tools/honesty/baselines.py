@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.batch.logs import FogLog
 from drd_tools.evaluate.trajectory import Poses
 from drd_tools.recordings.folder import Recording
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # So long before a sample and after it the wheels stand, where it counts as a stop: skidding robots rock for half of it.
@@ -46,7 +46,7 @@ def baselines(recording: Recording) -> dict[str, Poses]:
 def travels(recording: Recording) -> tuple[Array, Array, Array]:
     """Times, and the travel of the left and the right wheel until then with the nominal radius."""
     left, right = recording.wheel_angles_rad()
-    radius_m = recording.nominal.wheel.radius_m
+    radius_m = recording.nominal.wheel_radius_m
     return recording.encoders.time_s, radius_m * left, radius_m * right
 
 

@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import nees
 from drd_tools.evaluate.metrics import absolute_error, kitti_drift
 from drd_tools.evaluate.trajectory import Poses, Reference, associate, wrapped
 
-Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # Lidar and motion capture come up to half a second after the wheels, or before wheels that are late themselves; steps

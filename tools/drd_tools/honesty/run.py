@@ -3,9 +3,8 @@
 import functools
 import importlib.util
 import math
-import multiprocessing
+import operator
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +14,7 @@ from drd_tools.honesty.drives import FOLDS, ROBOTS, SHARED, drives_of, judge_fol
 from drd_tools.honesty.results import Judged, Results
 from drd_tools.honesty.scenarios import MUJOCO, SCENARIOS
 from drd_tools.honesty.simulated import BESIDE, judge_seed
+from drd_tools.processes import pool_of
 
 FULL_SEEDS: Final = 300
 # With one process under a minute in all.
@@ -61,9 +61,5 @@ def _done(tasks: list[Task], jobs: int) -> list[list[Judged]]:
     shown = functools.partial(tqdm, total=len(tasks), desc="drives", disable=None, smoothing=0.0)
     if jobs == 1:
         return [task() for task in shown(tasks)]
-    # A forked child of a process with threads may lock up.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(task) for task in tasks]
-        for _ in shown(as_completed(futures)):
-            pass
-        return [future.result() for future in futures]
+    with pool_of(jobs) as pool:
+        return list(shown(pool.map(operator.call, tasks)))

@@ -6,9 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.config.from_nominal import nominal_config
 from drd.config.keys import Encoders, Fog
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot, nominal_config
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
 from drd.effects.model import Amount, Term
@@ -16,6 +15,7 @@ from drd.estimation.estimate import initial_sigmas
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.honesty.configurations import as_simulated
 from drd_tools.recordings.folder import Recording
+from drd_tools.simulate import conditions
 from drd_tools.simulate.conditions import Random, stream
 from drd_tools.simulate.missions import Drive, make_drive
 from drd_tools.simulate.robot import DEFAULT
@@ -148,8 +148,8 @@ def simulation(name: str, seed: int, other: int | None = None) -> Simulation:
     random = stream(seed, f"robot of {name}")
     nominal = _nominal(scenario)
     effects = _effects(prior(nominal, random) | dict(scenario.draw(random)))
-    walk = scenario.gyro_noise * (nominal.fog.angle_random_walk_deg_per_sqrt_h or 0.0)
-    louder = replace(nominal, fog=replace(nominal.fog, angle_random_walk_deg_per_sqrt_h=walk))
+    walk = scenario.gyro_noise * (nominal.gyro_angle_random_walk_deg_per_sqrt_h or 0.0)
+    louder = replace(nominal, gyro_angle_random_walk_deg_per_sqrt_h=walk)
     noise_seed = seed if other is None else OTHER_SEEDS * (1 + other) + seed
     simulated = simulate(truth, louder, effects, seed=noise_seed, name=f"{name}, seed {seed}")
     recording = replace(simulated.recording, nominal=nominal)
@@ -166,15 +166,13 @@ def _effects(stated: Mapping[str, Mapping[str, float | str]]) -> list[tuple[Effe
     return [(term.effect, term.values()) for term in terms]
 
 
-def _nominal(scenario: Scenario) -> Nominal:
+def _nominal(scenario: Scenario) -> Robot:
     if scenario.rate_hz is None:
         return DEFAULT
-    fog = replace(DEFAULT.fog, rate_hz=scenario.rate_hz)
-    encoders = replace(DEFAULT.encoders, rate_hz=scenario.rate_hz)
-    return replace(DEFAULT, fog=fog, encoders=encoders)
+    return replace(DEFAULT, gyro_rate_hz=scenario.rate_hz, encoders_rate_hz=scenario.rate_hz)
 
 
-def prior(nominal: Nominal, random: Random) -> dict[str, Mapping[str, float | str]]:
+def prior(nominal: Robot, random: Random) -> dict[str, Mapping[str, float | str]]:
     """A robot from the sigmas that its configuration states, as effects. The gyro's bias is drawn by the simulator.
 
     A lag below zero is the gyro's.
@@ -223,7 +221,7 @@ def contact_simulation(seed: int) -> Simulation:
     mission = CONTACT_MISSIONS[seed % len(CONTACT_MISSIONS)]
     motion = world.drive(vehicle, ground, mission, SECONDS, STAND_S, seed)
     nominal = sensors.nominal_of(vehicle, f"{MUJOCO}, seed {seed}", STAND_S)
-    readings = sensors.read_sensors(motion, sensors.Reference(), seed, nominal)
+    readings = sensors.read_sensors(motion, conditions.Reference(), seed, nominal)
     pose = np.column_stack([motion.x_m, motion.y_m, motion.heading_rad])
     every = slice(None, None, world.ROW_HZ // TRUTH_HZ)
     return Simulation(readings.recording, Reference(MUJOCO, motion.time_s[every], pose[every]), mission)

@@ -10,7 +10,7 @@ import numpy as np
 
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
 from drd.commands import writing
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, NS_PER_S
 from drd_tools.importing.checks import OK, WRONG, Finding
@@ -35,7 +35,7 @@ class Imported:
     reference: Reference | None = None
     origins: dict[str, Origin] = field(default_factory=dict)
     inputs: list[Path] = field(default_factory=list)
-    nominal: Nominal | None = None
+    nominal: Robot | None = None
     rows: EncoderRows | None = None
     gyro_unit: str = "rad_s"
     axis: int | None = None
@@ -161,8 +161,8 @@ def after(made: Imported, max_lag_s: float) -> Match | None:
     if made.gyro is None or made.rows is None or made.nominal is None:
         return None
     zero_ns, nominal = _zero_ns(made), made.nominal
-    left, right = made.rows.angles_rad(nominal.wheel.counts_per_revolution)
-    turned = (right - left) * nominal.wheel.radius_m / nominal.tread_m
+    left, right = made.rows.angles_rad(nominal.counts_per_revolution)
+    turned = (right - left) * nominal.wheel_radius_m / nominal.tread_m
     time_s = seconds(made.gyro.time_ns, zero_ns)
     wheels_s = seconds(made.rows.time_ns, zero_ns)
     return match(wheels_s, turned, time_s, angle_of(time_s, _rate_rad_s(made)), max_lag_s)

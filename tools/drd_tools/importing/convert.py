@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.importing.examine import GyroRates, WheelTravel
@@ -59,9 +59,9 @@ def gyro_rad_s(gyro: Gyro, unit: str) -> Array:
     return np.asarray(value / np.where(step_s > 1.5 * typical_s, typical_s, step_s)[:, None])
 
 
-def encoder_rows(wheels: Wheels, nominal: Nominal) -> EncoderRows:
+def encoder_rows(wheels: Wheels, nominal: Robot) -> EncoderRows:
     """What encoders.csv supports. Cumulative angles and travels become mean speeds, which loses nothing."""
-    left, right, radius_m = wheels.left, wheels.right, nominal.wheel.radius_m
+    left, right, radius_m = wheels.left, wheels.right, nominal.wheel_radius_m
     if wheels.unit == "counts":
         return EncoderRows(wheels.time_ns, _unwrapped(left, wheels), _unwrapped(right, wheels), are_counts=True)
     if wheels.unit in ("rad", "m"):
@@ -97,7 +97,7 @@ def seconds(time_ns: Times, zero_ns: int) -> Array:
 
 
 def for_checks(
-    gyro: Gyro | None, gyro_unit: str, rows: EncoderRows | None, nominal: Nominal | None, reference: Reference | None,
+    gyro: Gyro | None, gyro_unit: str, rows: EncoderRows | None, nominal: Robot | None, reference: Reference | None,
     zero_ns: int,
 ) -> tuple[GyroRates | None, WheelTravel | None, ReferenceLog | None]:  # fmt: skip
     """The three streams in SI units on one clock, signs and sides as they came."""
@@ -107,8 +107,8 @@ def for_checks(
             seconds(gyro.time_ns, zero_ns), gyro_rad_s(gyro, gyro_unit), gyro.axes, gyro.acceleration_m_s2
         )
     if rows is not None and nominal is not None:
-        radius_m = nominal.wheel.radius_m
-        left, right = (radius_m * side for side in rows.angles_rad(nominal.wheel.counts_per_revolution))
+        radius_m = nominal.wheel_radius_m
+        left, right = (radius_m * side for side in rows.angles_rad(nominal.counts_per_revolution))
         travel = WheelTravel(seconds(rows.time_ns, zero_ns), left, right, nominal.tread_m)
     if reference is not None:
         heading = np.unwrap(reference.heading_rad)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from drd.config.from_nominal import MAX_SPEED_M_S
+from drd.config.robot import MAX_SPEED_M_S
 from drd_tools.importing.checks import (
     WRONG,
     Finding,

@@ -13,7 +13,7 @@ import yaml
 import drd
 from drd.commands import writing
 from drd.config.file import load_config
-from drd.config.nominal import Nominal, Wheel, load_nominal
+from drd.config.robot import Robot, load_robot
 from drd.config.schema import ConfigError
 from drd_tools.importing.checks import Finding
 from drd_tools.importing.streams import Origin, Wheels
@@ -24,16 +24,16 @@ SAID: Final = "import.yaml"
 MADE: Final = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv", SAID)
 
 
-def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Nominal | None:
+def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Robot | None:
     """The robot as --robot, --config or the options state it, the options last; None where nothing needs it.
 
     Nothing is guessed: raises ConfigError with the option that is missing.
     """
-    stated = load_nominal(chosen.robot).value if chosen.robot is not None else None
+    stated = load_robot(chosen.robot).value if chosen.robot is not None else None
     if stated is None and wheels is None and chosen.wheel_radius is None:
         return None
     given = load_config(chosen.config).value.robot if chosen.config is not None and stated is None else None
-    radius_m = chosen.wheel_radius or (stated.wheel.radius_m if stated else given.wheel_radius_m if given else None)
+    radius_m = chosen.wheel_radius or (stated.wheel_radius_m if stated else given.wheel_radius_m if given else None)
     tread_m = chosen.tread or (stated.tread_m if stated else given.tread_m if given else None)
     for option, what, value in (("--wheel-radius", "wheels' radius", radius_m), ("--tread", "tread", tread_m)):
         if value is None:
@@ -41,7 +41,7 @@ def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Nominal | N
             raise ConfigError("command line", option, expected, "nothing")
     assert radius_m is not None
     assert tread_m is not None
-    counts = chosen.counts_per_revolution or (stated.wheel.counts_per_revolution if stated else None)
+    counts = chosen.counts_per_revolution or (stated.counts_per_revolution if stated else None)
     if wheels is not None:
         if wheels.unit != "counts":
             counts = None
@@ -50,13 +50,13 @@ def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Nominal | N
         elif counts is None:
             expected = "counts of one turn of the wheel (or --robot FILE), since the wheels are counts"
             raise ConfigError("command line", "--counts-per-revolution", expected, "nothing")
-    wheel = Wheel(radius_m=radius_m, counts_per_revolution=None if counts is None else float(counts))
+    counts = None if counts is None else float(counts)
     if stated is None:
         name = given.name if given is not None else chosen.name or chosen.output.resolve().name
-        stated = Nominal(name=name, wheel=wheel, tread_m=tread_m)
+        stated = Robot(name=name, wheel_radius_m=radius_m, tread_m=tread_m)
     if chosen.standstill is not None:
         stated = replace(stated, standstill_at_start_s=chosen.standstill)
-    return replace(stated, wheel=wheel, tread_m=tread_m)
+    return replace(stated, wheel_radius_m=radius_m, counts_per_revolution=counts, tread_m=tread_m)
 
 
 def prepare(folder: Path) -> None:
@@ -71,14 +71,13 @@ def prepare(folder: Path) -> None:
             (folder / name).unlink()
 
 
-def write_robot(file: Path, nominal: Nominal, rates_hz: dict[str, float | None]) -> None:
+def write_robot(file: Path, nominal: Robot, rates_hz: dict[str, float | None]) -> None:
     """robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
-    fog, encoders = nominal.fog, nominal.encoders
-    if fog.rate_hz is None and rates_hz.get("gyro"):
-        fog = replace(fog, rate_hz=_rounded(rates_hz["gyro"]))
-    if encoders.rate_hz is None and rates_hz.get("wheels"):
-        encoders = replace(encoders, rate_hz=_rounded(rates_hz["wheels"]))
-    content = dataclasses.asdict(replace(nominal, fog=fog, encoders=encoders))
+    if nominal.gyro_rate_hz is None and rates_hz.get("gyro"):
+        nominal = replace(nominal, gyro_rate_hz=_rounded(rates_hz["gyro"]))
+    if nominal.encoders_rate_hz is None and rates_hz.get("wheels"):
+        nominal = replace(nominal, encoders_rate_hz=_rounded(rates_hz["wheels"]))
+    content = nominal.sections()
     head = "# The robot as stated to drd import; null: not stated. rate_hz is measured where it was not stated.\n"
     file.write_text(head + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 

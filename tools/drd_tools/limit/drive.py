@@ -3,20 +3,14 @@
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from drd.batch.run import run
-from drd.batch.samples import gyro_samples, resolution_m, wheel_samples, zero_of
+from drd.batch.run import filter_logs
+from drd.batch.samples import resolution_m
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
-from drd.estimation.estimator import Estimator
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 # Linear steps as long as that are exact enough: a turn of 0.1 rad bends a chord by 0.04 %; at rest only the bias moves.
 MOVING_S: Final = 0.25
@@ -70,10 +64,6 @@ class _Watched(Filter):
 
 def replayed_drive(recording: Recording, config: Config) -> Drive:
     """The drive as the daemon's own estimator sees it. Raises ConfigError where nothing can be replayed."""
-    zero_ns = zero_of(None, recording.encoders)
-    wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
-    gyro, _ = gyro_samples(recording.fog, config, zero_ns)
-    counted, count_m = recording.encoders.left_counts is not None, resolution_m(recording.encoders, config)
     watched: list[_Watched] = []
 
     def new_track(config: Config, sigmas: Sigmas, noise: NoiseProfile) -> Track:
@@ -83,15 +73,15 @@ def replayed_drive(recording: Recording, config: Config) -> Drive:
 
         return make_track(config, sigmas, noise, watch)
 
-    run(Estimator(config, None, count_m, new_track=new_track), [s for s in gyro if s.t_ns > 0], wheels)
-    kf = watched[0]
+    made, kf = filter_logs(recording.fog, recording.encoders, config, new_track=new_track), watched[0]
     if not kf.steps:
         raise ConfigError(str(recording.folder), "", "a recording that gives poses", "none")
     n = kf.nominal
     right, left = 1.0 - n.scale_right, 1.0 - n.scale_left
     steps = [Block(s.dt_s, left * s.left_m, right * s.right_m, s.turn_rad) for s in kf.steps]
-    gyro_hz = config.fog.rate_hz if gyro else 0.0
-    return Drive(blocks_of(steps), n.tread_m, gyro_hz, kf.noise, count_m if counted else 0.0)
+    gyro_hz = config.fog.rate_hz if made.samples["gyro"] else 0.0
+    count_m = resolution_m(recording.encoders, config) if recording.encoders.left_counts is not None else 0.0
+    return Drive(blocks_of(steps), n.tread_m, gyro_hz, kf.noise, count_m)
 
 
 def blocks_of(steps: list[Block]) -> list[Block]:

@@ -36,7 +36,7 @@ class Known:
 
 def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
     """By the recording's own files: the data sheet where it was simulated or states everything, else as measured."""
-    if recording.nominal.encoders.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
+    if recording.nominal.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
         return Known(*_sheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
     noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
     if not drive.gyro_hz:
@@ -61,7 +61,7 @@ def _sheet(recording: Recording, config: Config, drive: Drive) -> tuple[NoisePro
     k = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)
     gyro, wheels, jitter_s = _conditions(recording)
     step_s = 1.0 / drive.gyro_hz if drive.gyro_hz else 0.0
-    resolution = (recording.nominal.fog.resolution_deg_s or 0.0) * RAD_PER_DEG
+    resolution = (recording.nominal.gyro_resolution_deg_s or 0.0) * RAD_PER_DEG
     noise = NoiseProfile(
         wheel_m2_per_m=k.wheel_m2_per_m * wheels**2,
         gyro_rad2_per_s=k.gyro_rad2_per_s * gyro**2 + resolution**2 / 12.0 * step_s,
@@ -101,7 +101,7 @@ def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> floa
     log = recording.reference
     if log is None or len(log.time_s) < LEAST_WINDOWS:
         return None
-    radius_m, time_s = recording.nominal.wheel.radius_m, recording.encoders.time_s
+    radius_m, time_s = recording.nominal.wheel_radius_m, recording.encoders.time_s
     inside = (log.time_s >= time_s[0]) & (log.time_s <= time_s[-1])
     at_s, heading_rad = log.time_s[inside], log.heading_rad[inside]
     ways = np.column_stack([radius_m * np.interp(at_s, time_s, angle) for angle in recording.wheel_angles_rad()])
@@ -111,7 +111,7 @@ def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> floa
     ends = np.searchsorted(driven_m, np.arange(0.0, driven_m[-1], WINDOW_TREADS * drive.tread_m))
     turn, way = np.diff(heading_rad[ends]), np.diff(ways[ends], axis=0)
     rest = turn - way @ np.linalg.lstsq(way, turn, rcond=None)[0]
-    own = 2.0 * ((recording.nominal.reference.heading_sigma_deg or 0.0) * RAD_PER_DEG) ** 2
+    own = 2.0 * ((recording.nominal.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG) ** 2
     stated = noise.wheel_m2_per_m * np.abs(way).sum(axis=1) / drive.tread_m**2 + noise.turn_rad2_per_rad * np.abs(turn)
     degrees = (len(turn) - 2) / len(turn)
     found = float(np.median(rest * rest)) / MEDIAN_PER_VARIANCE / degrees - own

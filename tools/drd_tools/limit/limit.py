@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.config.keys import Config
 from drd.estimation.filter import (
@@ -33,8 +32,6 @@ from drd_tools.limit.known import Known, known_of
 from drd_tools.limit.recursion import Case, ErrorModel, Spread, spreads, standing
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import configuration
-
-Array = npt.NDArray[np.float64]
 
 LONGER_S: Final = 60  # a standstill that an operator would wait for
 HALF: Final = 0.25  # of a standard deviation, as a weight of the variance
@@ -125,7 +122,9 @@ def limit_on(drive: Drive, known: Known) -> Limit:
         way_m=drive.way_m,
         basis=known.basis,
         advice="",
-        by_cause=[share for k, group in enumerate(GROUPS) if (share := _told(group, shares, k)).end_deg + share.end_m],
+        by_cause=[
+            share for k, group in enumerate(GROUPS) if (share := _share_row(group, shares, k)).end_deg + share.end_m
+        ],
         changes=sorted(changes, key=lambda c: (c.drift_percent, c.heading_rms_deg)),
     )
     return replace(limit, advice=advice(limit))
@@ -180,7 +179,7 @@ def _share(base: Case, group: str) -> Case:
     return Case(weights, P)
 
 
-def _told(group: str, shares: Spread, k: int) -> Share:
+def _share_row(group: str, shares: Spread, k: int) -> Share:
     position_m, heading_deg = math.sqrt(max(shares.position_m2[k], 0.0)), _deg(shares.heading_rad2[k])
     return Share(group, position_m, heading_deg, *_end(shares, k), 100.0 * float(shares.drift[k]))
 

@@ -45,12 +45,12 @@ class FilterByCause(Filter):
         super().__init__(*args, **kwargs)
 
     @property
-    def _is_told(self) -> bool:
+    def _is_recorded(self) -> bool:
         return True
 
     def _process_noise(self, *arguments: float) -> None:
         super()._process_noise(*arguments)
-        if self._is_told:
+        if self._is_recorded:
             step = Step._make((*arguments, self.nominal.tread_m, self._jitter, self.rate_rad_s))
             fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 

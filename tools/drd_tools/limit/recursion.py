@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
 from drd_tools.limit import causes
 from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive
 from drd_tools.limit.process_noise import FilterByCause
-
-Array = npt.NDArray[np.float64]
 
 # KITTI's segments: of a tenth to eight tenths of the way, from starts a tenth apart.
 TENTHS: Final = 10

@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.config.schema import ConfigError
+from drd.commands import command, number, whole, writing
 from drd_tools.mujoco_world.ground import Ground
 from drd_tools.mujoco_world.missions import MISSIONS
 from drd_tools.mujoco_world.vehicle import Vehicle
-from drd_tools.simulate.arguments import number, seed
+from drd_tools.simulate.conditions import Reference
 
 DESCRIPTION = """\
 Drive a four-wheel skid-steer robot of 60 kg through MuJoCo's contact physics, and record what its sensors say. Its
@@ -38,31 +38,28 @@ STAND_S: Final = 10.0
 
 
 def main(argv: list[str]) -> int:
-    """Run the command. Returns the exit code: 0, or 2 for bad usage or input, or where MuJoCo is missing."""
+    """Exit code 0; 2 for bad usage, or where MuJoCo is missing. Raises ConfigError on bad input."""
     chosen = _parser().parse_args(argv)
     try:
         return _run(chosen)
     except ModuleNotFoundError as error:
         if error.name != "mujoco":
             raise
-        print(
-            "drd simulate: the Python package mujoco is missing; install it: pip install 'drd[mujoco]'", file=sys.stderr
-        )
-    except ConfigError as error:
-        print(f"drd simulate: {error}", file=sys.stderr)
-    return 2
+        text = "the Python package mujoco is missing; install it: pip install 'drd[mujoco]'"
+        print(f"drd simulate: {text}", file=sys.stderr)
+        return 2
 
 
 def _run(chosen: argparse.Namespace) -> int:
     from drd_tools.mujoco_world import files, measure, picture, sensors, world  # noqa: PLC0415  # mujoco may be missing
 
-    vehicle = Vehicle(payload_kg=chosen.payload)
+    reference, vehicle = Reference.parse(chosen.reference), Vehicle(payload_kg=chosen.payload)
     ground = Ground(friction=chosen.friction, patch_friction=chosen.patches, bumps_per_m=chosen.bumps)
     began_s = time.perf_counter()
     motion = world.drive(vehicle, ground, chosen.mission, chosen.seconds, STAND_S, chosen.seed)
     took_s = time.perf_counter() - began_s
     nominal = sensors.nominal_of(vehicle, chosen.output.name, STAND_S)
-    readings = sensors.read_sensors(motion, sensors.Reference(*chosen.reference), chosen.seed, nominal)
+    readings = sensors.read_sensors(motion, reference, chosen.seed, nominal)
     blocks = measure.make_blocks(motion, vehicle)
     found, expected = measure.manoeuvres(blocks), measure.coulomb_tread_ratio(vehicle)
     about = {
@@ -77,10 +74,8 @@ def _run(chosen: argparse.Namespace) -> int:
     title = f"MuJoCo: {chosen.mission}, {motion.time_s[-1]:g} s, {vehicle.total_kg:g} kg, friction {ground.friction:g}"
     title += f" and {ground.patch_friction:g}" if ground.patch_friction is not None else ""
     title += f", {ground.bumps_per_m:g} bumps per metre" if ground.bumps_per_m else ""
-    try:
+    with writing(chosen.output):
         picture.draw(chosen.output / "emerged.png", title, motion, blocks, found, vehicle.track_m, expected)
-    except OSError as error:
-        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
     way_m = float(np.abs(blocks.speed_m_s).sum() * measure.BLOCK_S)
     print(f"Mission {chosen.mission}: {motion.time_s[-1]:g} s, {way_m:.1f} m, {vehicle.total_kg:g} kg; ", end="")
     print(f"simulated in {took_s:.1f} s, {motion.time_s[-1] / took_s:.0f} times faster than real.\n")
@@ -123,32 +118,18 @@ def _cell(value: float, decimals: int) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     missions = "\n".join(f"  {name:<12} {mission.text}" for name, mission in MISSIONS.items())
-    parser = argparse.ArgumentParser(
-        prog="drd simulate --world mujoco",
-        description=DESCRIPTION,
-        epilog=f"missions, each from the origin and back:\n{missions}\n\n{EXAMPLES}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    epilog = f"missions, each from the origin and back:\n{missions}\n\n{EXAMPLES}"
+    parser = command("drd simulate --world mujoco", DESCRIPTION, epilog)
     add: Any = parser.add_argument
     add("--world", choices=("mujoco",), required=True, help="this world")
     add("--mission", choices=tuple(MISSIONS), default="circles", metavar="NAME", help="see below (default circles)")
     add("--seconds", type=number(11.0, 3600.0), metavar="S", help="cut at S, lap after lap (default: one whole lap)")
-    add("--seed", type=seed, default=0, metavar="N", help="other noise, patches and bumps (default 0)")
+    add("--seed", type=whole(0), default=0, metavar="N", help="other noise, patches and bumps (default 0)")
     add("--friction", type=number(0.1, 2.0), default=0.8, metavar="MU", help="of tyre on ground (default 0.8)")
     add("--patches", type=number(0.1, 2.0), metavar="MU", help="one square of 2 m in three has this friction instead")
     add("--bumps", type=number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of way")
     add("--payload", type=number(0.0, 100.0), default=0.0, metavar="KG", help="stands 0.15 m behind the middle")
-    add("--reference", type=_reference, default=(0.1, True), metavar="WHEN",
+    add("--reference", default="full", metavar="WHEN",
         help="full (10 Hz, default), sparse:SECONDS, ends or none")  # fmt: skip
     add("--output", type=Path, required=True, metavar="DIR", help="folder for the recording")
     return parser
-
-
-def _reference(text: str) -> tuple[float | None, bool]:
-    """Period (None: the two ends only), and whether there is a reference."""
-    name, _, seconds = text.partition(":")
-    if name == "sparse":
-        return number(0.01, 1e6)(seconds), True
-    if text not in ("full", "ends", "none"):
-        raise argparse.ArgumentTypeError(f"full, sparse:SECONDS, ends or none, got {text!r}")
-    return (None if text == "ends" else 0.1), text != "none"

@@ -10,12 +10,13 @@ import mujoco
 import numpy as np
 import yaml
 
-from drd.config.schema import ConfigError
+from drd.arrays import Array
+from drd.commands import writing
 from drd.units import DEG_PER_RAD
-from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.measure import Manoeuvre
 from drd_tools.mujoco_world.sensors import Readings
 from drd_tools.mujoco_world.world import ROW_HZ, Motion
+from drd_tools.recordings.folder import write_table
 from drd_tools.simulate.files import TRUE_MOTION, write_recording
 
 TRUTH_HZ: Final = 50
@@ -30,12 +31,9 @@ def write_folder(folder: Path, readings: Readings, motion: Motion, truth: dict[s
     """
     text = "# What emerged in MuJoCo; robot.yaml is what is believed.\n" + yaml.safe_dump(truth, sort_keys=False)
     write_recording(folder, readings.recording, text)
-    try:
+    with writing(folder):
         # + 0.0: no "-0"
-        rows = _true_rows(motion) + 0.0
-        np.savetxt(folder / TRUE_MOTION, rows, fmt="%.2f" + ",%.6f" * 8, header=TRUTH_HEADER, comments="")
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
+        write_table(folder / TRUE_MOTION, TRUTH_HEADER.split(","), _true_rows(motion) + 0.0, "%.2f" + ",%.6f" * 8)
 
 
 def truth_of(found: Sequence[Manoeuvre], about: dict[str, Any]) -> dict[str, Any]:

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 PATCH_M: Final = 2.0
 PATCH_SHARE: Final = 1.0 / 3.0
@@ -48,8 +47,7 @@ class Friction:
     def at(self, x_m: Array, y_m: Array) -> Array:
         """Shape of `x_m` and `y_m`."""
         row, column = (np.floor(value / PATCH_M).astype(int) % PATCHES for value in (x_m, y_m))
-        found: Array = self._map[row, column]
-        return found
+        return np.asarray(self._map[row, column])
 
 
 def make_bumps(per_m: float, way_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:

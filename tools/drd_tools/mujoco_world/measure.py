@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import brentq
 
-from drd_tools.mujoco_world.ground import Array
+from drd.arrays import Array
 from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import ROW_HZ, ROW_S, Motion
 
@@ -35,7 +35,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One stretch of a kind. NaN where it holds nothing that determines a value.
+    """One interval of a kind. NaN where it holds nothing that determines a value.
 
     `tread_m`: wheel difference over true yaw. `slip`: 1 - (true way / mean wheel way), of the nominal radius, so the
     tyre's deflection is in it. `lateral_s`: v_y over v w. Centres of rotation, from the body frame's origin: of the
@@ -83,7 +83,7 @@ def make_blocks(motion: Motion, vehicle: Vehicle) -> Blocks:
 
 
 def manoeuvres(blocks: Blocks) -> list[Manoeuvre]:
-    """The stretches, in their order, that are long enough to determine anything."""
+    """The intervals, in their order, that are long enough to determine anything."""
     v, w = blocks.speed_m_s, blocks.rate_rad_s
     turning, tight = np.abs(w) > TURNING_RAD_S, np.abs(v) < TIGHT_M * np.abs(w)
     kind = np.where(turning, np.where(tight, 3, 1) + (w < 0.0), np.where(np.abs(v) < STANDING_M_S, -1, 0))

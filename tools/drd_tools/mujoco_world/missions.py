@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd_tools.mujoco_world.ground import Array
+from drd.arrays import Array
 
 CELL_M: Final = 0.02
 QUARTER: Final = 0.5 * math.pi

@@ -8,34 +8,26 @@ import numpy as np
 
 from drd_tools.mujoco_world.measure import TURNING_RAD_S, Blocks, Manoeuvre
 from drd_tools.mujoco_world.world import Motion
-from drd_tools.report.style import BLUE, GREY, INK, SKY, TRUE_GREY, VERMILION, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, GREY, INK, SKY, TRUE_GREY, VERMILION, picture, tidy
 
 TIGHTEST_PER_M: Final = 2.5
 SPOT_PER_M: Final = 3.0  # where turns on the spot are drawn
 
 
 def draw(
-    file: Path,
-    title: str,
-    motion: Motion,
-    blocks: Blocks,
-    found: Sequence[Manoeuvre],
-    track_m: float,
-    expected: float,
+    file: Path, title: str, motion: Motion, blocks: Blocks, found: Sequence[Manoeuvre], track_m: float, expected: float
 ) -> None:
     """Path on the left; effective tread and centre of rotation on the right. Raises OSError.
 
     `expected`: ratio of effective tread and track for Coulomb friction.
     """
-    with styled():
-        figure = make_figure(11.0, 6.6)
+    with picture(file, 11.0, 6.6) as figure:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
         _draw_path(sides[0].subplots(), motion)
         upper, lower = sides[1].subplots(2, 1)
         _draw_tread(upper, blocks, found, track_m, expected)
         _draw_centre(lower, blocks)
-        figure.savefig(file, format="png")
 
 
 def _draw_path(axes: Any, motion: Motion) -> None:

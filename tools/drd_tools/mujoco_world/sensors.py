@@ -1,15 +1,13 @@
 """What the robot's sensors and the tracker make of the motion: the other world's sensors, on what MuJoCo drives."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.config.robot import Robot
 from drd.effects.motion import Motion as Felt
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
-from drd_tools.mujoco_world.ground import Array
 from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import ROW_HZ, Motion, random_of
 from drd_tools.recordings.folder import Recording, ReferenceLog
@@ -34,72 +32,51 @@ WARMING_S: Final = 600.0
 BIAS_DEG_S_PER_C: Final = 0.0003
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Poses every `period_s`, at the two ends only (None), or none at all."""
-
-    period_s: float | None = 0.1
-    is_there: bool = True
-
-
-@dataclass(frozen=True)
-class Readings:
-    """A recording as if read from a folder, the rows of its three files, shape (n, columns), in their units; and the
-    gyro's bias at switch-on.
-    """
+class Readings(NamedTuple):
+    """A recording as if read from a folder, and the gyro's bias at switch-on."""
 
     recording: Recording
-    fog: Array
-    encoders: Array
-    reference: Array | None
     bias_deg_s: float
 
 
-def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Nominal:
+def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
     """What the robot's engineers believe: the drawing's track and radius, the data sheets' noise."""
-    return Nominal(
+    return Robot(
         name=name,
-        wheel=Wheel(radius_m=vehicle.wheel_radius_m, counts_per_revolution=float(COUNTS_PER_REVOLUTION)),
+        wheel_radius_m=vehicle.wheel_radius_m,
+        counts_per_revolution=float(COUNTS_PER_REVOLUTION),
         tread_m=vehicle.track_m,
-        fog=FogSheet(
-            kind="KVH RD2100",
-            rate_hz=float(FOG_HZ),
-            range_deg_s=RANGE_DEG_S,
-            angle_random_walk_deg_per_sqrt_h=ANGLE_WALK_DEG_PER_SQRT_H,
-            bias_repeatability_deg_s=REPEATABILITY_DEG_S,
-            bias_random_walk_deg_per_h_per_sqrt_h=BIAS_WALK_DEG_PER_H_PER_SQRT_H,
-            resolution_deg_s=RESOLUTION_DEG_S,
-        ),
-        encoders=EncoderSheet(rate_hz=float(ENCODERS_HZ), slip_noise_m_per_sqrt_m=0.002),
-        reference=ReferenceSheet(position_sigma_m=POSITION_SIGMA_M, heading_sigma_deg=HEADING_SIGMA_DEG),
+        gyro_kind="KVH RD2100",
+        gyro_rate_hz=float(FOG_HZ),
+        gyro_range_deg_s=RANGE_DEG_S,
+        gyro_angle_random_walk_deg_per_sqrt_h=ANGLE_WALK_DEG_PER_SQRT_H,
+        gyro_bias_repeatability_deg_s=REPEATABILITY_DEG_S,
+        gyro_bias_random_walk_deg_per_h_per_sqrt_h=BIAS_WALK_DEG_PER_H_PER_SQRT_H,
+        gyro_resolution_deg_s=RESOLUTION_DEG_S,
+        encoders_rate_hz=float(ENCODERS_HZ),
+        slip_noise_m_per_sqrt_m=0.002,
+        reference_position_sigma_m=POSITION_SIGMA_M,
+        reference_heading_sigma_deg=HEADING_SIGMA_DEG,
         standstill_at_start_s=stand_s,
     )
 
 
-def read_sensors(motion: Motion, reference: Reference, seed: int, nominal: Nominal | None = None) -> Readings:
+def read_sensors(motion: Motion, reference: conditions.Reference, seed: int, nominal: Robot | None = None) -> Readings:
     """Sample the motion. The same arguments give the same bits. The wheels slip by themselves: no noise is added."""
     nominal = nominal or nominal_of(Vehicle(), "mujoco", 0.0)
-    seen = conditions.Conditions(
-        wheel_noise=0.0, reference=conditions.Reference(period_s=reference.period_s, is_there=reference.is_there)
-    )
+    seen = conditions.Conditions(wheel_noise=0.0, reference=reference)
     felt = _felt(motion, nominal)
-    bias = sensors.bias_rad_s(felt.time_s, nominal.fog, 1.0, seed)
+    bias = sensors.bias_rad_s(felt.time_s, nominal, 1.0, seed)
     felt.rate_rad_s = felt.rate_rad_s + bias + BIAS_DEG_S_PER_C * RAD_PER_DEG * (felt.temperature_c - COLD_C)
     left, right = random_of(seed, 13).random(2).tolist()  # where between two counts a wheel stands at first
-    fog = sensors.gyro_log(felt, nominal.fog, (), seen, seed)
+    fog = sensors.gyro_log(felt, nominal, (), seen, seed)
     encoders = sensors.encoder_log(felt, felt, nominal, seen, seed, (left, right))
     true = ReferenceLog(motion.time_s, motion.x_m, motion.y_m, motion.heading_rad)
-    poses = sensors.reference_log(true, nominal.reference, seen, seed)
-    return Readings(
-        Recording(Path(nominal.name), nominal, encoders, fog, poses, {}),
-        _rows(fog.time_s, fog.rate_rad_s * DEG_PER_RAD, fog.temperature_c),
-        _rows(encoders.time_s, encoders.left_counts, encoders.right_counts),
-        None if poses is None else _rows(poses.time_s, poses.x_m, poses.y_m, poses.heading_rad * DEG_PER_RAD),
-        float(bias[0]) * DEG_PER_RAD,
-    )
+    poses = sensors.reference_log(true, nominal, seen, seed)
+    return Readings(Recording(Path(nominal.name), nominal, encoders, fog, poses, {}), float(bias[0]) * DEG_PER_RAD)
 
 
-def _felt(m: Motion, nominal: Nominal) -> Felt:
+def _felt(m: Motion, nominal: Robot) -> Felt:
     """What perfect sensors would say, as means over the rows' intervals."""
     middle_s = 0.5 * (m.time_s[1:] + m.time_s[:-1])
     gyro, left, right = (np.diff(angle) * ROW_HZ for angle in (m.gyro_rad, m.left_rad, m.right_rad))
@@ -109,8 +86,8 @@ def _felt(m: Motion, nominal: Nominal) -> Felt:
         speed_m_s=m.speed_m_s[1:],
         acceleration_m_s2=np.diff(m.speed_m_s) * ROW_HZ,
         heading_rad=m.heading_rad[1:],
-        left_m_s=nominal.wheel.radius_m * left,
-        right_m_s=nominal.wheel.radius_m * right,
+        left_m_s=nominal.wheel_radius_m * left,
+        right_m_s=nominal.wheel_radius_m * right,
         left_wheel_rad=m.left_rad[1:],
         right_wheel_rad=m.right_rad[1:],
         temperature_c=warming_c(middle_s, COLD_C, WARMER_C, WARMING_S),
@@ -127,7 +104,3 @@ def gyro_truth(readings: Readings) -> dict[str, float]:
         "bias_temperature_deg_s_per_c": BIAS_DEG_S_PER_C,
         "switch_on_c": COLD_C,
     }
-
-
-def _rows(*columns: Array | None) -> Array:
-    return np.column_stack([column for column in columns if column is not None])

@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from drd_tools.mujoco_world.ground import Array, Friction, Ground, make_bumps
+from drd.arrays import Array
+from drd_tools.mujoco_world.ground import Friction, Ground, make_bumps
 from drd_tools.mujoco_world.missions import legs_of, way_of
 from drd_tools.mujoco_world.pilot import CONTROL_S, Pilot
 from drd_tools.mujoco_world.vehicle import STEP_S, WHEELS, Vehicle, scene_xml

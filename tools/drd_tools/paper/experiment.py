@@ -2,25 +2,26 @@
 
 import dataclasses
 import functools
-import multiprocessing
+import operator
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final
 
 import numpy as np
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd.config.file import load_config
 from drd.config.keys import Config
-from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples
+from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.paper.results import Results
-from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, run_gyro, seconds_of, told
+from drd_tools.paper.runs import CELLS, CORNER_M, RUNS_EACH_WAY, Laboratory, Outcome, informed, run_gyro, seconds_of
 from drd_tools.paper.studies import delay_alone, other_robot, sigmas_over_laps, sigmas_with_and_without_comparing
+from drd_tools.processes import pool_of
 from drd_tools.shipped import shipped_config
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.truth import Truth
 
 # Each with fewer gyros and one run each way: enough to see which way the filter's share moves.
@@ -36,7 +37,7 @@ PERCENTILES: Final = (5.0, 50.0, 95.0)
 def run_experiment(gyros: int, seed: int) -> Results:
     """All cells of Table II with `gyros` gyros, and the studies beside it. Shows a progress bar."""
     physics = Physics()
-    config = told(load_config(shipped_config("pioneer-at.yaml")).value, physics)
+    config = informed(load_config(shipped_config("pioneer-at.yaml")).value, physics)
     laboratory = Laboratory.make(config, physics)
     few = max(2, gyros // 5)
     robots = [other_robot(laboratory, changes) for changes in OTHER_ROBOTS]
@@ -68,7 +69,7 @@ def run_experiment(gyros: int, seed: int) -> Results:
         others=np.array(others),
         other_names=[", ".join(f"{k} {v:g}" for k, v in changes.items()) for changes in OTHER_ROBOTS],
         parameters=list(_parameters(physics)),
-        told=list(_told(config)),
+        told=list(_configuration_rows(config)),
         seed=seed,
     )
 
@@ -82,10 +83,9 @@ def _via_points(way: Truth) -> Array:
 
 
 def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:
-    # A forked child of a process with threads may lock up.
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn")) as pool:
-        futures = [pool.submit(call) for call in calls]
-        return [future.result() for future in tqdm(futures, desc=what, unit="gyro", disable=None)]
+    with pool_of(os.cpu_count() or 1) as pool:
+        made = pool.map(operator.call, calls)
+        return list(tqdm(made, desc=what, total=len(calls), unit="gyro", disable=None))
 
 
 def _figure3(physics: Physics, seed: int) -> Array:
@@ -105,7 +105,7 @@ def _parameters(physics: Physics) -> Iterable[list[str]]:
             yield [f"{part.name}.{field.name}", value, about["unit"], about["text"], about["source"]]
 
 
-def _told(config: Config) -> Iterable[list[str]]:
+def _configuration_rows(config: Config) -> Iterable[list[str]]:
     """What of the configuration decides the outcome; null is what is usual for how the robot steers."""
     yield ["robot.tread_m", f"{config.robot.tread_m:g}"]
     yield ["robot.drive", config.robot.drive]

@@ -5,13 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from drd.config.nominal import FogSheet
+from drd.arrays import Array
+from drd.config.robot import Robot
 from drd.effects.effect import ActsOn, Effect, Errors, Values
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.paper.physics import Gyro, RateTable
 from drd_tools.simulate.conditions import Conditions, Random, wandering
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.sensors import readings_deg_s
 
 TEMPERATURE_RANGE_C: Final = (-40.0, 75.0)
@@ -35,11 +35,14 @@ class SimulatedGyro(Effect):
 
     def __init__(self, physics: Gyro, random: Random):
         self._physics, self._random = physics, random
-        self.sheet = FogSheet(
-            rate_hz=1.0 / INTERVAL_S,
-            range_deg_s=physics.full_scale_deg_s,
-            angle_random_walk_deg_per_sqrt_h=physics.walk_deg_per_sqrt_h,
-            resolution_deg_s=physics.count_deg_s,
+        self.sheet = Robot(
+            name="paper",
+            wheel_radius_m=math.nan,
+            tread_m=math.nan,
+            gyro_rate_hz=1.0 / INTERVAL_S,
+            gyro_range_deg_s=physics.full_scale_deg_s,
+            gyro_angle_random_walk_deg_per_sqrt_h=physics.walk_deg_per_sqrt_h,
+            gyro_resolution_deg_s=physics.count_deg_s,
         )
         rate = np.linspace(-1.0, 1.0, GRID)  # of full scale
         phase = PHASE_AT_FULL_SCALE_RAD * rate
@@ -57,8 +60,7 @@ class SimulatedGyro(Effect):
     def error_deg_s(self, rate_deg_s: Array | float, temperature_c: Array | float) -> Array:
         """The error without noise at a true rate and temperature; the shape of the two broadcast. (1)"""
         scale = np.interp(rate_deg_s, *self._scale_at) + np.interp(temperature_c, *self._scale_at_c)
-        error: Array = scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c)
-        return error
+        return np.asarray(scale * np.asarray(rate_deg_s) + np.interp(temperature_c, *self._bias_at_c))
 
     def error(self, m: Motion, p: Values) -> Errors:  # noqa: ARG002  # it has none
         """What it adds on a drive; the bias wanders anew each time."""

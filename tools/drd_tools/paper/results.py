@@ -4,11 +4,9 @@ import dataclasses
 from typing import ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.report.saved import Saved
-
-Array = npt.NDArray[np.float64]
 
 RESAMPLES: Final = 2000
 
@@ -58,5 +56,4 @@ def factors(return_m: Array, cell: int, seed: int = 0) -> tuple[float, float, fl
 def single_factors(return_m: Array, cell: int) -> Array:
     """The same for each gyro by itself, shape (g,)."""
     mean = return_m.mean(axis=1)
-    single: Array = mean[:, 0] / mean[:, cell]
-    return single
+    return np.asarray(mean[:, 0] / mean[:, cell])

@@ -7,21 +7,21 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.run import run
 from drd.batch.samples import FIRST_NS, gyro_samples, wheel_samples
 from drd.config.keys import Config
-from drd.config.nominal import EncoderSheet, Nominal, Wheel
 from drd.effects.catalogue import catalogue
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
 from drd.samples import GyroSample, WheelSample
 from drd.units import DEG_PER_RAD, S_PER_NS
-from drd_tools.calibrate.gyro.error_function import data_sets_of_samples, fit_error_function
+from drd_tools.calibrate.gyro.data_sets import data_sets_of_samples
+from drd_tools.calibrate.gyro.error_function import fit_error_function
 from drd_tools.paper.gyro import SimulatedGyro
 from drd_tools.paper.physics import Physics
 from drd_tools.simulate.conditions import Conditions, Ground, Random, Reference
 from drd_tools.simulate.missions import make_drive
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import warming_c
 from drd_tools.simulate.truth import Truth, make_truth
@@ -117,7 +117,7 @@ def calibrate(gyro: SimulatedGyro, physics: Physics) -> tuple[Calibration, float
     return fitted.calibration(after, {"source": "simulated rate table"}, before), before, after
 
 
-def told(config: Config, physics: Physics) -> Config:
+def informed(config: Config, physics: Physics) -> Config:
     """The configuration of an engineer who knows how good the robot is, though not which errors it has."""
     robot, gyro = physics.robot, physics.gyro
     noise = dataclasses.replace(
@@ -161,14 +161,13 @@ class Robot:
         skid = math.sqrt(2.0) * p.skid
         ground = Ground(skid=skid, skid_length_m=p.skid_length_m, bump_per_m=p.bump_per_m, bump_m=p.bump_m)
         self._conditions = Conditions(ground=ground, reference=Reference(is_there=False))
-        self._nominal = Nominal(
-            name="paper",
-            wheel=Wheel(
-                radius_m=config.robot.wheel_radius_m, counts_per_revolution=config.encoders.counts_per_revolution
-            ),
+        self._nominal = dataclasses.replace(
+            self.gyro.sheet,
+            wheel_radius_m=config.robot.wheel_radius_m,
+            counts_per_revolution=config.encoders.counts_per_revolution,
             tread_m=config.robot.tread_m,
-            fog=self.gyro.sheet,
-            encoders=EncoderSheet(rate_hz=config.encoders.rate_hz, slip_noise_m_per_sqrt_m=p.pavement_m_per_sqrt_m),
+            encoders_rate_hz=config.encoders.rate_hz,
+            slip_noise_m_per_sqrt_m=p.pavement_m_per_sqrt_m,
         )
         self._ambient_c = random.uniform(physics.weather.coldest_c, physics.weather.warmest_c)
 

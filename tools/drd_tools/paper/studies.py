@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.run import run
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
@@ -14,8 +15,7 @@ from drd.estimation.filter import Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.track import Track, make_track
 from drd_tools.paper import physics as p
-from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, path, told
-from drd_tools.simulate.route import Array
+from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, informed, path
 
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
 EVERY_NS: Final = 1_000_000_000
@@ -96,4 +96,4 @@ def delay_alone(laboratory: Laboratory, delays_s: tuple[float, ...] = (0.0, 0.05
 def other_robot(laboratory: Laboratory, changes: dict[str, float]) -> Laboratory:
     """The same path with another robot, and a configuration that knows how good that one is."""
     physics = dataclasses.replace(laboratory.physics, robot=dataclasses.replace(laboratory.physics.robot, **changes))
-    return Laboratory(told(laboratory.config, physics), physics, laboratory.ways)
+    return Laboratory(informed(laboratory.config, physics), physics, laboratory.ways)

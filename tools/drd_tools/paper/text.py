@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.paper.printed import TABLE_II_CM
-from drd_tools.paper.results import Array, Results, factors, single_factors
+from drd_tools.paper.results import Results, factors, single_factors
 from drd_tools.paper.runs import CELLS
 
 NAMES: Final = ("neither", "filter", "calibration", "both")

@@ -15,7 +15,7 @@ import numpy as np
 
 from drd.batch.logs import EncoderLog, FogLog
 from drd.config.keys import CalibrationFile, Config, ModelFile
-from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.encoders import make_layout
 from drd.estimation.calibration import Calibration, load_calibration
@@ -70,7 +70,7 @@ def read_daemon_log(file: Path) -> Recording:
     return Recording(
         file,
         nominal,
-        _wheel_log(wheels, zero_ns, nominal.wheel),
+        _wheel_log(wheels, zero_ns, nominal),
         _gyro_log(gyro, zero_ns, calibration),
         reference,
         {found.name: file_hash(found) for found in (*(p.path for p in parts), *([beside] if reference else []))},
@@ -121,7 +121,7 @@ def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibrat
     return FogLog(time_s, rate, temperature_c if np.isfinite(temperature_c).any() else None)
 
 
-def _wheel_log(samples: Sequence[WheelSample], zero_ns: int, wheel: Wheel) -> EncoderLog | None:
+def _wheel_log(samples: Sequence[WheelSample], zero_ns: int, robot: Robot) -> EncoderLog | None:
     """Rows of cumulative counts, or of speeds where there are none; what was not seen is marked."""
     rows: list[tuple[float, float, float]] = []
     lost: list[bool] = []
@@ -138,7 +138,7 @@ def _wheel_log(samples: Sequence[WheelSample], zero_ns: int, wheel: Wheel) -> En
     if not rows:
         return None
     time_s, left_m, right_m = np.array(rows).T
-    radius_m, per_revolution, is_lost = wheel.radius_m, wheel.counts_per_revolution, np.array(lost)
+    radius_m, per_revolution, is_lost = robot.wheel_radius_m, robot.counts_per_revolution, np.array(lost)
     if per_revolution is None:
         step_s = np.diff(time_s, prepend=time_s[0] - 1.0)
         return EncoderLog(time_s, None, None, left_m / radius_m / step_s, right_m / radius_m / step_s, is_lost)
@@ -163,26 +163,24 @@ def _counts_per_revolution(config: Config, base: Path) -> float | None:
     return 2.0 * math.pi * radius_m / abs(layout.metres_per_count(radius_m))
 
 
-def _nominal(config: Config, per_revolution: float | None) -> Nominal:
+def _nominal(config: Config, per_revolution: float | None) -> Robot:
     """robot.yaml as the configuration would have it: the reverse of `nominal_config`."""
     e, noise = config.estimation, config.estimation.noise
-    return Nominal(
+    robot = Robot(
         name=config.robot.name,
-        wheel=Wheel(radius_m=config.robot.wheel_radius_m, counts_per_revolution=per_revolution),
+        wheel_radius_m=config.robot.wheel_radius_m,
+        counts_per_revolution=per_revolution,
         tread_m=config.robot.tread_m,
-        fog=FogSheet(
-            rate_hz=config.fog.rate_hz,
-            range_deg_s=config.fog.full_scale_deg_s,
-            angle_random_walk_deg_per_sqrt_h=noise.gyro_deg_per_sqrt_h,
-            bias_repeatability_deg_s=e.initial.gyro_bias_deg_s,
-            bias_random_walk_deg_per_h_per_sqrt_h=noise.gyro_bias_deg_h_per_sqrt_h,
-        )
-        if config.fog.protocol != "none"
-        else FogSheet(),
-        encoders=EncoderSheet(rate_hz=config.encoders.rate_hz, slip_noise_m_per_sqrt_m=noise.wheel_m_per_sqrt_m),
-        reference=ReferenceSheet(),
+        gyro_rate_hz=config.fog.rate_hz,
+        gyro_range_deg_s=config.fog.full_scale_deg_s,
+        gyro_angle_random_walk_deg_per_sqrt_h=noise.gyro_deg_per_sqrt_h,
+        gyro_bias_repeatability_deg_s=e.initial.gyro_bias_deg_s,
+        gyro_bias_random_walk_deg_per_h_per_sqrt_h=noise.gyro_bias_deg_h_per_sqrt_h,
+        encoders_rate_hz=config.encoders.rate_hz,
+        slip_noise_m_per_sqrt_m=noise.wheel_m_per_sqrt_m,
         standstill_at_start_s=e.static_bias.duration_s,
     )
+    return robot if config.fog.protocol != "none" else robot.without_gyro()
 
 
 def _without_files(config: Config, per_revolution: float | None) -> Config:

@@ -10,9 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, Array, EncoderLog, FogLog
+from drd.arrays import Array
+from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, EncoderLog, FogLog
 from drd.config.keys import Config
-from drd.config.nominal import Nominal, load_nominal
+from drd.config.robot import Robot, load_robot
 from drd.config.schema import ConfigError, Loaded
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
@@ -42,7 +43,7 @@ class Recording:
     """
 
     folder: Path
-    nominal: Nominal
+    nominal: Robot
     wheels: EncoderLog | None
     fog: FogLog | None
     reference: ReferenceLog | None
@@ -67,7 +68,7 @@ class Recording:
 
     def wheel_angles_rad(self) -> tuple[Array, Array]:
         """How far the left and the right wheel have turned since the first row, rad, shape (n,) each."""
-        log, per_revolution = self.encoders, self.nominal.wheel.counts_per_revolution
+        log, per_revolution = self.encoders, self.nominal.counts_per_revolution
         if log.left_counts is not None and log.right_counts is not None and per_revolution is not None:
             factor = 2.0 * math.pi / per_revolution
             return factor * (log.left_counts - log.left_counts[0]), factor * (log.right_counts - log.right_counts[0])
@@ -87,7 +88,7 @@ def read_recording(folder: Path) -> Recording:
         name = "robot.yaml" if "robot.yaml" not in sha256 else "encoders.csv"
         raise ConfigError(str(folder), name, "this file in the folder", "none")
     has_wheels = "encoders.csv" in sha256
-    loaded = load_nominal(folder / "robot.yaml", has_wheels)
+    loaded = load_robot(folder / "robot.yaml", has_wheels)
     return Recording(
         folder,
         loaded.value,
@@ -218,12 +219,12 @@ def file_hash(file: Path) -> str:
         raise ConfigError(str(file), "", "a readable file", str(error.strerror)) from error
 
 
-def _read_encoders(file: Path, robot: Loaded[Nominal]) -> EncoderLog:
+def _read_encoders(file: Path, robot: Loaded[Robot]) -> EncoderLog:
     table = read_table(file, (COUNTS, SPEEDS), rows=2)
     time_s, left, right = table.values.T
     if table.header == SPEEDS:
         return EncoderLog(time_s, None, None, left, right)
-    if robot.value.wheel.counts_per_revolution is None:
+    if robot.value.counts_per_revolution is None:
         path = "wheel.counts_per_revolution"
         raise ConfigError(robot.place(path), path, "a number, since encoders.csv has counts", "null")
     for name, counts in zip(COUNTS[1:], (left, right), strict=True):

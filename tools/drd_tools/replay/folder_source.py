@@ -19,10 +19,7 @@ PROGRESS: Final = partial(tqdm, desc="replay", unit=" samples", disable=None, le
 
 
 def replay_folder(
-    recording: Recording,
-    config: Path | None = None,
-    calibration: Path | None = None,
-    new_track: MakeTrack = make_track,
+    recording: Recording, config: Path | None = None, calibration: Path | None = None, new_track: MakeTrack = make_track
 ) -> Replayed:
     """Estimate from a recording folder that was read. Raises ConfigError.
 

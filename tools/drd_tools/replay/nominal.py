@@ -5,9 +5,8 @@ from pathlib import Path
 
 from drd.batch.samples import rate_hz
 from drd.config.file import check_estimate, load_overlay
-from drd.config.from_nominal import nominal_config
 from drd.config.keys import CalibrationFile, Config
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot, nominal_config
 from drd.config.schema import ConfigError, Loaded
 from drd.effects.model import Model, check_geometry, load_model
 from drd.estimation.calibration import Calibration, load_calibration
@@ -19,7 +18,7 @@ def with_model(recording: Recording, file: Path) -> Recording:
     model = load_model(file)
     nominal = model.changed(recording.nominal)
     wheels = recording.wheels
-    if wheels is not None and wheels.left_counts is not None and nominal.wheel.counts_per_revolution is None:
+    if wheels is not None and wheels.left_counts is not None and nominal.counts_per_revolution is None:
         path = "wheel.counts_per_revolution"
         raise ConfigError(model.robot.place(path), path, "a number, since encoders.csv has counts", "null")
     return _with_terms(replace(recording, nominal=nominal), model, file)
@@ -51,10 +50,10 @@ def configuration(recording: Recording) -> Config:
     return nominal_config(recording.nominal, None if fog is None else rate_hz(fog), rate_hz(encoders))
 
 
-def _as_believed(config: Config, nominal: Nominal) -> Config:
+def _as_believed(config: Config, nominal: Robot) -> Config:
     """The configuration with the robot's geometry, which a model file may have changed."""
-    robot = replace(config.robot, wheel_radius_m=nominal.wheel.radius_m, tread_m=nominal.tread_m)
-    encoders = replace(config.encoders, counts_per_revolution=nominal.wheel.counts_per_revolution)
+    robot = replace(config.robot, wheel_radius_m=nominal.wheel_radius_m, tread_m=nominal.tread_m)
+    encoders = replace(config.encoders, counts_per_revolution=nominal.counts_per_revolution)
     return replace(config, robot=robot, encoders=encoders)
 
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drd.batch.logs import Array
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.result import Replayed, Start, table

@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from drd import __version__
+from drd.batch.run import latest
 from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
 from drd.samples import Pose, Reason
@@ -99,15 +100,13 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
     """The poses as numbers, shape (n, 10): time_s, x_m, y_m, heading_rad and the covariance, seen from `start`.
 
     The first row is `start` itself, at `began_ns`, where that is known and before the first pose. Position and
-    covariance turn with the start: nothing in the filter depends on where x points. Of several poses for one time the
-    last is kept: after a silence the wheels' first sample corrects the pose that was given without it.
+    covariance turn with the start: nothing in the filter depends on where x points.
     """
-    zero, began = replayed.zero_ns, replayed.began_ns
+    zero, began, poses = replayed.zero_ns, replayed.began_ns, latest(replayed.poses)
     # One by one: as tuples the rows of ten hours would take 270 MB more.
-    numbers = (((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in replayed.poses)
-    rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(replayed.poses))
-    rows = rows[np.diff(rows[:, 0], append=math.inf) > 0.0]
-    if began is not None and len(rows) and began < replayed.poses[0].t_ns:
+    numbers = (((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in poses)
+    rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(poses))
+    if began is not None and poses and began < poses[0].t_ns:
         i = replayed.config.estimation.initial
         xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2
         rows = np.concatenate([[((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, xx, 0.0, 0.0, xx, 0.0, hh)], rows])

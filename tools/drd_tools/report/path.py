@@ -10,9 +10,8 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from drd.arrays import Array
 from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, styled, tidy, tidy_map
-
-Array = npt.NDArray[np.float64]
 
 WIDTH_IN: Final = 10.0
 HEIGHT_IN: Final = 5.8

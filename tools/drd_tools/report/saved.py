@@ -12,14 +12,10 @@ import numpy as np
 
 from drd.commands import writing
 from drd.config.schema import ConfigError
+from drd_tools.report.json_file import converted, read_json
 
 FILE: Final = "results.json"
 SIGNIFICANT_DIGITS: Final = 7  # of arrays
-
-
-@dataclass(frozen=True)
-class _Head:
-    format: str
 
 
 @dataclass(frozen=True)
@@ -49,15 +45,10 @@ class Saved:
     @classmethod
     def read(cls, file: Path) -> Self:
         """Read what `write` wrote. Raises ConfigError."""
-        try:
-            data = file.read_bytes()
-            if msgspec.json.decode(data, type=_Head).format != cls.FORMAT:
-                raise ValueError("another format")
-            return msgspec.json.decode(data, type=cls, dec_hook=lambda _, value: np.array(value, float))
-        except OSError as error:
-            raise ConfigError(str(file), "", f"results of an earlier `{cls.COMMAND}`", str(error.strerror)) from error
-        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-            raise ConfigError(str(file), "", f"a file of the form {cls.FORMAT}", f"something else ({error})") from error
+        content = read_json(file, f"results of an earlier `{cls.COMMAND}`")
+        if not isinstance(content, dict) or content.get("format") != cls.FORMAT:
+            raise ConfigError(str(file), "format", cls.FORMAT, "another one or none")
+        return converted(file, content, cls, lambda _, value: np.array(value, float))
 
 
 def _plain(value: Any) -> Any:

@@ -7,8 +7,8 @@ from typing import Final, Self
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
-from drd_tools.simulate.route import Array
 
 Random = np.random.Generator
 

@@ -9,12 +9,13 @@ import numpy as np
 import yaml
 
 from drd import __version__
+from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE_AND_TEMPERATURE, SPEEDS
+from drd.commands import writing
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.recordings.folder import POSES, Recording
+from drd_tools.recordings.folder import POSES, Recording, read_table, write_table
 from drd_tools.simulate.robot import robot_yaml
-from drd_tools.simulate.route import Array
 from drd_tools.simulate.sensors import DECIMALS, Effects
 from drd_tools.simulate.simulator import Simulated
 
@@ -39,15 +40,13 @@ def write_folder(simulated: Simulated, folder: Path, about: dict[str, Any], with
     columns = _motion(simulated)
     if without is not None:
         columns |= _changes(simulated, without, columns["time_s"])
-    try:
+    with writing(folder):
         _write(folder / TRUE_MOTION, tuple(columns), list(columns.values()))
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
 
 def write_recording(folder: Path, recording: Recording, truth: str) -> None:
     """Write robot.yaml and the sensors' files beside truth.yaml, the text `truth`. Raises ConfigError, see above."""
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / ROBOT).exists() and not (folder / TRUTH).exists():
             raise ConfigError(str(folder), "", "an empty folder, or a simulated recording", "another recording")
@@ -56,8 +55,6 @@ def write_recording(folder: Path, recording: Recording, truth: str) -> None:
         (folder / TRUTH).write_text(truth, encoding="utf-8")
         (folder / ROBOT).write_text(robot_yaml(recording.nominal), encoding="utf-8")
         _write_logs(recording, folder)
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
 
 
 def truth_yaml(simulated: Simulated, about: dict[str, Any]) -> str:
@@ -133,7 +130,7 @@ def _changes(simulated: Simulated, without: Simulated, time_s: Array) -> dict[st
     if fog is not None and plain is not None:
         row = np.searchsorted(fog.time_s, time_s).clip(0, len(fog.time_s) - 1)
         columns = [((fog.rate_rad_s - plain.rate_rad_s) * DEG_PER_RAD)[row]]
-    radius_m = simulated.recording.nominal.wheel.radius_m
+    radius_m = simulated.recording.nominal.wheel_radius_m
     angles = simulated.recording.wheel_angles_rad(), without.recording.wheel_angles_rad()
     for with_, plain_ in zip(*angles, strict=True):
         columns.append(np.interp(time_s, simulated.recording.encoders.time_s, radius_m * (with_ - plain_)))
@@ -141,27 +138,14 @@ def _changes(simulated: Simulated, without: Simulated, time_s: Array) -> dict[st
 
 
 def _write(file: Path, header: tuple[str, ...], columns: list[Array], rest: str = f"%.{DECIMALS}f") -> None:
-    form = ",".join([f"%.{DECIMALS}f", *[rest] * (len(header) - 1)]) + "\n"
-    rows = np.column_stack(columns) + 0.0  # no "-0"
-    with file.open("w", encoding="utf-8", newline="") as out:
-        out.write(",".join(header) + "\n")
-        for begin in range(0, len(rows), 4096):
-            part = rows[begin : begin + 4096]
-            out.write(form * len(part) % tuple(part.ravel().tolist()))
+    form = ",".join([f"%.{DECIMALS}f", *[rest] * (len(header) - 1)])
+    write_table(file, header, np.column_stack(columns) + 0.0, form)  # no "-0"
 
 
 def read_true_motion(folder: Path) -> dict[str, Array]:
     """Columns of truth.csv by name. Raises ConfigError."""
-    file = folder / TRUE_MOTION
-    try:
-        with file.open(encoding="utf-8") as stream:
-            header = stream.readline().strip().split(",")
-        values = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise ConfigError(str(file), "", "a file that drd simulate wrote", str(error)) from error
-    if tuple(header) not in (MOTION, (*MOTION, *CHANGES)) or values.shape[1] != len(header):
-        raise ConfigError(f"{file}:1", "header", "the header that drd simulate wrote", ",".join(header)[:80])
-    return dict(zip(header, values.T, strict=True))
+    table = read_table(folder / TRUE_MOTION, (MOTION, (*MOTION, *CHANGES)))
+    return dict(zip(table.header, table.values.T, strict=True))
 
 
 def read_truth(folder: Path) -> dict[str, Any]:

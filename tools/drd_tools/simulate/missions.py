@@ -1,6 +1,5 @@
 """Missions by name: laps that close, from standstill to standstill."""
 
-import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -9,9 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drd.config.schema import ConfigError
+from drd_tools.recordings.folder import read_table
 from drd_tools.simulate.route import ACCELERATION_M_S2, LATERAL_M_S2, RATE_HZ, SMOOTHING_S, Route, Steps, bend_shape
 
 QUARTER: Final = 0.5 * math.pi
+# Columns of a file of way-points, and what they may hold.
+POINT, SPEED = ("x_m", "y_m"), "speed_m_s"
+PLACES_M, SPEEDS_M_S, APART_M = (-1e5, 1e5), (0.05, 10.0), 0.01
 # First zero of the Bessel function J0: a path whose heading swings this far (sine over its length) is a closed
 # figure of eight, because the mean of exp(i a sin u) over a period is J0(a).
 EIGHT_SWING_RAD: Final = 2.404825557695773
@@ -101,42 +104,18 @@ def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
 
     Raises ConfigError with file, line and column.
     """
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(str(file), "", "a readable UTF-8 text file", str(error)) from error
-    header = [cell.strip() for cell in lines[0].split(",")] if lines else []
-    if header not in (["x_m", "y_m"], ["x_m", "y_m", "speed_m_s"]):
-        raise ConfigError(f"{file}:1", "header", "x_m,y_m or x_m,y_m,speed_m_s", repr(",".join(header)[:80]))
-    rows = [
-        [_cell(file, number, *pair) for pair in zip(header, _columns(file, number, line, header), strict=True)]
-        for number, line in enumerate(lines[1:], 2)
-        if line.strip()
-    ]
-    if len(rows) < 2:
-        raise ConfigError(str(file), "", "at least 2 way-points", str(len(rows)))
-    for i, (a, b) in enumerate(itertools.pairwise(rows)):
-        if math.hypot(b[0] - a[0], b[1] - a[1]) < 0.01:
-            raise ConfigError(str(file), "", "way-points at least 0.01 m apart", f"points {i + 1} and {i + 2}")
+    table = read_table(file, (POINT, (*POINT, SPEED)), rows=2, rising=None)
+    for name, values in zip(table.header, table.values.T, strict=True):
+        low, high = SPEEDS_M_S if name == SPEED else PLACES_M
+        wrong = np.flatnonzero((values < low) | (values > high))
+        if wrong.size:
+            raise table.refuse(int(wrong[0]), name, f"a number from {low:g} to {high:g}")
+    near = np.flatnonzero(np.hypot(*np.diff(table.values[:, :2], axis=0).T) < APART_M)
+    if near.size:
+        got = f"points {near[0] + 1} and {near[0] + 2}"
+        raise ConfigError(str(file), "", f"way-points at least {APART_M:g} m apart", got)
+    rows = table.values.tolist()
     return [(row[0], row[1]) for row in rows], [row[2] if len(row) > 2 else 1.0 for row in rows[1:]]
-
-
-def _columns(file: Path, number: int, line: str, header: list[str]) -> list[str]:
-    cells = line.split(",")
-    if len(cells) != len(header):
-        raise ConfigError(f"{file}:{number}", "", f"{len(header)} columns", str(len(cells)))
-    return cells
-
-
-def _cell(file: Path, number: int, name: str, cell: str) -> float:
-    low, high = (0.05, 10.0) if name == "speed_m_s" else (-1e5, 1e5)
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not low <= value <= high:
-        raise ConfigError(f"{file}:{number}", name, f"a number from {low:g} to {high:g}", repr(cell.strip()[:40]))
-    return value
 
 
 def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[float, float, float]]:

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.units import RAD_PER_DEG
-from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, make_figure, styled, tidy
-from drd_tools.simulate.route import Array
+from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, picture, tidy
 
 
 def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
     """Path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
-    with styled():
-        figure = make_figure(11.0, 6.2)
+    with picture(file, 11.0, 6.2) as figure:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = sides
@@ -34,7 +33,6 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         if np.ptp(columns["temperature_c"]) < 0.5:
             panels[2].set_ylim(columns["temperature_c"].mean() - 1.0, columns["temperature_c"].mean() + 1.0)
         panels[2].set_xlabel("time / s")
-        figure.savefig(file, format="png")
 
 
 def _draw_path(axes: Any, columns: Mapping[str, Array]) -> None:
@@ -60,8 +58,7 @@ def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> No
     time_s, gyro = columns["time_s"], columns["gyro_change_deg_s"]
     left, right = columns["left_change_m"], columns["right_change_m"]
     step_s = np.diff(time_s, prepend=time_s[0])
-    with styled():
-        figure = make_figure(11.0, 7.2)
+    with picture(file, 11.0, 7.2) as figure:
         title = "What the effects changed: readings with them, less readings without"
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         panels: Any = figure.subplots(3, 1, sharex=True)
@@ -82,4 +79,3 @@ def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> No
             axes.margins(x=0.0)
         for axes in panels[1:]:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0, ncols=2)
-        figure.savefig(file, format="png")

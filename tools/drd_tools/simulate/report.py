@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.catalogue import catalogue
 from drd_tools.recordings.folder import read_recording
 from drd_tools.report.page import Page
 from drd_tools.simulate.files import CHANGES, read_true_motion, read_truth
 from drd_tools.simulate.pictures import draw_changes, draw_motion
-from drd_tools.simulate.route import Array
 
 
 def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 RATE_HZ: Final = 500
 STEP_S: Final = 1.0 / RATE_HZ
@@ -200,5 +199,4 @@ def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
     kernel = np.hanning(round(SMOOTHING_S * RATE_HZ))
     way = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
     way[-1] = along[-1]
-    ridden: Array = np.minimum(way, along[-1])
-    return ridden
+    return np.asarray(np.minimum(way, along[-1]))

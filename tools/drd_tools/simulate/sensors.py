@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.logs import EncoderLog, FogLog
-from drd.config.nominal import FogSheet, Nominal, ReferenceSheet
+from drd.config.robot import Robot
 from drd.effects.effect import Effect, Values
 from drd.effects.motion import Motion
 from drd.units import (
@@ -21,7 +22,6 @@ from drd.units import (
 )
 from drd_tools.recordings.folder import ReferenceLog, continuous_rad
 from drd_tools.simulate.conditions import Conditions, Random, scatter, stream
-from drd_tools.simulate.route import Array
 
 Effects = Sequence[tuple[Effect, Values]]
 
@@ -32,25 +32,25 @@ THERMOMETER_C: Final = 0.1
 DECIMALS: Final = 6
 
 
-def bias_rad_s(time_s: Array, sheet: FogSheet, factor: float, seed: int) -> Array:
+def bias_rad_s(time_s: Array, nominal: Robot, factor: float, seed: int) -> Array:
     """Bias at switch-on and its random walk, which has a corner at each sample; shape (n,)."""
-    start = factor * (sheet.bias_repeatability_deg_s or 0.0) * RAD_PER_DEG
+    start = factor * (nominal.gyro_bias_repeatability_deg_s or 0.0) * RAD_PER_DEG
     start *= float(stream(seed, "gyro bias").standard_normal())
-    period_s = 1.0 / (sheet.rate_hz or GYRO_HZ)
-    walk = sheet.bias_random_walk_deg_per_h_per_sqrt_h or 0.0
+    period_s = 1.0 / (nominal.gyro_rate_hz or GYRO_HZ)
+    walk = nominal.gyro_bias_random_walk_deg_per_h_per_sqrt_h or 0.0
     walk *= factor * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H * math.sqrt(period_s)
     corners = math.ceil(float(time_s[-1]) / period_s) + 1
     walked = np.cumsum(walk * stream(seed, "gyro bias walk").standard_normal(corners))
     return np.asarray(start + np.interp(time_s, period_s * np.arange(1, corners + 1), walked))
 
 
-def gyro_log(m: Motion, sheet: FogSheet, effects: Effects, conditions: Conditions, seed: int) -> FogLog:
+def gyro_log(m: Motion, nominal: Robot, effects: Effects, conditions: Conditions, seed: int) -> FogLog:
     """Rows of a gyro whose bias and effects are in the motion. Each is the mean over the time since the one before."""
-    at_s = _sampled_s(m, sheet.rate_hz or GYRO_HZ)
+    at_s = _sampled_s(m, nominal.gyro_rate_hz or GYRO_HZ)
     interval_s = float(at_s[1] - at_s[0])
     rate = np.diff(_integral(m, m.rate_rad_s, at_s)) / interval_s
     at_s = at_s[1:]
-    rate_deg_s = readings_deg_s(rate, interval_s, sheet, conditions, stream(seed, "gyro white"), effects)
+    rate_deg_s = readings_deg_s(rate, interval_s, nominal, conditions, stream(seed, "gyro white"), effects)
     temperature_c = np.interp(at_s, m.time_s, m.temperature_c)
     if conditions.quantise:
         temperature_c = _rounded(temperature_c, THERMOMETER_C)
@@ -59,22 +59,17 @@ def gyro_log(m: Motion, sheet: FogSheet, effects: Effects, conditions: Condition
 
 
 def readings_deg_s(
-    rate_rad_s: Array,
-    interval_s: float,
-    sheet: FogSheet,
-    conditions: Conditions,
-    random: Random,
-    effects: Effects = (),
+    rate_rad_s: Array, interval_s: float, nominal: Robot, conditions: Conditions, random: Random, effects: Effects = ()
 ) -> Array:
     """What a gyro's output makes of mean rates, shape (n,): white noise, limits, resolution."""
-    white = conditions.gyro_noise * white_rad_s(sheet.angle_random_walk_deg_per_sqrt_h or 0.0, interval_s)
+    white = conditions.gyro_noise * white_rad_s(nominal.gyro_angle_random_walk_deg_per_sqrt_h or 0.0, interval_s)
     rate = rate_rad_s + white * scatter(len(rate_rad_s), random, conditions.tails)
     for effect, values in effects:  # a limit of the output holds for the noise as well
         rate = effect.clipped(rate, values)
     rate_deg_s = rate * DEG_PER_RAD
-    if sheet.range_deg_s is not None:
-        rate_deg_s = np.clip(rate_deg_s, -sheet.range_deg_s, sheet.range_deg_s)
-    return _rounded(rate_deg_s, sheet.resolution_deg_s) if conditions.quantise else rate_deg_s
+    if nominal.gyro_range_deg_s is not None:
+        rate_deg_s = np.clip(rate_deg_s, -nominal.gyro_range_deg_s, nominal.gyro_range_deg_s)
+    return _rounded(rate_deg_s, nominal.gyro_resolution_deg_s) if conditions.quantise else rate_deg_s
 
 
 def white_rad_s(walk_deg_per_sqrt_h: float, interval_s: float) -> float:
@@ -83,28 +78,23 @@ def white_rad_s(walk_deg_per_sqrt_h: float, interval_s: float) -> float:
 
 
 def encoder_log(
-    m: Motion,
-    true: Motion,
-    nominal: Nominal,
-    conditions: Conditions,
-    seed: int,
-    begin: tuple[float, float] = (0.0, 0.0),
+    m: Motion, true: Motion, nominal: Robot, conditions: Conditions, seed: int, begin: tuple[float, float] = (0.0, 0.0)
 ) -> EncoderLog:
     """Whole counts, rounded down; where the drive reports speed only, means over the time since the row before.
 
     `m`: as the counters tell it, `true`: as the wheels turn. `begin`: how far in a count each wheel stands at first.
     """
-    at_s = _sampled_s(m, nominal.encoders.rate_hz or ENCODERS_HZ)
+    at_s = _sampled_s(m, nominal.encoders_rate_hz or ENCODERS_HZ)
     stamps_s = _stamped(at_s, conditions.jitter_s, stream(seed, "encoder stamps"))
     travel = {
         side: _travel_m(at_s, m, read, way, side, nominal, conditions, seed)
         for side, read, way in (("left", m.left_m_s, true.left_m_s), ("right", m.right_m_s, true.right_m_s))
     }
-    per_revolution = nominal.wheel.counts_per_revolution
+    per_revolution = nominal.counts_per_revolution
     if per_revolution is None:
-        left, right = (np.diff(t, prepend=t[0]) / (at_s[1] - at_s[0]) / nominal.wheel.radius_m for t in travel.values())
+        left, right = (np.diff(t, prepend=t[0]) / (at_s[1] - at_s[0]) / nominal.wheel_radius_m for t in travel.values())
         return EncoderLog(stamps_s, None, None, np.round(left, DECIMALS), np.round(right, DECIMALS))
-    count_m = 2.0 * math.pi * nominal.wheel.radius_m / per_revolution
+    count_m = 2.0 * math.pi * nominal.wheel_radius_m / per_revolution
     # A wheel that came back to a whole count is on it; rounding errors of sums are far below 1e-6 of a count.
     left, right = (np.floor(t / count_m + part + 1e-6) for t, part in zip(travel.values(), begin, strict=True))
     return EncoderLog(stamps_s, left, right, None, None)
@@ -116,13 +106,13 @@ def _travel_m(
     read_m_s: Array,
     true_m_s: Array,
     side: str,
-    nominal: Nominal,
+    nominal: Robot,
     conditions: Conditions,
     seed: int,
 ) -> Array:
     """What one counter has counted, with slip noise and bumps along the wheel's true way."""
     way, steps = np.diff(_integral(m, np.abs(true_m_s), at_s)), np.diff(_integral(m, read_m_s, at_s))
-    slip = conditions.wheel_noise * (nominal.encoders.slip_noise_m_per_sqrt_m or 0.0)
+    slip = conditions.wheel_noise * (nominal.slip_noise_m_per_sqrt_m or 0.0)
     noise = slip * np.sqrt(way) * scatter(len(way), stream(seed, f"{side} slip"), conditions.tails)
     ground = conditions.ground
     if ground.bump_m:
@@ -134,7 +124,7 @@ def _travel_m(
     return np.concatenate(([0.0], np.cumsum(steps + noise)))
 
 
-def reference_log(true: ReferenceLog, sheet: ReferenceSheet, conditions: Conditions, seed: int) -> ReferenceLog | None:
+def reference_log(true: ReferenceLog, nominal: Robot, conditions: Conditions, seed: int) -> ReferenceLog | None:
     """The true poses, from 0 to the end, as the reference sees them; None where it is not there."""
     reference = conditions.reference
     if not reference.is_there:
@@ -147,6 +137,7 @@ def reference_log(true: ReferenceLog, sheet: ReferenceSheet, conditions: Conditi
     seen_s = np.maximum(at_s - reference.latency_s, 0.0)
     x, y, heading = (np.interp(seen_s, true.time_s, a) for a in (true.x_m, true.y_m, true.heading_rad))
     ahead_m, left_m = reference.lever_m
+    sigma_m, sigma_deg = nominal.reference_position_sigma_m, nominal.reference_heading_sigma_deg
     c, s = np.cos(heading), np.sin(heading)
 
     def noise(what: str, sigma: float | None) -> Array:
@@ -155,9 +146,9 @@ def reference_log(true: ReferenceLog, sheet: ReferenceSheet, conditions: Conditi
 
     return ReferenceLog(
         np.round(at_s, DECIMALS),
-        np.round(x + ahead_m * c - left_m * s + noise("x", sheet.position_sigma_m), DECIMALS),
-        np.round(y + ahead_m * s + left_m * c + noise("y", sheet.position_sigma_m), DECIMALS),
-        continuous_rad(np.round(heading * DEG_PER_RAD + noise("heading", sheet.heading_sigma_deg), DECIMALS)),
+        np.round(x + ahead_m * c - left_m * s + noise("x", sigma_m), DECIMALS),
+        np.round(y + ahead_m * s + left_m * c + noise("y", sigma_m), DECIMALS),
+        continuous_rad(np.round(heading * DEG_PER_RAD + noise("heading", sigma_deg), DECIMALS)),
     )
 
 

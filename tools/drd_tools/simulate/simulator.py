@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from drd.config.nominal import FogSheet, Nominal
+from drd.arrays import Array
+from drd.config.robot import Robot
 from drd.effects.chain import add
 from drd.effects.effect import ActsOn
 from drd.effects.motion import Motion
 from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.simulate.conditions import Conditions, Ground, stream, wandering
-from drd_tools.simulate.route import STEP_S, Array
+from drd_tools.simulate.route import STEP_S
 from drd_tools.simulate.sensors import Effects, bias_rad_s, encoder_log, gyro_log, reference_log
 from drd_tools.simulate.truth import Truth
 
@@ -34,7 +35,7 @@ class Simulated:
 
 def simulate(
     truth: Truth,
-    nominal: Nominal,
+    nominal: Robot,
     effects: Effects = (),
     conditions: Conditions | None = None,
     seed: int = 0,
@@ -46,14 +47,14 @@ def simulate(
     the noise is the same. No gyro where robot.yaml has no `fog`.
     """
     conditions = conditions or Conditions()
-    has_gyro = nominal.fog != FogSheet()
+    has_gyro = nominal.has_gyro_sheet
     motion, slide = _motion(truth, nominal, conditions.ground, seed)
     true, bias = motion, np.zeros_like(motion.time_s)
     of_body = [pair for pair in effects if pair[0].acts_on is ActsOn.BODY]
     motion, lateral = add(motion, of_body)
     if has_gyro:
         # The bias is the sensor's: a body does not slide with it, a dead band swallows it.
-        bias = bias_rad_s(motion.time_s, nominal.fog, conditions.gyro_noise, seed)
+        bias = bias_rad_s(motion.time_s, nominal, conditions.gyro_noise, seed)
         motion = replace(motion, rate_rad_s=motion.rate_rad_s + bias)
     motion, _ = add(motion, [pair for pair in effects if pair not in of_body])
     truth = truth.sliding(slide + lateral) if np.any(slide + lateral) else truth
@@ -62,14 +63,14 @@ def simulate(
         Path(name),
         nominal,
         encoder_log(motion, true, nominal, conditions, seed),
-        gyro_log(motion, nominal.fog, effects, conditions, seed) if has_gyro else None,
-        reference_log(path, nominal.reference, conditions, seed),
+        gyro_log(motion, nominal, effects, conditions, seed) if has_gyro else None,
+        reference_log(path, nominal, conditions, seed),
         {},
     )
     return Simulated(recording, truth, motion, effects, conditions, seed, float(bias[0]))
 
 
-def _motion(truth: Truth, nominal: Nominal, ground: Ground, seed: int) -> tuple[Motion, Array]:
+def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Motion, Array]:
     """What perfect sensors of the nominal robot would say on this ground, and how fast the body slides sideways."""
     v, w, half_m = truth.speed_m_s, truth.rate_rad_s, 0.5 * nominal.tread_m
     left_m = right_m = np.full_like(v, half_m)
@@ -95,8 +96,8 @@ def _motion(truth: Truth, nominal: Nominal, ground: Ground, seed: int) -> tuple[
         heading_rad=0.5 * (truth.heading_rad[1:] + truth.heading_rad[:-1]),
         left_m_s=left,
         right_m_s=right,
-        left_wheel_rad=np.cumsum(left) * STEP_S / nominal.wheel.radius_m,
-        right_wheel_rad=np.cumsum(right) * STEP_S / nominal.wheel.radius_m,
+        left_wheel_rad=np.cumsum(left) * STEP_S / nominal.wheel_radius_m,
+        right_wheel_rad=np.cumsum(right) * STEP_S / nominal.wheel_radius_m,
         temperature_c=truth.temperature_c,
         still_c=float(truth.temperature_c[standing].mean()),
         tread_m=nominal.tread_m,

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd_tools.recordings.folder import read_table
-from drd_tools.simulate.route import Array
 
 WARM_UP_S: Final = 900.0  # FOGs: 3 to 15 min
 DOOR_S: Final = 150.0

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.simulate.missions import Drive
-from drd_tools.simulate.route import STEP_S, Array
+from drd_tools.simulate.route import STEP_S
 from drd_tools.simulate.temperature import temperature_c
 
 

@@ -11,16 +11,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.observe.evidence import Evidence, gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.select.library import library_of
 from drd_tools.diagnose.selected import SCALE
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 BLOCK_S: Final = 2.0
 FOLDS: Final = 5

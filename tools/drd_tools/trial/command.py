@@ -2,12 +2,14 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
+from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, contacts, plant
 from drd_tools.trial.figures import Figures
@@ -15,7 +17,7 @@ from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, draw
 from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers
 from drd_tools.trial.run import calls
-from drd_tools.trial.text import PROGRAM, failures, table, text
+from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
 
 DESCRIPTION = """\
@@ -66,11 +68,9 @@ def main(argv: list[str]) -> int:
         parser.error("give --output DIR with --each N, --large, --folder DIR or --plant DIR, or --draw DIR")
     if chosen.plant and (chosen.folder or chosen.each or chosen.large):
         parser.error("--plant goes without --each, --large and --folder")
-    try:
+    with writing(chosen.output):
         (_plant if chosen.plant else _run)(chosen)
         return _drawn(chosen.output, chosen.quote)
-    except OSError as error:
-        raise ConfigError(str(chosen.output), "", "a folder to write to", str(error.strerror)) from error
 
 
 def _run(chosen: argparse.Namespace) -> None:
@@ -130,7 +130,7 @@ def _drawn(folder: Path, quoting: Path | None) -> int:
             f"Made by `drd trial --plant`, seed {head.seed}, drives {head.glob}, build {head.build} of the diagnosis."
         )
         content = Content(about, tables, "Each planted effect (+: not reported of the untouched drive)", reported(rows))
-        print("\n".join(line for t in tables for line in (t.caption, *table([t.header, *t.rows]), "")))
+        print("\n".join(line for t in tables for line in (t.caption, *columns([t.header, *t.rows]), "")))
         quoting = None
     else:
         figures, again = Figures(rows), _again(head, rows)
@@ -155,27 +155,22 @@ def _again(head: Head, rows: Sequence[Row]) -> list[str]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog=PROGRAM,
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command(PROGRAM, DESCRIPTION, EXAMPLES)
     add: Any = parser.add_argument
     size = parser.add_mutually_exclusive_group()
     many: Any = size.add_argument
-    many("--each", type=_at_least(0), default=0, metavar="N", help="N cases of each kind, effect and detectability")
+    many("--each", type=whole(0), default=0, metavar="N", help="N cases of each kind, effect and detectability")
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
-    add("--seed", type=_at_least(0), default=0, metavar="S", help="other cases (default 0)")
+    add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
     add("--reference", default="full", metavar="WHEN",
         help="full (default), sparse:SECONDS, ends or none, where the kind does not say")  # fmt: skip
     add("--only", nargs="+", default=["*"], metavar="PATTERN", help="only cases whose names match one of these")
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
-    add("--jobs", type=_at_least(1), default=2, metavar="N", help="processes (default 2)")
+    add("--jobs", type=whole(1), default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
     add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")
     add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
@@ -189,12 +184,3 @@ def _sizes() -> str:
         f"of each unknown cause, {p.variants} with and without an effect for each other reference, {p.contacts} in "
         f"MuJoCo; the other methods on one in {LARGE_BESIDE}"
     )
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    def number(text: str) -> int:
-        if int(text) < least:
-            raise argparse.ArgumentTypeError(f"{least} or more, got {text}")
-        return int(text)
-
-    return number

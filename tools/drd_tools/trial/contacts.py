@@ -2,23 +2,19 @@
 
 import importlib.util
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from drd.batch.logs import EncoderLog, FogLog
-from drd.config.nominal import EncoderSheet, FogSheet, Nominal, ReferenceSheet, Wheel
+from drd.arrays import Array
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
-from drd_tools.recordings.folder import Recording, ReferenceLog
+from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial.overlay import overlaid
-
-Array = npt.NDArray[np.float64]
 
 STAND_S: Final = 10.0
 MISSIONS: Final = ("eights", "square-cw", "square-ccw")
@@ -54,13 +50,16 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
 
     vehicle = Vehicle()
     m = world.drive(vehicle, Ground(friction=friction), mission, seconds, STAND_S, seed)
-    readings = sensors.read_sensors(m, sensors.Reference(reference.period_s, reference.is_there), seed)
+    readings = sensors.read_sensors(m, reference, seed)
     left, right = (_rate(vehicle.wheel_radius_m * angle, m.time_s) for angle in (m.left_rad, m.right_rad))
     rate = _rate(m.gyro_rad, m.time_s)
     gain = _slope(0.5 * (left + right), m.speed_m_s)
     left, right, radius_m = gain * left, gain * right, gain * vehicle.wheel_radius_m
     tread_m = _slope(rate, right - left)
-    temperature_c = np.interp(m.time_s, readings.fog[:, 0], readings.fog[:, 2])
+    fog = readings.recording.fog
+    assert fog is not None
+    assert fog.temperature_c is not None
+    temperature_c = np.interp(m.time_s, fog.time_s, fog.temperature_c)
     still_c = float(temperature_c[m.time_s <= STAND_S].mean())
     known = _known(m, rate, left, right, tread_m)
     rate, left, right = rate + known.gyro_rad_s, left + known.left_m_s, right + known.right_m_s
@@ -68,22 +67,15 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
         m.time_s, rate, m.speed_m_s, _rate(m.speed_m_s, m.time_s), m.heading_rad, left, right,
         m.left_rad, m.right_rad, temperature_c, still_c, tread_m, float(m.time_s[-1]),
     )  # fmt: skip
-    nominal = _nominal(name, radius_m, tread_m, _slip_m_per_sqrt_m(motion))
-    time_s, rate_deg_s, fog_c = readings.fog.T
-    counted_s, left_counts, right_counts = readings.encoders.T
-    rate_deg_s = rate_deg_s - sensors.BIAS_DEG_S_PER_C * (fog_c - sensors.COLD_C)
-    poses = None
-    if readings.reference is not None:
-        at_s, x_m, y_m, heading_deg = readings.reference.T
-        poses = ReferenceLog(at_s, x_m, y_m, heading_deg * RAD_PER_DEG)
-    recording = Recording(
-        Path(name),
-        nominal,
-        EncoderLog(counted_s, left_counts, right_counts, None, None),
-        FogLog(time_s, rate_deg_s * RAD_PER_DEG, fog_c),
-        poses,
-        {},
+    nominal = replace(
+        sensors.nominal_of(vehicle, name, STAND_S),
+        wheel_radius_m=radius_m,
+        tread_m=tread_m,
+        slip_noise_m_per_sqrt_m=_slip_m_per_sqrt_m(motion),
     )
+    drift = sensors.BIAS_DEG_S_PER_C * RAD_PER_DEG * (fog.temperature_c - sensors.COLD_C)
+    fog = replace(fog, rate_rad_s=fog.rate_rad_s - drift)
+    recording = replace(readings.recording, folder=Path(name), nominal=nominal, fog=fog)
     return Driven(overlaid(recording, motion, [known]), motion)
 
 
@@ -106,30 +98,6 @@ def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Er
 
 def _taken_off(columns: Array, off: Array) -> Array:
     return np.asarray(-columns @ np.linalg.lstsq(columns, off, rcond=None)[0])
-
-
-def _nominal(name: str, radius_m: float, tread_m: float, slip: float) -> Nominal:
-    from drd_tools.mujoco_world import sensors  # noqa: PLC0415
-
-    fog = FogSheet(
-        rate_hz=float(sensors.FOG_HZ),
-        range_deg_s=sensors.RANGE_DEG_S,
-        angle_random_walk_deg_per_sqrt_h=sensors.ANGLE_WALK_DEG_PER_SQRT_H,
-        bias_repeatability_deg_s=sensors.REPEATABILITY_DEG_S,
-        bias_random_walk_deg_per_h_per_sqrt_h=sensors.BIAS_WALK_DEG_PER_H_PER_SQRT_H,
-        resolution_deg_s=sensors.RESOLUTION_DEG_S,
-    )
-    return Nominal(
-        name=name,
-        wheel=Wheel(radius_m=radius_m, counts_per_revolution=float(sensors.COUNTS_PER_REVOLUTION)),
-        tread_m=tread_m,
-        fog=fog,
-        encoders=EncoderSheet(rate_hz=float(sensors.ENCODERS_HZ), slip_noise_m_per_sqrt_m=slip),
-        reference=ReferenceSheet(
-            position_sigma_m=sensors.POSITION_SIGMA_M, heading_sigma_deg=sensors.HEADING_SIGMA_DEG
-        ),
-        standstill_at_start_s=STAND_S,
-    )
 
 
 def _slip_m_per_sqrt_m(m: Motion) -> float:

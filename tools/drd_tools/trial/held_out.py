@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 import drd
+from drd.arrays import Array
 from drd.effects.effect import Effect, Values
 from drd.effects.model import Amount, Term
 from drd_tools.diagnose.analysis import Analysis
@@ -26,7 +26,6 @@ from drd_tools.trial.overlay import Effects
 from drd_tools.trial.results import Mismatch, OtherDrive
 from drd_tools.trial.unknown import HIDDEN
 
-Array = npt.NDArray[np.float64]
 _Ranged = tuple[Selected, Ranges]
 
 

@@ -12,8 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from drd.arrays import Array
 from drd.effects.effect import Effect, Errors, Values
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 from drd_tools.recordings.folder import Recording
 
 Effects = Sequence[tuple[Effect, Values]]
@@ -85,7 +86,7 @@ def recorded_motion(recording: Recording, time_s: Array) -> Motion:
     edges = _edges_s(time_s)
     step_s, middle_s = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
     angles = [np.interp(edges, log.time_s, angle) for angle in recording.wheel_angles_rad()]
-    left, right = (nominal.wheel.radius_m * np.diff(angle) / step_s for angle in angles)
+    left, right = (nominal.wheel_radius_m * np.diff(angle) / step_s for angle in angles)
     rate = (right - left) / nominal.tread_m
     temperature_c = np.full_like(middle_s, np.nan)
     if fog is not None:
@@ -119,9 +120,9 @@ def recorded_motion(recording: Recording, time_s: Array) -> Motion:
 
 def _with_travel(recording: Recording, left_m: Array, right_m: Array) -> Recording:
     """The recording with travel since the start, (n,), added to its wheels' rows."""
-    log, wheel = recording.encoders, recording.nominal.wheel
+    log, wheel = recording.encoders, recording.nominal
     if log.left_counts is not None and log.right_counts is not None and wheel.counts_per_revolution is not None:
-        count_m = 2.0 * math.pi * wheel.radius_m / wheel.counts_per_revolution
+        count_m = 2.0 * math.pi * wheel.wheel_radius_m / wheel.counts_per_revolution
         # A count stands for the whole of its length: its middle is the best guess of where the wheel was.
         left, right = (
             np.floor(counts + 0.5 + added / count_m)
@@ -132,7 +133,7 @@ def _with_travel(recording: Recording, left_m: Array, right_m: Array) -> Recordi
     assert log.right_rad_s is not None
     step_s = np.diff(_edges_s(log.time_s))
     left, right = (
-        rate + np.diff(added, prepend=0.0) / step_s / wheel.radius_m
+        rate + np.diff(added, prepend=0.0) / step_s / wheel.wheel_radius_m
         for rate, added in ((log.left_rad_s, left_m), (log.right_rad_s, right_m))
     )
     return replace(recording, wheels=replace(log, left_rad_s=left, right_rad_s=right))

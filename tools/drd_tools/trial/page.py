@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from drd.commands import writing
 from drd.config.schema import ConfigError
 from drd_tools.report.page import Page
 from drd_tools.trial.figures import Figures, Table, markdown
@@ -32,7 +33,7 @@ def write_page(content: Content, folder: Path) -> list[Path]:
     page = Page("Trial of the diagnosis", [content.origin, about])
     figures, listed = content.figures, "\n".join(content.lines).strip() or "none"
     parts = ["# Trial of the diagnosis", content.origin]
-    try:
+    with writing(folder):
         if figures is not None:
             page.table(figures.quoted().header, figures.quoted().rows)
             parts.append(markdown(figures.quoted()))
@@ -54,8 +55,6 @@ def write_page(content: Content, folder: Path) -> list[Path]:
         page.save(files[0])
         parts += [f"## {content.title}", f"```\n{listed}\n```"]
         files[1].write_text("\n\n".join(part.strip() for part in parts) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(str(folder), "", "a folder to write to", str(error.strerror)) from error
     return [f for f in files if f.exists()]
 
 
@@ -70,7 +69,7 @@ def origin(figures: Figures, head: Head) -> str:
 
 def quote(figures: Figures, head: Head, file: Path) -> None:
     """Put the short table between the marks BEGIN and END of a file. Raises ConfigError."""
-    try:
+    with writing(file, "a file to quote the figures in"):
         text = file.read_text(encoding="utf-8")
         before, begin, rest = text.partition(BEGIN)
         _, end, after = rest.partition(END)
@@ -78,5 +77,3 @@ def quote(figures: Figures, head: Head, file: Path) -> None:
             raise ConfigError(str(file), "", f"the marks {BEGIN} and {END}", "a file without them")
         block = f"{origin(figures, head)}\n\n{markdown(figures.quoted())}"
         file.write_text(f"{before}{begin}\n{block}{end}{after}", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(str(file), "", "a file to quote the figures in", str(error.strerror)) from error

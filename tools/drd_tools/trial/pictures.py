@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from drd_tools.report.style import BLUE, GREY, INK, SERIES, make_figure, styled, tidy
+from drd_tools.report.style import BLUE, GREY, INK, SERIES, picture, tidy
 from drd_tools.trial.figures import OURS, Figures, Pair, by_effect, by_method
 from drd_tools.trial.plan import DISTANCES
 from drd_tools.trial.score import Score, wilson
@@ -20,8 +20,7 @@ def draw_effects(file: Path, figures: Figures) -> bool:
     if not groups:
         return False
     rows = math.ceil(len(groups) / COLUMNS)
-    with styled():
-        figure = make_figure(13.0, 1.9 * rows + 0.5)
+    with picture(file, 13.0, 1.9 * rows + 0.5) as figure:
         panels: Any = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
         for axes, (name, pairs) in zip(panels.ravel(), groups, strict=False):
             _points(axes, [[p for p in pairs if p[0].kind == kind] for kind in kinds])
@@ -34,7 +33,6 @@ def draw_effects(file: Path, figures: Figures) -> bool:
             axes.set_visible(False)
         figure.supxlabel("detectability d", fontsize=10)
         figure.supylabel("share with the right name first", fontsize=10)
-        figure.savefig(file, format="png")
     return True
 
 
@@ -62,8 +60,7 @@ def draw_methods(file: Path, figures: Figures) -> bool:
     groups = [group for group in kinds if group[1]]
     if len(names) < 2 or not groups:
         return False
-    with styled():
-        figure = make_figure(11.0, 3.8)
+    with picture(file, 11.0, 3.8) as figure:
         axes: Any = figure.subplots()
         width = 0.8 / len(names)
         for k, name in enumerate(names):
@@ -79,5 +76,4 @@ def draw_methods(file: Path, figures: Figures) -> bool:
         axes.set_xticks(range(len(groups)), [text for text, *_ in groups])
         axes.set_ylim(0.0, 1.02)
         axes.legend(ncols=len(names), loc="lower left", bbox_to_anchor=(0.5, 1.0))
-        figure.savefig(file, format="png")
     return True

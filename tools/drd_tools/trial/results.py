@@ -7,10 +7,9 @@ of JSON for each, added as it is ready, so that a stopped trial goes on. Paramet
 
 import hashlib
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import msgspec
 from msgspec import UNSET, Struct, UnsetType, field
@@ -19,10 +18,9 @@ import drd.effects
 import drd_tools.diagnose
 import drd_tools.simulate
 from drd.config.schema import ConfigError
-from drd_tools.diagnose.files import plain
+from drd_tools.diagnose.files import parted, plain
 from drd_tools.diagnose.results import Figures, Finding
-
-T = TypeVar("T")
+from drd_tools.report.json_file import converted, read_json
 
 RESULTS: Final = "results.jsonl"
 OLD: Final = "results.old.jsonl"
@@ -191,8 +189,10 @@ class Store:
             raise ConfigError(str(self.file), "", "results of a trial", str(error)) from error
         if not rows or not isinstance(rows[0], dict) or rows[0].get("format") != FORMAT:
             raise ConfigError(str(self.file), "format", FORMAT, "something else")
-        head = _converted(self.file, rows[0], Head)
-        return head, [_converted(self.file, _parted(row), _form(row)) for row in rows[1:]]
+        head = converted(self.file, rows[0], Head)
+        return head, [
+            converted(self.file, row | {"findings": parted(row.get("findings", ()))}, _form(row)) for row in rows[1:]
+        ]
 
     def _write(self, rows: Sequence[Head | Row]) -> None:
         self.file.write_text("".join(map(_line, rows)), encoding="utf-8")
@@ -201,11 +201,7 @@ class Store:
 def read_answers(folder: Path) -> list[Answer]:
     """answers.json of a folder of recordings. Raises ConfigError."""
     file = folder / ANSWERS
-    try:
-        answers = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(str(file), "", "a JSON file with the answers", str(error)) from error
-    return _converted(file, answers, list[Answer])
+    return converted(file, read_json(file, "a JSON file with the answers"), list[Answer])
 
 
 def fingerprint() -> str:
@@ -225,28 +221,3 @@ def _line(row: Head | Row) -> str:
 def _form(row: dict[str, Any]) -> Any:
     forms = {"not_made": NotMade, "plantings": Untouched, "base": Planted}
     return next((form for key, form in forms.items() if key in row), Record)
-
-
-def _converted(file: Path, content: Any, form: type[T]) -> T:
-    try:
-        return msgspec.convert(content, form)
-    except msgspec.ValidationError as error:
-        raise ConfigError(str(file), "", "results and answers of a trial", str(error)) from error
-
-
-def _parted(row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose findings have their words apart from their numbers; a deviation of null is not known."""
-    findings = [{**f, **_apart(f["parameters"])} for f in row.get("findings", ())]
-    for finding in findings:
-        if finding.get("stand_in"):
-            finding["stand_in"] |= _apart(finding["stand_in"]["parameters"])
-    return {**row, "findings": findings}
-
-
-def _apart(parameters: dict[str, Any]) -> dict[str, Any]:
-    amounts = {
-        name: {k: math.nan if v is None else v for k, v in amount.items()}
-        for name, amount in parameters.items()
-        if isinstance(amount, dict)
-    }
-    return {"parameters": amounts, "choices": {k: v for k, v in parameters.items() if isinstance(v, str)}}

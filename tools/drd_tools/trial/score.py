@@ -3,9 +3,10 @@
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from msgspec import UNSET, Struct, UnsetType
+from scipy.stats import binomtest
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
@@ -18,7 +19,6 @@ NOT_LINEAR: Final = 2.0  # of the residual's expectation
 WORSE: Final = 0.02
 BINS: Final = 10  # of probabilities: the usual number
 Z_90: Final = 1.6448536269514722  # two-sided 90 %
-Z_95: Final = 1.959963984540054
 
 
 class Interval(Struct, frozen=True):
@@ -179,7 +179,5 @@ def wilson(successes: int, n: int) -> tuple[float, float]:
     """95 % interval of a share (Wilson 1927). (0, 1) where n is 0."""
     if n == 0:
         return 0.0, 1.0
-    p, z2 = successes / n, Z_95**2
-    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = Z_95 / (1 + z2 / n) * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n))
-    return max(0.0, middle - half), min(1.0, middle + half)
+    found: Any = binomtest(successes, n).proportion_ci(0.95, "wilson")
+    return found.low, found.high

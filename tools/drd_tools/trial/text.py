@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from drd_tools.diagnose.results import Amount, Finding
-from drd_tools.trial.figures import Cells, Figures, Pair
+from drd_tools.report.terminal import columns
+from drd_tools.trial.figures import Figures, Pair
 from drd_tools.trial.results import TrueEffect
 
 PROGRAM = "drd trial"
@@ -16,7 +17,7 @@ def text(figures: Figures, arguments: Sequence[str]) -> str:
     """All of a trial. `arguments`: those with which a case is drawn again."""
     lines: list[str] = []
     for made in figures.tables():
-        lines += [*([""] if lines else []), made.caption, *table([made.header, *made.rows])]
+        lines += [*([""] if lines else []), made.caption, *columns([made.header, *made.rows])]
     return "\n".join([*lines, *failures(figures, arguments)])
 
 
@@ -31,15 +32,6 @@ def failures(figures: Figures, arguments: Sequence[str]) -> list[str]:
         lines += ["", "Each of them alone:", f"  {PROGRAM} {shlex.join(arguments)} --only CASE --output DIR"]
     lines += _outside(others)
     return lines + (["", "Not made:", *(f"  {r.not_made}" for r in figures.not_made)] if figures.not_made else [])
-
-
-def table(rows: Sequence[Cells]) -> list[str]:
-    """Aligned columns; the first to the left, others to the right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  " + "  ".join(c.ljust(w) if not i else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
-        for row in rows
-    ]
 
 
 def _confused(wrong: Sequence[Pair], title: str) -> list[str]:
@@ -98,4 +90,4 @@ def _outside(pairs: Sequence[Pair]) -> list[str]:
         [c, i.effect, i.parameter, f"{i.true:.4g}", f"{i.value:.4g}", f"{i.std:.2g}", f"{i.sigmas:+.1f}"]
         for c, i in sorted(wrong, key=lambda w: -abs(w[1].sigmas))
     ]
-    return ["", f"Truth outside of the 90 % interval: {len(wrong)}", *table([head, *rows])]
+    return ["", f"Truth outside of the 90 % interval: {len(wrong)}", *columns([head, *rows])]

@@ -5,8 +5,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between, both, number
-from drd.effects.motion import Array, Motion
+from drd.effects.motion import Motion
 
 COIL_LAG_S: Final = 60.0
 HALF_WIDTH_C: Final = 0.5
@@ -56,7 +57,6 @@ class BiasTide(Hidden):
     parameters = (_size("deg/s", "amplitude", DEG), PERIOD, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the gyro."""
         return Errors(gyro_rad_s=number(p, "k") * _swing(m, p))
 
 
@@ -69,7 +69,6 @@ class ScaleHysteresis(Hidden):
     temperature = "cycle"
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the gyro."""
         T = m.temperature_change_c()
         branch = np.tanh((T - m.lagged(T, COIL_LAG_S)) / HALF_WIDTH_C)
         return Errors(gyro_rad_s=number(p, "k") * branch * m.rate_rad_s)
@@ -83,7 +82,6 @@ class BiasAcceleration(Hidden):
     parameters = (_size("deg/s/(m/s^2)", "per acceleration", DEG),)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the gyro."""
         return Errors(gyro_rad_s=number(p, "k") * np.abs(m.acceleration_m_s2))
 
 
@@ -95,7 +93,6 @@ class MotorField(Hidden):
     parameters = (_size("deg/s", "amplitude", DEG), PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the gyro."""
         return Errors(gyro_rad_s=number(p, "k") * np.cos(m.left_wheel_rad - number(p, "phase")))
 
 
@@ -124,7 +121,6 @@ class LoadTransfer(Hidden):
     parameters = (_size("s^2/m", "relative radius per lateral acceleration", high=0.2),)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the wheels."""
         return both(m, number(p, "k") * m.speed_m_s * m.rate_rad_s)
 
 
@@ -137,7 +133,6 @@ class SlipMap(Hidden):
     parameters = (_size("1", "slip where it is largest"), PITCH, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the wheels."""
         step = m.speed_m_s * np.gradient(m.time_s)
         x, y = np.cumsum(step * np.cos(m.heading_rad)), np.cumsum(step * np.sin(m.heading_rad))
         a, phase = math.pi / number(p, "pitch"), number(p, "phase")
@@ -153,7 +148,7 @@ class BreathingDelay(Hidden):
     parameters = (_size("s", "amplitude of the delay"), PERIOD, PHASE)
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the wheels; to first order in the delay."""
+        # To first order in the delay.
         delay_s = number(p, "k") * _swing(m, p)
         left, right = (-delay_s * np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
         return Errors(left_m_s=left, right_m_s=right)
@@ -169,7 +164,6 @@ class WarmTyres(Hidden):
     temperature = "cycle"
 
     def error(self, m: Motion, p: Values) -> Errors:
-        """Acts on the wheels."""
         return both(m, number(p, "k") * m.temperature_change_c())
 
 

@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from drd_tools.calibrate.gyro.data_sets import Array, Counts, DataSets
+from drd.arrays import Array
+from drd_tools.calibrate.gyro.data_sets import Counts, DataSets
 from drd_tools.calibrate.gyro.error_function import (
     FILE_ORDER,
     ErrorFunction,

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
+
 Counts = npt.NDArray[np.int64]
 
 SETTLE_S: Final = 1.0
@@ -44,21 +45,6 @@ class DataSets:
         values = np.array([getattr(self, field.name) for field in fields(self)[:5]])
         if not (np.isfinite(values).all() and (values[3] > 0.0).all() and (values[4] >= 0.0).all()):
             raise ValueError("data sets: expected finite numbers and a positive sigma")
-
-    @classmethod
-    def of_means(
-        cls,
-        table_rate_deg_s: Array,
-        rate_deg_s: Array,
-        temperature_c: Array,
-        sigma_deg_s: Array,
-        temperature_sigma_c: float = 0.0,
-    ) -> "DataSets":
-        """Data sets whose means are known already, each of shape (n,)."""
-        n = len(table_rate_deg_s)
-        counts = np.ones(n, np.int64), np.zeros(n, np.int64)
-        means = table_rate_deg_s, rate_deg_s, temperature_c, sigma_deg_s
-        return cls(*means, np.full(n, temperature_sigma_c), *counts, ("",) * n)
 
     def __len__(self) -> int:
         return len(self.table_rate_deg_s)

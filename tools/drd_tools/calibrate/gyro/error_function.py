@@ -1,6 +1,6 @@
 """The gyro's error function e(w_g, T), fitted to data sets: scaled regressors, robust weights, honest covariance.
 
-data = DataSets.of_means(table_rate_deg_s, rate_deg_s, temperature_c, sigma_deg_s)
+data = data_sets_of_samples(time_s, table_rate_deg_s, rate_deg_s, temperature_c)
 fitted = fit_error_function(data, Order(3, 2))
 calibration = fitted.calibration(residual_deg_s, {"created": "2026-01-01"})
 """
@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
+from drd.arrays import Array
 from drd.estimation.calibration import Calibration
-from drd_tools.calibrate.gyro.data_sets import Array, DataSets, data_sets_of_samples
-
-__all__ = ["FILE_ORDER", "DataSets", "ErrorFunction", "Order", "data_sets_of_samples", "fit_error_function"]
+from drd_tools.calibrate.gyro.data_sets import DataSets
 
 HUBER: Final = 1.345  # 95 % efficient for normal errors, Huber (1981)
 REJECT_SIGMA: Final = 6.0
@@ -78,15 +77,13 @@ class ErrorFunction:
     def error_deg_s(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> Array:
         """Shape of the two broadcast; not held at the border of the range. (5)"""
         regressors, shape = self._regressors(rate_deg_s, temperature_c)
-        error: Array = (regressors @ self.scaled_coefficients).reshape(shape)
-        return error
+        return np.asarray((regressors @ self.scaled_coefficients).reshape(shape))
 
     def sigma_deg_s(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> Array:
         """Standard deviation of e(w, T) from the coefficients' covariance, shape of the two broadcast."""
         regressors, shape = self._regressors(rate_deg_s, temperature_c)
         variance = np.einsum("ni,ij,nj->n", regressors, self.scaled_covariance, regressors)
-        sigma: Array = np.sqrt(np.maximum(variance, 0.0)).reshape(shape)
-        return sigma
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(shape))
 
     def residual_deg_s(self, data: DataSets) -> Array:
         """What is left of the data sets' errors after the correction, shape (n,). (6)"""

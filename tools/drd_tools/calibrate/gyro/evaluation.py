@@ -5,8 +5,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C, rms
-from drd_tools.calibrate.gyro.data_sets import Array, DataSets
+from drd_tools.calibrate.gyro.data_sets import DataSets
 
 RESAMPLES: Final = 1000
 

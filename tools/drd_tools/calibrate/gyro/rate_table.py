@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.stats import theilslopes
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
-from drd_tools.calibrate.gyro.data_sets import SETTLE_S, Array, DataSets, data_sets_of_samples, joined
+from drd_tools.calibrate.gyro.data_sets import SETTLE_S, DataSets, data_sets_of_samples, joined
 from drd_tools.recordings.folder import file_hash, finite, read_table
 
 COLUMNS: Final = ("time_s", "table_rate_deg_s", "rate_deg_s", "temperature_c")

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from allantools.ci import confidence_interval, edf_greenhall
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 TERMS: Final = "QNBKR"
 Q, N, B, K, R = range(5)

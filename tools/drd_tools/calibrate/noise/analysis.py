@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
-from drd_tools.calibrate.noise.allan import FLOOR, TERMS, Array, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
+from drd_tools.calibrate.noise.allan import FLOOR, TERMS, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import SIMULATIONS, Interval, Simulator, intervals, shows_ramp
 from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog
 from drd_tools.calibrate.noise.warmup import Slope, WarmUp, fit_warm_up, left_out_s, temperature_slope

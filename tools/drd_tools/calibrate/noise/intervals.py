@@ -7,21 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from drd_tools.calibrate.noise.allan import (
-    CONFIDENCE,
-    MAX_BLOCKS,
-    TERMS,
-    Array,
-    B,
-    Curve,
-    Fit,
-    K,
-    N,
-    Q,
-    R,
-    fit,
-    shapes,
-)
+from drd.arrays import Array
+from drd_tools.calibrate.noise.allan import CONFIDENCE, MAX_BLOCKS, TERMS, B, Curve, Fit, K, N, Q, R, fit, shapes
 
 SIMULATIONS: Final = 300
 SEED: Final = 20010217
@@ -134,11 +121,7 @@ def flicker_density(length: int) -> Array:
 
 
 def intervals(
-    curve: Curve,
-    found: Fit,
-    simulator: Simulator,
-    wanted: Sequence[int],
-    on_step: Callable[[], None] = lambda: None,
+    curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], None] = lambda: None
 ) -> dict[int, Interval]:
     """90 % intervals of the wanted terms, by inverting a test.
 

@@ -9,12 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import median_abs_deviation
 
+from drd.arrays import Array
 from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
 from drd_tools.recordings.folder import file_hash, read_table
-
-Array = npt.NDArray[np.float64]
 
 FILE_NAME: Final = "fog.csv"
 SHORTEST_S: Final = 100.0
@@ -83,7 +82,7 @@ def read_static_log(path: Path) -> StaticLog:
 
 
 def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c: Array | None) -> StaticLog:
-    """The longest stretch without a hole, as evenly spaced samples. Raises ConfigError where it is too short.
+    """The longest interval without a hole, as evenly spaced samples. Raises ConfigError where it is too short.
 
     Jitter of the time stamps is ignored: the gyro's own beat is even, and Allan's differences need only that.
     Few short holes are bridged with straight lines; at a longer one, or where there are many, the log is cut.
@@ -99,7 +98,7 @@ def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c
     notes = []
     if cuts.any():
         notes.append(
-            f"{int(cuts.sum())} holes in the log: only the longest stretch without, from {time_s[first]:.6g} s to "
+            f"{int(cuts.sum())} holes in the log: only the longest interval without, from {time_s[first]:.6g} s to "
             f"{time_s[last]:.6g} s, is used."
         )
     place = np.concatenate([[0.0], np.cumsum(1.0 + lost[first:last])])
@@ -143,7 +142,7 @@ def _lost(time_s: Array, period_s: float) -> Array:
 
 
 def _longest(cuts: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """First and last sample of the longest stretch between cuts."""
+    """First and last sample of the longest interval between cuts."""
     ends = np.concatenate([[-1], np.flatnonzero(cuts), [len(cuts)]])
     longest = int(np.argmax(np.diff(ends)))
     return int(ends[longest]) + 1, int(ends[longest + 1])

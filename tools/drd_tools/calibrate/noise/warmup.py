@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.optimize import minimize_scalar
 from scipy.stats import linregress
 
+from drd.arrays import Array
 from drd_tools.calibrate.noise.allan import TINY, B, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import flicker_density
 from drd_tools.calibrate.noise.static_log import StaticLog
-
-Array = npt.NDArray[np.float64]
 
 BLOCKS: Final = 120
 SHORTEST_BLOCK_S: Final = 2.0

@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import Recording
 
-Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 WINDOW_TREADS: Final = 10.0  # travel of the faster wheel in one window, in treads
@@ -72,8 +72,7 @@ class Drive:
         r = self.nominal
         left, right = r.left_radius_m * np.diff(self.left_rad), r.right_radius_m * np.diff(self.right_rad)
         travel = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(left), np.abs(right)))])
-        at_rows: Array = np.interp(self.reference_s, self.time_s, travel)
-        return at_rows
+        return np.asarray(np.interp(self.reference_s, self.time_s, travel))
 
     @cached_property
     def windows(self) -> tuple[Rows, Rows]:
@@ -124,7 +123,7 @@ def make_drive(recording: Recording) -> Drive:
     if inside.sum() < 2:
         expected = f"two rows or more within the encoders' time, {time_s[0]:g} to {time_s[-1]:g} s"
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, str(inside.sum()))
-    nominal = Wheels(sheet.wheel.radius_m, sheet.wheel.radius_m, sheet.tread_m)
+    nominal = Wheels(sheet.wheel_radius_m, sheet.wheel_radius_m, sheet.tread_m)
     # Between sparse rows only the wheels know how many whole turns there were.
     reference_s, heading = log.time_s[inside], log.heading_rad[inside]
     turn = np.interp(reference_s, time_s, (right_rad - left_rad) * nominal.left_radius_m / nominal.tread_m)
@@ -132,16 +131,16 @@ def make_drive(recording: Recording) -> Drive:
     drive = Drive(
         recording.name,
         nominal,
-        sheet.wheel.counts_per_revolution,
+        sheet.counts_per_revolution,
         time_s,
         left_rad,
         right_rad,
         reference_s,
         np.stack([log.x_m[inside], log.y_m[inside]], axis=1),
         heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)]),
-        sheet.reference.position_sigma_m or POSITION_SIGMA_M,
-        (sheet.reference.heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
-        sheet.encoders.slip_noise_m_per_sqrt_m,
+        sheet.reference_position_sigma_m or POSITION_SIGMA_M,
+        (sheet.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
+        sheet.slip_noise_m_per_sqrt_m,
     )
     travel_m = float(np.ptp(drive.travel_m))
     if travel_m < MIN_TRAVEL_TREADS * nominal.tread_m:
@@ -204,8 +203,7 @@ def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) 
     ahead = drive.reference_heading_rad[rows] - heading[rows]
 
     def total(values: Array) -> Array:
-        summed: Array = np.add.reduceat(values, starts, axis=0)
-        return summed
+        return np.asarray(np.add.reduceat(values, starts, axis=0))
 
     w_xy, w_heading = weights[:, 0], weights[:, 1]
     model = model - (total(w_xy[:, None] * model) / total(w_xy)[:, None])[window]

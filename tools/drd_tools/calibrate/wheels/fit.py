@@ -8,14 +8,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
 from drd_tools.calibrate.wheels.score import Scores, score
-
-Array = npt.NDArray[np.float64]
 
 # Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
 # the reference: forward, left (in treads), heading.
@@ -219,8 +218,7 @@ def _covariances(scores: list[Scores], free: npt.NDArray[np.bool_]) -> list[Arra
 def _meat(clusters: Array) -> Array:
     """Sum of the outer products of the clusters' scores, with the usual factor for few clusters."""
     count = len(clusters)
-    meat: Array = clusters.T @ clusters * count / max(count - 1, 1)
-    return meat
+    return np.asarray(clusters.T @ clusters * count / max(count - 1, 1))
 
 
 def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> tuple[Array, list[Array]]:

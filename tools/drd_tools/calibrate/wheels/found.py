@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drd.batch.logs import Array
+from drd.arrays import Array
 from drd.config.keys import Encoders, Fog
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive

@@ -6,13 +6,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, cut_drive, seen_by_reference
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
-
-Array = npt.NDArray[np.float64]
 
 START_TREADS: Final = 0.1  # while the wheels have travelled no further, the reference tells where the drive begins
 BLOCKS: Final = 5

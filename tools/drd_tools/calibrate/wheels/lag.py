@@ -8,12 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.batch.logs import FogLog
 from drd_tools.calibrate.wheels.fit import HUBER, MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 # Turns are compared over so long: more than the 0.25 to 0.5 s for which slow drives hold their speeds.
 WINDOW_S: Final = 0.8
@@ -199,10 +198,10 @@ def _result(
     if len(parts) >= MANY_RECORDINGS:
         clusters.append(np.array([of[1].sum() for of in scores]))
     sigma_s = max(math.sqrt(_scatter(cluster)) / information for cluster in clusters)
-    telling = [(part, *of) for part, of in zip(parts, scores, strict=True) if of[0] > 0.0 and len(of[1]) > 1]
-    each = np.array([lag_s + by_block.sum() / own for _, own, by_block in telling])
-    variances = np.array([_scatter(by_block) / own**2 for _, own, by_block in telling])
-    names = {part.name: float(own_s) for (part, *_), own_s in zip(telling, each, strict=True)}
+    informative = [(part, *of) for part, of in zip(parts, scores, strict=True) if of[0] > 0.0 and len(of[1]) > 1]
+    each = np.array([lag_s + by_block.sum() / own for _, own, by_block in informative])
+    variances = np.array([_scatter(by_block) / own**2 for _, own, by_block in informative])
+    names = {part.name: float(own_s) for (part, *_), own_s in zip(informative, each, strict=True)}
     return Lag(against, lag_s, sigma_s, spread(each, variances), hold_s, names)
 
 
@@ -216,7 +215,7 @@ def _part(recording: Recording, against: str) -> _Part | None:
     else:
         return None
     left, right = recording.wheel_angles_rad()
-    time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel.radius_m / recording.nominal.tread_m
+    time_s, per_tread = recording.encoders.time_s, recording.nominal.wheel_radius_m / recording.nominal.tread_m
     turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
     moved = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
     return _compared(recording.name, time_s, turn, travel, moved, other_s, other)
@@ -224,8 +223,7 @@ def _part(recording: Recording, against: str) -> _Part | None:
 
 def _angle(fog: FogLog) -> Array:
     """Sum of a gyro's readings, rad."""
-    total: Array = np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0]))
-    return total
+    return np.asarray(np.cumsum(fog.rate_rad_s * np.diff(fog.time_s, prepend=fog.time_s[0])))
 
 
 def _compared(
@@ -245,15 +243,13 @@ def _compared(
 def _over(time_s: Array, angle: Array, at_s: Array) -> Array:
     """Change of the angle over the window around each time."""
     half_s = 0.5 * WINDOW_S
-    change: Array = np.interp(at_s + half_s, time_s, angle) - np.interp(at_s - half_s, time_s, angle)
-    return change
+    return np.asarray(np.interp(at_s + half_s, time_s, angle) - np.interp(at_s - half_s, time_s, angle))
 
 
 def _slope(time_s: Array, angle: Array, at_s: Array) -> Array:
     """Derivative of `_over` in time."""
     ahead, behind = (_over(time_s, angle, at_s + shift_s) for shift_s in (DERIVATIVE_S, -DERIVATIVE_S))
-    slope: Array = (ahead - behind) / (2.0 * DERIVATIVE_S)
-    return slope
+    return np.asarray((ahead - behind) / (2.0 * DERIVATIVE_S))
 
 
 def _is_dense(time_s: Array, at_s: Array) -> npt.NDArray[np.bool_]:

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.batch.logs import FogLog
 from drd.units import DEG_PER_RAD, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.calibrate.wheels.fit import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
-
-Array = npt.NDArray[np.float64]
 
 # Slower than this, on either side and in the mean over 1 s, a wheel stands: a count that flickers is less.
 STILL_M_S: Final = 0.002
@@ -75,7 +73,7 @@ def at_rest(recordings: Sequence[Recording]) -> Rest | None:
 
 def _blocks(recording: Recording, fog: FogLog) -> list[Array]:
     """Means of the rate over blocks, for each standstill that holds two or more, rad/s."""
-    time_s, radius_m = recording.encoders.time_s, recording.nominal.wheel.radius_m
+    time_s, radius_m = recording.encoders.time_s, recording.nominal.wheel_radius_m
     still = np.ones(len(time_s), bool)
     for angle in recording.wheel_angles_rad():
         before, after = (np.interp(time_s + shift_s, time_s, angle) for shift_s in (-0.5, 0.5))

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,7 @@ class Scores:
     def own_move(self, shared_move: Array) -> Array:
         """The step of the recording's own unknowns that goes with a step of the shared ones, shape (q,)."""
         push: Array = self.own_gradient + self.coupling.T @ shared_move
-        move: Array = np.asarray(-np.linalg.solve(self.own_information, push), dtype=np.float64)
-        return move
+        return np.asarray(-np.linalg.solve(self.own_information, push))
 
 
 def score(

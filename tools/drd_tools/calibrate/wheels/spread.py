@@ -4,14 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
-
-Array = npt.NDArray[np.float64]
 
 
 def spread(values: Array, variances: Array) -> float:
@@ -49,10 +47,10 @@ def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, 
     ]
     found = []
     for k, joint in enumerate(_values(fit)):
-        telling = [f for f in alone if (all(f.determined[:2]) if k < 2 else f.determined[2])]
-        ratios = np.array([_values(f)[k] / joint for f in telling])
+        informative = [f for f in alone if (all(f.determined[:2]) if k < 2 else f.determined[2])]
+        ratios = np.array([_values(f)[k] / joint for f in informative])
         found.append(
-            spread(ratios, np.array([(f.window_sigma[k] * r) ** 2 for f, r in zip(telling, ratios, strict=True)]))
+            spread(ratios, np.array([(f.window_sigma[k] * r) ** 2 for f, r in zip(informative, ratios, strict=True)]))
         )
     return found[0], found[1], found[2]
 

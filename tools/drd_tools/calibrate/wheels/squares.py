@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
 from drd_tools.calibrate.wheels.report import returns_picture
 from drd_tools.calibrate.wheels.umbmark import (
-    Array,
     Estimate,
     Returns,
     Umbmark,

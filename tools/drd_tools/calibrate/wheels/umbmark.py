@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from drd.arrays import Array
 from drd_tools.recordings.folder import read_table
-
-Array = npt.NDArray[np.float64]
 
 HEADER: Final = ("direction", "x_m", "y_m")
 CONFIDENCE: Final = 0.95
@@ -106,8 +104,7 @@ def _solve(cw_m: Array, ccw_m: Array, side_m: float) -> Array:
     cw, ccw = one_way_rad(cw_m, side_m, -1), one_way_rad(ccw_m, side_m, 1)
     seen = np.stack([cw_m.mean(axis=0), ccw_m.mean(axis=0)])
     start = (0.5 * (ccw + cw), 0.5 * (ccw - cw))
-    found: Array = least_squares(lambda p: (predict_m(p[0], p[1], side_m) - seen).ravel(), start, xtol=1e-12).x
-    return found
+    return np.asarray(least_squares(lambda p: (predict_m(p[0], p[1], side_m) - seen).ravel(), start, xtol=1e-12).x)
 
 
 def diameters_ratio(beta_rad: float, side_m: float, tread_m: float) -> float:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.config.nominal import FogSheet, Nominal
+from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES, drive
@@ -65,7 +65,7 @@ class _Option:
         return (settled, -minutes, unsettled, sum(self.nats))
 
 
-def next_drive(conclusion: Conclusion, nominal: Nominal) -> NextDrive | None:
+def next_drive(conclusion: Conclusion, nominal: Robot) -> NextDrive | None:
     """The drive that settles the open questions of a diagnosis; None where none is open that a drive could settle.
 
     Open are findings that something else also fits, and suspected ones (against nothing). `nats` is the least of the
@@ -98,18 +98,16 @@ def open_questions(findings: Sequence[Cause]) -> list[Question]:
     return questions
 
 
-def options_for(found: Found, nominal: Nominal, questions: Sequence[Question]) -> list[_Option]:
+def options_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> list[_Option]:
     """All manoeuvres and durations, with the nats that each brings for each question."""
     e, noise, reference = found.problem.evidence, found.problem.noise, _kind(found.problem.evidence)
     slow = [_is_slow(f) and (rival == NOTHING or _is_slow(rival)) for f, rival in questions]
-    rate_hz = min(nominal.fog.rate_hz or GYRO_HZ, SLOW_GYRO_HZ if all(slow) else GYRO_HZ)
-    nominal = replace(
-        nominal,
-        fog=replace(nominal.fog, rate_hz=rate_hz) if e.gyro_rad is not None else FogSheet(),
-        standstill_at_start_s=min(nominal.standstill_at_start_s, LONGEST_STAND_S),
-    )
+    rate_hz = min(nominal.gyro_rate_hz or GYRO_HZ, SLOW_GYRO_HZ if all(slow) else GYRO_HZ)
+    nominal = replace(nominal, standstill_at_start_s=min(nominal.standstill_at_start_s, LONGEST_STAND_S))
+    nominal = nominal.without_gyro() if e.gyro_rad is None else replace(nominal, gyro_rate_hz=rate_hz)
     if not e.has_wheels:  # those of some robot
-        nominal = replace(nominal, wheel=DEFAULT.wheel, tread_m=DEFAULT.tread_m)
+        radius_m, counts = DEFAULT.wheel_radius_m, DEFAULT.counts_per_revolution
+        nominal = replace(nominal, wheel_radius_m=radius_m, counts_per_revolution=counts, tread_m=DEFAULT.tread_m)
     period_s = reference.period_s
     if period_s is not None and period_s < FIX_S:
         share = math.sqrt(FIX_S / period_s)
@@ -139,7 +137,7 @@ def _is_slow(of: Cause | str) -> bool:
 
 @lru_cache(maxsize=64)
 def _driven(
-    name: str, minutes: int, nominal: Nominal, reference: Reference, knows_temperature: bool, has_wheels: bool
+    name: str, minutes: int, nominal: Robot, reference: Reference, knows_temperature: bool, has_wheels: bool
 ) -> tuple[Evidence, Path]:
     """Simulate a manoeuvre with perfect sensors: their evidence, and the true path."""
     truth = drive(name, minutes, nominal.standstill_at_start_s)

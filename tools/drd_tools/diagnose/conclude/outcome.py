@@ -81,9 +81,9 @@ def terms_found(findings: Iterable[Finding]) -> list[Term]:
 def model_of(terms: Iterable[Term], recording: Recording, names: str, version: str) -> Model:
     """The nominal robot with these effects. `names`: of the recordings in which they were found."""
     nominal = recording.nominal
-    wheel: dict[str, Any] = {"radius_m": nominal.wheel.radius_m}
-    if nominal.wheel.counts_per_revolution is not None:
-        wheel["counts_per_revolution"] = nominal.wheel.counts_per_revolution
+    wheel: dict[str, Any] = {"radius_m": nominal.wheel_radius_m}
+    if nominal.counts_per_revolution is not None:
+        wheel["counts_per_revolution"] = nominal.counts_per_revolution
     robot = {} if recording.wheels is None else {"wheel": wheel, "tread_m": nominal.tread_m}
     sha = recording.sha256.get("encoders.csv") or next(iter(recording.sha256.values()), "")
     effects = [plain(t) | ({"provenance": {"why": t.why}} if t.why else {}) for t in terms]

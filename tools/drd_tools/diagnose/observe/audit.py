@@ -137,7 +137,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array) -> lis
     """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
     log, events = recording.encoders, []
     least_s = max(HOLDS * held_s(recording), LONGEST_HOLD_S if log.left_counts is None else 0.0)
-    left_m, right_m = (recording.nominal.wheel.radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
+    left_m, right_m = (recording.nominal.wheel_radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
     for side, mine, its, inflation, sign in (
         (SIDES[0], left_m, right_m, left, -1.0),
         (SIDES[1], right_m, left_m, right, 1.0),
@@ -162,7 +162,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array) -> lis
 
 def repaired(recording: Recording, e: Evidence, events: Sequence[Event]) -> Recording:
     """The recording with stopped wheels turning as the other one and gyro, or reference, say: for a calibration."""
-    log, r = recording.encoders, recording.nominal.wheel.radius_m
+    log, r = recording.encoders, recording.nominal.wheel_radius_m
     travel = [r * np.diff(angle, prepend=0.0) for angle in recording.wheel_angles_rad()]
     for event in events:
         if event.selected.effect.symptom is not Symptom.STOPPED:
@@ -176,8 +176,7 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event]) -> Reco
             turn = np.array([0.0 if t is None else t for t in turns])
             travel[which][inside] = travel[1 - which][inside] + sign * e.robot.tread * e.tread_m * turn
     rates = [way / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for way in travel]
-    wheel = replace(recording.nominal.wheel, counts_per_revolution=None)
-    nominal = replace(recording.nominal, wheel=wheel)
+    nominal = replace(recording.nominal, counts_per_revolution=None)
     return replace(
         recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, rates[0], rates[1], log.is_lost)
     )

@@ -8,8 +8,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
-from drd.config.from_nominal import data_sheet
-from drd.config.nominal import Nominal
+from drd.config.robot import Robot, data_sheet
 from drd.config.schema import ConfigError
 from drd.effects.effect import NOMINAL, Calibrated
 from drd.units import (
@@ -174,28 +173,28 @@ class Evidence:
         return np.where(known, np.diff(total(np.clip(at, edges[0], edges[-1]))), increments)
 
 
-def datasheet_noise(nominal: Nominal, has_wheels: bool = True) -> Noise:
+def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
     """The noise as robot.yaml states it, or as is usual. Without wheels no position is compared."""
-    fog, reference, encoders = data_sheet(nominal.fog), nominal.reference, nominal.encoders
-    per_revolution = nominal.wheel.counts_per_revolution
+    nominal = data_sheet(nominal)
+    per_revolution = nominal.counts_per_revolution
 
     def given(value: float | None, otherwise: float) -> float:
         return otherwise if value is None else max(value, LEAST * otherwise)
 
-    slip = given(encoders.slip_noise_m_per_sqrt_m, SLIP_M_PER_SQRT_M)
+    slip = given(nominal.slip_noise_m_per_sqrt_m, SLIP_M_PER_SQRT_M)
     return Noise(
-        walk_rad_per_sqrt_s=given(fog.angle_random_walk_deg_per_sqrt_h, WALK_DEG_PER_SQRT_H)
+        walk_rad_per_sqrt_s=given(nominal.gyro_angle_random_walk_deg_per_sqrt_h, WALK_DEG_PER_SQRT_H)
         * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
-        bias_rad_s=given(fog.bias_repeatability_deg_s, BIAS_DEG_S) * RAD_PER_DEG,
-        bias_walk_rad_s_per_sqrt_s=given(fog.bias_random_walk_deg_per_h_per_sqrt_h, BIAS_WALK_DEG_H_PER_SQRT_H)
+        bias_rad_s=given(nominal.gyro_bias_repeatability_deg_s, BIAS_DEG_S) * RAD_PER_DEG,
+        bias_walk_rad_s_per_sqrt_s=given(nominal.gyro_bias_random_walk_deg_per_h_per_sqrt_h, BIAS_WALK_DEG_H_PER_SQRT_H)
         * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
-        resolution_rad_s=given(fog.resolution_deg_s, 0.0) * RAD_PER_DEG,
+        resolution_rad_s=given(nominal.gyro_resolution_deg_s, 0.0) * RAD_PER_DEG,
         slip_m_per_sqrt_m=slip,
         turn_slip_rad_per_sqrt_rad=0.0,
         lateral_m_per_sqrt_m=LATERAL_SHARE * slip,
-        count_m=2.0 * np.pi * nominal.wheel.radius_m / per_revolution if per_revolution and has_wheels else 0.0,
-        position_m=given(reference.position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,
-        heading_rad=given(reference.heading_sigma_deg, HEADING_SIGMA_DEG) * RAD_PER_DEG,
+        count_m=2.0 * np.pi * nominal.wheel_radius_m / per_revolution if per_revolution and has_wheels else 0.0,
+        position_m=given(nominal.reference_position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,
+        heading_rad=given(nominal.reference_heading_sigma_deg, HEADING_SIGMA_DEG) * RAD_PER_DEG,
     )
 
 
@@ -233,7 +232,7 @@ def gather(
         still = grids.still_by_gyro(grid, gyro, nominal.standstill_at_start_s)
         tread_m, radius_m = 1.0, 1.0  # they stand for nothing
     else:
-        tread_m, radius_m = nominal.tread_m, nominal.wheel.radius_m
+        tread_m, radius_m = nominal.tread_m, nominal.wheel_radius_m
         left_m, right_m = (
             np.diff(np.interp(edges, log.time_s, radius_m * angle)) for angle in recording.wheel_angles_rad()
         )
@@ -302,7 +301,7 @@ def _check_plausible(recording: Recording) -> None:
         fastest.append(("fog.csv", "rate_deg_s", np.degrees(fog.rate_rad_s), MOST_DEG_S))
     if wheels is not None:
         for side, angle in zip(("left", "right"), recording.wheel_angles_rad(), strict=True):
-            speed = recording.nominal.wheel.radius_m * np.diff(angle) / np.diff(wheels.time_s)
+            speed = recording.nominal.wheel_radius_m * np.diff(angle) / np.diff(wheels.time_s)
             fastest.append(("encoders.csv", f"speed of the {side} wheel in m/s", speed, MOST_M_S))
     if reference is not None and len(reference.time_s) > 1:
         speed = np.hypot(np.diff(reference.x_m), np.diff(reference.y_m)) / np.diff(reference.time_s)

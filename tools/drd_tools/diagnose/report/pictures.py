@@ -1,6 +1,5 @@
 """Pictures of a diagnosis: the paths, each finding with its evidence, the residual over time, and held-out data."""
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -9,19 +8,7 @@ import numpy as np
 
 from drd_tools.diagnose.report.text import named_quantity, pretty
 from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual
-from drd_tools.report.style import (
-    BLUE,
-    BOUND,
-    GREEN,
-    GREY,
-    INK,
-    ORANGE,
-    TRUE_GREY,
-    VERMILION,
-    make_figure,
-    styled,
-    tidy,
-)
+from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
 
 WIDTH_IN: Final = 10.0  # a page's, inches
 MOST_PATHS: Final = 6  # more would hide each other
@@ -40,8 +27,7 @@ def paths_picture(file: Path, recordings: Sequence[Drive], windows: Windows = ()
     """
     shown = recordings[:MOST_PATHS]
     has_reference = any(r.path.reference is not None for r in shown)
-    with styled():
-        figure = make_figure(WIDTH_IN, 4.6 * len(shown) + 0.6)
+    with picture(file, WIDTH_IN, 4.6 * len(shown) + 0.6) as figure:
         panels: Any = figure.subplots(len(shown), 2 if has_reference else 1, squeeze=False, width_ratios=(1.2, 1.0)[: 1 + has_reference])  # fmt: skip  # noqa: E501
         for row, recording in zip(panels, shown, strict=True):
             here = windows if recording is shown[0] else ()
@@ -51,7 +37,6 @@ def paths_picture(file: Path, recordings: Sequence[Drive], windows: Windows = ()
                 _distance(row[1], recording.path, here)
         keys = {label: key for row in panels for axes in row for key, label in zip(*axes.get_legend_handles_labels(), strict=True)}  # fmt: skip  # noqa: E501
         figure.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=6)
-        figure.savefig(file, format="png")
 
 
 def _path(axes: Any, path: Paths, windows: Windows) -> None:
@@ -114,15 +99,13 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
 def finding_picture(file: Path, curve: Mismatch | None, evidence: Gain, windows: Windows = ()) -> None:
     """Draw the mismatch against its covariate, fitted curve and gain over time, where known. Raises OSError."""
     has_evidence = bool(evidence.time_s.size)
-    with styled():
-        figure = make_figure(WIDTH_IN, 4.0 if curve else 3.0)
+    with picture(file, WIDTH_IN, 4.0 if curve else 3.0) as figure:
         panels: Any = figure.subplots(1, 2 if curve and has_evidence else 1, squeeze=False)[0]
         if curve:
             _curve(panels[0], curve)
             figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         if has_evidence:
             _evidence(panels[-1], evidence, windows)
-        figure.savefig(file, format="png")
 
 
 def _evidence(axes: Any, evidence: Gain, windows: Windows) -> None:
@@ -174,8 +157,7 @@ def _zoom(axes: Any, curve: Mismatch) -> None:
 
 def residual_picture(file: Path, residual: Residual, has_findings: bool = True) -> None:
     """Draw the rms of the whitened data per block, before and (with findings) after. Raises OSError."""
-    with styled():
-        figure = make_figure(WIDTH_IN, 3.4)
+    with picture(file, WIDTH_IN, 3.4) as figure:
         axes: Any = figure.subplots()
         time_s, seams = end_to_end(residual.time_s)
         axes.axhline(1.0, color=INK, linewidth=1.0, label="noise alone")
@@ -189,7 +171,6 @@ def residual_picture(file: Path, residual: Residual, has_findings: bool = True) 
         axes.set_ylabel("rms / sigmas of noise")
         tidy(axes, "Residual, block by block", 7)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
-        figure.savefig(file, format="png")
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
@@ -200,8 +181,7 @@ def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
     for k, row in enumerate(ordered):
         is_new = len(names) > 1 and (k == 0 or row.name != ordered[k - 1].name)
         places.append((places[-1] + 1.0 if places else 0.0) + (0.7 if is_new else 0.0))
-    with styled():
-        figure = make_figure(WIDTH_IN, 1.3 + 0.62 * (places[-1] + 1.0))
+    with picture(file, WIDTH_IN, 1.3 + 0.62 * (places[-1] + 1.0)) as figure:
         axes: Any = figure.subplots()
         for k, (place, row) in enumerate(zip(places, ordered, strict=True)):
             if len(names) > 1 and (k == 0 or row.name != ordered[k - 1].name):
@@ -218,7 +198,6 @@ def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
         axes.spines["left"].set_visible(False)
         keys = dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
         figure.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=3)
-        figure.savefig(file, format="png")
 
 
 def _bars(axes: Any, place: float, row: Bar) -> None:
@@ -265,8 +244,3 @@ def quantity(name: str, unit: str) -> str:
 def spaced(name: str) -> str:
     """A name of the files, in words."""
     return name.replace("_", " ")
-
-
-def short(name: str, letters: int) -> str:
-    """A name shortened to fit; its end is what differs between runs."""
-    return textwrap.shorten(name, letters, placeholder="...") if len(name) <= letters else "..." + name[3 - letters :]

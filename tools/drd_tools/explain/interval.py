@@ -32,7 +32,7 @@ class Snapshot(NamedTuple):
     delay: Matrix
 
 
-class Stretch:
+class Interval:
     """Is told each step of the filter.
 
     Times are in seconds of the recording, of which 0 is `zero_ns` on the filter's clock. `from_s`: errors count from

@@ -6,16 +6,14 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.compare.blocks import Blocks
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import SUB, motion_along
 from drd_tools.diagnose.observe.evidence import Evidence
-
-Array = npt.NDArray[np.float64]
 
 MOST_KNOTS: Final = 9
 BLOCKS_PER_KNOT: Final = 6
@@ -32,7 +30,7 @@ SMALLEST: Final = {"temperature": 0.3, "speed": 0.02, "yaw rate": 0.5}
 class Covariate:
     """`knots` (k,), or (k, 2) of the place. `design` (b, k): the share of each block's time at each knot.
 
-    A mismatch that is a curve of the driver, with values c at the knots and lines between, has the block means
+    A mismatch that is a curve of the covariate, with values c at the knots and lines between, has the block means
     `design @ c`.
     """
 
@@ -42,7 +40,7 @@ class Covariate:
     design: Array
 
 
-def drivers_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
+def covariates_of(e: Evidence, path: Path, blocks: Blocks) -> list[Covariate]:
     """Those that move in this recording."""
     motion = motion_along(e, path)
     typical_s = float(np.median(e.step_s)) / SUB

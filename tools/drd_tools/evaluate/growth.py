@@ -1,4 +1,4 @@
-"""What the error grows with: its growth in short windows, beside temperature, yaw rate and speed."""
+"""Growth of the error in short windows, beside the covariates temperature, yaw rate and speed."""
 
 import math
 from dataclasses import dataclass
@@ -6,13 +6,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.metrics import relative_errors
 from drd_tools.evaluate.trajectory import Pairs, Reference
-
-Array = npt.NDArray[np.float64]
 
 WINDOW_S: Final = 2.0
 BINS: Final = 12
@@ -65,21 +63,21 @@ def error_growth(pairs: Pairs, reference: Reference) -> Windows:
     )
 
 
-def binned(driver: Array, growth: Array) -> Array:
-    """Means over bins of the driver: shape (b, 4) of driver, mean growth, its standard error, windows in the bin.
+def binned(covariate: Array, growth: Array) -> Array:
+    """Means over bins of the covariate: shape (b, 4) of covariate, mean growth, its standard error, windows in the bin.
 
-    A bin is at least a twelfth of the driver's range wide and holds at least five windows. The standard error is
+    A bin is at least a twelfth of the covariate's range wide and holds at least five windows. The standard error is
     `s / sqrt(n)`, s the scatter in the bin.
     """
-    order = np.argsort(driver, kind="stable")
-    driver, growth = driver[order], growth[order]
-    width = float(np.ptp(driver)) / BINS
+    order = np.argsort(covariate, kind="stable")
+    covariate, growth = covariate[order], growth[order]
+    width = float(np.ptp(covariate)) / BINS
     begins = [0]
-    for k in range(1, len(driver)):
-        if driver[k] - driver[begins[-1]] > width and k - begins[-1] >= FEWEST and len(driver) - k >= FEWEST:
+    for k in range(1, len(covariate)):
+        if covariate[k] - covariate[begins[-1]] > width and k - begins[-1] >= FEWEST and len(covariate) - k >= FEWEST:
             begins.append(k)
     rows = []
-    for begin, end in pairwise([*begins, len(driver)]):
+    for begin, end in pairwise([*begins, len(covariate)]):
         n, chosen = end - begin, growth[begin:end]
-        rows.append((driver[begin:end].mean(), chosen.mean(), np.std(chosen, ddof=1) / math.sqrt(n), n))
+        rows.append((covariate[begin:end].mean(), chosen.mean(), np.std(chosen, ddof=1) / math.sqrt(n), n))
     return np.array(rows, float)
