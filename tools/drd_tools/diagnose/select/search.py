@@ -1,5 +1,6 @@
 """Search for effects: forward, delete and swap, each choice with its parameters fitted."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -25,7 +26,7 @@ EXACT_SHARE: Final = 0.9  # where it is linear
 CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 # Where effects explain so much, or shift the time, sensitivities must be taken along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
-RELINEARISATIONS: Final = 3  # at most; it ends before where it converges
+RELINEARISATIONS: Final = 6  # at most: each leaves a third of the one before
 CONVERGED_NATS: Final = 1.0  # less does not change which name is best: CLASS_NATS is more
 ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
 LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
@@ -64,8 +65,8 @@ def coarse_search(
 
     `start`: effects from which it sets out, and which stay. `last`: a search with other noise, to go on from.
     """
-    if not start:  # a path through all fixes has their noise in it, beside which a later, smoothed one would seem worse
-        problem = problem.around(known)
+    if not start:
+        problem = _converged(problem, known)
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
     found = Found(problem, fit, null, null)
@@ -178,17 +179,23 @@ def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:
 
 
 def linearised(problem: Problem, fit: Fit, null: float) -> Found:
-    """Linearise around the selected effects, fit them again, and so on while that helps."""
-    best: Found | None = None
+    """Linearise around the selected effects and fit them again, until that changes nothing."""
+    before = math.inf
     for _ in range(RELINEARISATIONS):
         problem = problem.around(fit.selection)
         fit = refine(problem, fit.selection)
-        score = -fit.cost - problem.penalty(fit.selection)
-        if best is not None and score < best.score + CONVERGED_NATS:
+        if abs(fit.cost - before) < CONVERGED_NATS:
             break
-        best = Found(problem, fit, score, null)
-    assert best is not None
-    return best
+        before = fit.cost
+    return Found(problem, fit, -fit.cost - problem.penalty(fit.selection), null)
+
+
+def _converged(problem: Problem, known: Sequence[Selected]) -> Problem:
+    """The problem around the path that it leads to: the first goes through all fixes, and has their noise in it.
+
+    Beside that noise any later path would seem worse, and so would all that is linearised around.
+    """
+    return linearised(problem, refine(problem, known), 0.0).problem
 
 
 class Search:
