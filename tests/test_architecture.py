@@ -1,6 +1,7 @@
 """The folders are the architecture: what imports what goes one way."""
 
 import ast
+import importlib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -57,3 +58,12 @@ def test_no_floor_of_the_daemon_imports_a_higher_one() -> None:
     assert found.keys() - {"__init__"} <= height.keys()
     upwards = [(a, b) for a, others in found.items() if a != "__init__" for b in others if height[b] > height[a]]
     assert upwards == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_module_can_be_imported(package: str) -> None:
+    """With the oldest versions of what drd needs, too: `make lowest`."""
+    for file in PACKAGES[package].rglob("*.py"):
+        *rooms, name = file.relative_to(PACKAGES[package].parent).with_suffix("").parts
+        if name != "__main__":
+            importlib.import_module(".".join(rooms if name == "__init__" else [*rooms, name]))
