@@ -178,7 +178,6 @@ FORMATS = [
     "run.trc",
     "run.csv",
     "run.db",
-    "run.mf4",
     "run.log.gz",
     "run.asc.gz",
     "run.csv.gz",

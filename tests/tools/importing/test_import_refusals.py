@@ -116,13 +116,15 @@ def test_sqlite_files_are_called_by_what_they_hold(
     assert expected in capsys.readouterr().err
 
 
-def test_a_measurement_file_without_its_library_says_what_to_install(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("begin", [b"MDF     4.10    ", b"UnFinMF 4.11    "])
+def test_a_measurement_file_is_called_one_with_what_to_do(
+    begin: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
+    (tmp_path / "a.mf4").write_bytes(begin + bytes(range(200)))
     assert run(tmp_path / "a.mf4") == 2
-    assert "pip install 'drd[mf4]'" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "can_logconvert RUN.mf4 RUN.blf" in error
+    assert "got an MF4 file" in error
 
 
 @pytest.mark.parametrize("name", ["a.xlsx", "a.csv"])
@@ -132,9 +134,7 @@ def test_an_unknown_binary_file_is_called_one(name: str, tmp_path: Path, capsys:
     assert r"got bytes that begin with b'PK\x03\x04" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "name", ["a.bag", "a.mcap", "a.db3", "a.blf", "a.asc", "a.csv", "a.log.gz", "a.trc", "a.bin", "a.mf4"]
-)
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a.blf", "a.asc", "a.csv", "a.log.gz", "a.trc", "a.bin"])
 @pytest.mark.parametrize("content", [b"", b"\0\1\2rubbish\xff" * 50, b"1,2,3\n4,5\n", b"\x1f\x8b\x08"])
 def test_rubbish_is_refused_in_a_sentence(
     name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -144,7 +144,7 @@ def test_rubbish_is_refused_in_a_sentence(
     (tmp_path / name).write_bytes(content)
     kind = {".bin": ("--gyro", "fog"), ".csv": ("--gyro", "2", "--gyro-unit", "rad_s", "--time", "1")}
     words = kind.get(
-        Path(name).suffix, ("--wheels", "can" if name.startswith(("a.blf", "a.asc", "a.trc", "a.mf4")) else "/odom")
+        Path(name).suffix, ("--wheels", "can" if name.startswith(("a.blf", "a.asc", "a.trc")) else "/odom")
     )
     assert run(tmp_path / name, *words, "--config", config, "--output", tmp_path / "out") == 2
     assert capsys.readouterr().err.startswith("drd import: ")

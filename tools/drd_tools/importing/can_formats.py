@@ -1,7 +1,6 @@
 """CAN log files, known by what they begin with: python-can reads them, but for candump's screen output."""
 
 import gzip
-import importlib.util
 import re
 import sqlite3
 from collections.abc import Iterable, Iterator
@@ -16,9 +15,8 @@ from drd.config.schema import ConfigError
 GZIP: Final = b"\x1f\x8b"
 BLF_HEADER_BYTES: Final = 144
 # `candump` is what candump -l writes, `screen` what it shows; the others are python-can's suffixes.
-BY_SUFFIX: Final = {".asc": "asc", ".blf": "blf", ".trc": "trc", ".mf4": "mf4", ".mdf": "mf4"}
+BY_SUFFIX: Final = {".asc": "asc", ".blf": "blf", ".trc": "trc"}
 BY_BEGINNING: Final = (
-    ("mf4", re.compile(rb"(MDF|UnFinMF) ")),
     ("blf", re.compile(rb"LOGG")),
     ("csv", re.compile(rb"timestamp,arbitration_id,extended,remote,error,dlc,data\b")),
     ("candump", re.compile(rb"\s*\(\d+\.\d+\) +\S+ +[0-9A-Fa-f]+#")),
@@ -38,9 +36,13 @@ _WALL_TIME: Final = re.compile(r"\d{9,}\.\d{6,9}")
 def format_of(path: Path) -> str | None:
     """The CAN log's format, a name of BY_BEGINNING or BY_SUFFIX, or db; None for anything else.
 
-    Raises ConfigError for an SQLite file of unknown tables, and for one that cannot be read.
+    Raises ConfigError for an MF4 file, an SQLite file of unknown tables, and one that cannot be read.
     """
     head = begins(path)
+    if head.startswith((b"MDF ", b"UnFinMF ")):
+        # python-can could, but once asammdf is installed it loads that with everything: 100 MB, also in the daemon.
+        expected = "another form of it: can_logconvert RUN.mf4 RUN.blf (pip install python-can asammdf, elsewhere)"
+        raise ConfigError(str(path), "", expected, "an MF4 file")
     if head.startswith(b"SQLite format 3\0"):
         return _sqlite_format(path)
     suffix = next((s.lower() for s in reversed(path.suffixes) if s.lower() != ".gz"), "")
@@ -73,9 +75,7 @@ def messages(path: Path, name: str) -> Iterator[Iterable[can.Message]]:
         with can.SqliteReader(path) as reader:
             yield reader
         return
-    if name == "mf4" and importlib.util.find_spec("asammdf") is None:
-        raise ConfigError(str(path), "", "asammdf for MF4 files (pip install 'drd[mf4]')", "it is not installed")
-    with opened(path, "rb" if name in ("blf", "mf4") else "rt") as file:
+    with opened(path, "rb" if name == "blf" else "rt") as file:
         # python-can leaves a file open that is no BLF.
         if name == "blf" and (len(head := file.read(BLF_HEADER_BYTES)) < BLF_HEADER_BYTES or head[:4] != b"LOGG"):
             raise ConfigError(str(path), "", "a BLF file", f"one that begins with {head[:8]!r}")
@@ -87,7 +87,7 @@ def messages(path: Path, name: str) -> Iterator[Iterable[can.Message]]:
             yield can.ASCReader(file, relative_timestamp=False)
         else:
             readers: dict[str, Any] = {"blf": can.BLFReader, "candump": can.CanutilsLogReader, "csv": can.CSVReader,
-                       "mf4": can.MF4Reader, "trc": can.TRCReader}  # fmt: skip
+                       "trc": can.TRCReader}  # fmt: skip
             yield readers[name](file)
 
 

@@ -1,4 +1,4 @@
-"""CAN logs (candump, ASC, BLF, TRC, MF4, CSV, SQLite), decoded by the daemon's own layouts."""
+"""CAN logs (candump, ASC, BLF, TRC, CSV, SQLite), decoded by the daemon's own layouts."""
 
 from collections import Counter
 from collections.abc import Iterator
