@@ -11,7 +11,8 @@ LOWEST := out/lowest
 # Short tests that load each dependency: the development's, with the daemon's, and the workshop's.
 LOWEST_DEV := tests/estimation/test_filter.py tests/fuzz/test_fuzz.py tests/tools/evaluate/test_evaluate_evo.py \
 	tests/tools/recordings/test_mcap_file.py tests/tools/trial/test_trial_others.py::test_other_methods_find_what_is_strong \
-	tests/output/test_zenoh_tls.py::test_watch_reads_with_a_certificate
+	tests/output/test_zenoh_tls.py::test_watch_reads_with_a_certificate tests/output/test_foxglove.py tests/tools/export \
+	tests/tools/web/test_web_server.py::test_a_browser_gets_the_past_the_pose_the_health_and_the_status
 LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests/output/test_zenoh_link.py tests/tools/report \
 	tests/test_recording_daemon.py::test_a_killed_daemons_recording_reads_to_the_last_flush \
 	tests/tools/replay/test_mcap_source.py::test_a_part_of_a_configuration_changes_the_recorded_one \
