@@ -7,10 +7,22 @@ ROS2 := .venv-ros2
 DEMO_SECONDS ?= 30
 SOAK_HOURS ?= 24
 HONESTY ?=
+LOWEST := out/lowest
+# Short tests that load each dependency: the development's, with the daemon's, and the workshop's.
+LOWEST_DEV := tests/estimation/test_filter.py tests/fuzz/test_fuzz.py tests/tools/evaluate/test_evaluate_evo.py \
+	tests/tools/recordings/test_mcap_file.py tests/tools/trial/test_trial_others.py::test_other_methods_find_what_is_strong \
+	tests/output/test_zenoh_tls.py::test_watch_reads_with_a_certificate tests/output/test_foxglove.py tests/tools/export \
+	tests/tools/web/test_web_server.py::test_a_browser_gets_the_past_the_pose_the_health_and_the_status
+LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests/output/test_zenoh_link.py tests/tools/report \
+	tests/test_recording_daemon.py::test_a_killed_daemons_recording_reads_to_the_last_flush \
+	tests/tools/replay/test_mcap_source.py::test_a_part_of_a_configuration_changes_the_recorded_one \
+	tests/tools/calibrate/test_allan.py::test_each_term_alone_has_the_slope_and_size_of_ieee_952 \
+	tests/tools/importing/test_import_command.py::test_a_bag_with_its_traps_found \
+	tests/tools/mujoco_world/test_mujoco_physics.py::test_the_same_arguments_give_the_same_bits
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test ros2-test vm-test lint bench soak honesty clean
+.PHONY: help setup demo test lowest ros2-test vm-test lint bench soak honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -58,6 +70,18 @@ $(ROS2)/installed: pyproject.toml
 
 ros2-test: $(ROS2)/installed ## the node of ROS 2 against rclpy and Fast DDS
 	$(ROS2)/bin/python -m pytest tests/tools/ros2
+
+# Twice, because the extras of development need a newer numpy than the others. Old packages meet new ones of others, so
+# that warnings are no errors here. The oldest numpy has wheels for Python 3.11 and 3.12 only.
+lowest: $(STAMP) ## short tests with the oldest version of every dependency that pyproject.toml admits
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
+	sed -n 's/^requires = \["\(.*\)>=\(.*\)"\]/\1==\2/p' pyproject.toml > $(LOWEST)/build.txt
+	$(BIN)/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --build-constraints $(LOWEST)/build.txt --editable '.[dev]'
+	$(LOWEST)/bin/ruff check --no-cache --quiet
+	$(LOWEST)/bin/mypy --cache-dir=$(LOWEST)/mypy --python-executable $(BIN)/python drd
+	$(LOWEST)/bin/python -m pytest -W default --deselect tests/fuzz/test_fuzz.py::test_the_fuzzer_finds_nothing_in_two_seconds_each $(LOWEST_DEV)
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --upgrade --editable '.[mujoco]'
+	$(LOWEST)/bin/python -m pytest -W default $(LOWEST_RUN)
 
 # Without root, or where a package cannot be had, the tests say so and are skipped. The first kernel that runs here is
 # taken: Debian's own, or a newer one, which is fetched then. DRD_VM_KERNEL=installed or DRD_VM_KERNEL=newer asks for one.

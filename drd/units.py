@@ -8,6 +8,7 @@ DEG_PER_RAD: Final = 180.0 / pi
 NS_PER_S: Final = 1_000_000_000
 S_PER_NS: Final = 1e-9
 NS_PER_MS: Final = 1_000_000
+NS_PER_US: Final = 1000
 S_PER_H: Final = 3600.0
 # 1 deg/sqrt(h), the data sheets' unit of angle random walk, in rad/sqrt(s).
 RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H: Final = RAD_PER_DEG / 60.0

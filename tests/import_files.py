@@ -133,6 +133,8 @@ def write_bag(path: Path, drive: Drive, *, zero_stamps: bool = False) -> Path:
 def write_frames(path: Path, wheels: WheelTravel) -> Path:
     """AgileX odometer frames (0x311, mm), in python-can's format for the file's name; and another one between."""
     with can.Logger(path) as log:
+        if isinstance(log, can.SqliteWriter):
+            log.MAX_BUFFER_SIZE_BEFORE_WRITES = 1_000_000  # what is left beyond one such buffer it forgets at the end
         for t_ns, left, right in zip(stamps_ns(wheels.time_s), wheels.left_m, wheels.right_m, strict=True):
             data = b"".join(round(side * 1e3).to_bytes(4, "big", signed=True) for side in (left, right))
             for can_id, content in ((0x311, data), (0x221, b"\1\2")):

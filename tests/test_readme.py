@@ -3,11 +3,13 @@
 import asyncio
 import contextlib
 import io
+import itertools
 import json
 import re
 import shlex
 import socket
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -95,18 +97,28 @@ def anchors(page: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
 
 
-async def first_line(program: str, endpoint: str) -> bytes:
-    """What `program` prints first while a link publishes poses at `endpoint`."""
+async def printed(program: str, endpoint: str, missed: int) -> list[bytes]:
+    """What `program` prints first while a link publishes poses at `endpoint`, and next after it has missed some."""
     link = ZenohLink(Output(listen=(endpoint,)), {}, asyncio.get_running_loop())
-    reader = await asyncio.create_subprocess_exec(sys.executable, "-c", program, stdout=asyncio.subprocess.PIPE)
+    pipe = asyncio.subprocess.PIPE
+    reader = await asyncio.create_subprocess_exec(sys.executable, "-c", program, stdin=pipe, stdout=pipe)
+    assert reader.stdout is not None
+    assert reader.stdin is not None
+    poses = (replace(POSE, sequence=number, x_m=float(number)) for number in itertools.count())
+    lines = []
     try:
-        assert reader.stdout is not None
-        line = asyncio.create_task(reader.stdout.readline())
         async with asyncio.timeout(20.0):
-            while not line.done():
-                link.publish_pose(POSE, 0)
-                await asyncio.sleep(0.05)
-        return line.result()
+            for _ in range(2):
+                line = asyncio.create_task(reader.stdout.readline())
+                while not line.done():
+                    link.publish_pose(next(poses), 0)
+                    await asyncio.sleep(0.05)
+                lines.append(line.result())
+                for _ in range(missed):
+                    link.publish_pose(next(poses), 0)
+                    await asyncio.sleep(0.005)
+                reader.stdin.write(b"\n")
+        return lines
     finally:
         with contextlib.suppress(ProcessLookupError):
             reader.kill()
@@ -115,14 +127,16 @@ async def first_line(program: str, endpoint: str) -> bytes:
 
 
 @pytest.mark.process
-def test_the_subscriber_prints_the_poses_of_a_running_link() -> None:
+def test_the_subscriber_prints_the_poses_of_a_running_link_and_the_newest_one_when_it_is_slow() -> None:
     (snippet,) = re.findall(r"```python\n(.*?)```", OUTPUT, re.DOTALL)
     assert DEFAULT_ENDPOINT in snippet
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{s.getsockname()[1]}"
-    line = asyncio.run(first_line(snippet.replace(DEFAULT_ENDPOINT, endpoint), endpoint))
-    assert line == b"3.0 4.0 0.5 0.2 valid\n"
+    slow = snippet.replace(DEFAULT_ENDPOINT, endpoint) + "        input()\n"
+    first, second = (line.decode().split() for line in asyncio.run(printed(slow, endpoint, missed=100)))
+    assert first[1:] == second[1:] == ["4.0", "0.5", "0.2", "valid"]
+    assert float(second[0]) > float(first[0]) + 1.0
 
 
 def test_the_keys_are_those_of_the_link() -> None:

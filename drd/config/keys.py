@@ -354,6 +354,9 @@ class Output:
     zenoh_config: Annotated[str, "path"] | None = None
     """Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then not looked at.
     zenoh-tls.json5 is one with certificates and access control"""
+    max_sessions: Annotated[int, Meta(ge=1, le=1000)] = 256
+    """Zenoh sessions that may be connected at a time; more are refused. Each takes 0.1 MB and, at 20 poses a second,
+    0.1 % of a core. Not looked at with zenoh_config"""
     commands: bool = False
     """Allow set_pose, reset and calibrate_bias over Zenoh, to whoever reaches an end point or, with zenoh_config, to
     whom its access_control allows it; each one is logged"""

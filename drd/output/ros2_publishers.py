@@ -33,9 +33,10 @@ class _Publisher:
 class Ros2Publishers:
     """Declares what `output` says. Raises zenoh.ZError, each method.
 
-    None waits for a slow reader, as the pose does not. Zenoh holds two express messages of one priority, and a third
-    in the burst of one pose would be dropped on a busy machine: the odometry has a priority of its own behind pose and
-    odometry of `drd`, and the others go in Zenoh's batches, as its usual data.
+    None waits for a slow reader, as the pose does not. Where `output.zenoh_config` leaves Zenoh's own queues, they hold
+    two express messages of one priority, and a third in the burst of one pose would be dropped on a busy machine: the
+    odometry has a priority of its own behind pose and odometry of `drd`, and the others go in Zenoh's batches, as its
+    usual data.
     """
 
     def __init__(self, session: Any, output: Output):

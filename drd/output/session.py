@@ -4,18 +4,22 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
 from drd.config.keys import Output
 from drd.config.schema import ConfigError
 from drd.output.ros2 import topic_name
+from drd.units import NS_PER_US
 
 # A message above this is dropped where it arrives, before it takes memory. Zenoh's own limit is 1 GiB.
 MAX_MESSAGE_BYTES = 65_536
-# Neighbours of the daemon at a time; each costs buffers. Zenoh's own limit is 1000.
-MAX_SESSIONS = 64
+# Messages that the queue to each neighbour holds at each priority that the publishers have. Zenoh's own 2 are soon full
+# where the machine is busy, so that Zenoh's sending thread waits for its turn: of three express messages of one pose
+# the third was lost. 16 is the most that Zenoh takes.
+QUEUES = ("real_time", "interactive_high", "data")
+QUEUED_MESSAGES = 16
 
 # What a neighbour may say to the daemon, and the daemon to it. The rest is not passed on either: Zenoh connects a
 # session's neighbours with each other, so that without this anybody could publish a pose under our name.
@@ -89,9 +93,26 @@ def session_config(output: Output) -> zenoh.Config:
     if output.zenoh_config is not None:
         return _from_file(output.zenoh_config)
     config = isolated_config("peer", output.listen, output.connect)
-    config.insert_json5("transport/unicast/max_sessions", json.dumps(MAX_SESSIONS))
+    config.insert_json5("transport/unicast/max_sessions", json.dumps(output.max_sessions))
+    for priority in QUEUES:
+        config.insert_json5(f"transport/link/tx/queue/size/{priority}", json.dumps(QUEUED_MESSAGES))
     config.insert_json5("access_control", json.dumps(_ACCESS))
     return config
+
+
+class Limits(NamedTuple):
+    """What Zenoh holds without a word: sessions at a time, and how long a put waits for room before it is dropped."""
+
+    sessions: int
+    wait_ns: int
+
+
+def limits(output: Output) -> Limits:
+    """The limits in force. Raises as `session_config` does."""
+    config = session_config(output)
+    sessions = json.loads(config.get_json("transport/unicast/max_sessions"))
+    wait_us = json.loads(config.get_json("transport/link/tx/queue/congestion_control/drop/wait_before_drop"))
+    return Limits(sessions, wait_us * NS_PER_US)
 
 
 def check_output(output: Output) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +16,7 @@ from drd.output.exposure import exposure
 from drd.output.messages import health_json, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.ros2_publishers import ODOMETRY, Ros2Publishers
-from drd.output.session import open_session, tidy
+from drd.output.session import limits, open_session, tidy
 from drd.samples import Pose, WheelTurns
 
 log = logging.getLogger(__name__)
@@ -29,17 +30,22 @@ class ZenohLink:
     config, set_pose, reset, calibrate_bias), each called in `loop` with the query's JSON object; it returns the
     answer or raises messages.Refused.
 
+    Zenoh does not say which messages it dropped. Counted is what can be seen (`full_queues`): the puts that took as
+    long as Zenoh waits for room in a neighbour's queue before it drops.
+
     The constructor opens the session (up to 0.5 s) and raises ConfigError. `close` must be called, not from a
     callback of Zenoh's. Publish from one thread only.
     """
 
     def __init__(self, output: Output, handlers: Mapping[str, Handler], loop: asyncio.AbstractEventLoop):
-        self.counters = dict.fromkeys(("poses", "health", "put_errors"), 0)
+        self.counters = dict.fromkeys(("poses", "health", "put_errors", "full_queues"), 0)
+        self._neighbours = 0
         self._encoder = OdometryEncoder(output.frame_id, output.child_frame_id)
         self._ros2: Ros2Publishers | None = None
         self._closing: threading.Thread | None = None
         self._closed_well = True
         self._session = open_session(output)
+        self._limits = limits(output)
         for text in exposure(output):
             log.warning("zenoh: %s", text)
         self._desk = QueryDesk(handlers, output.commands, loop, self.counters)
@@ -95,12 +101,29 @@ class ZenohLink:
             sent &= self._tried(self._ros2.publish_health, payload)
         self.counters["health"] += sent
 
+    def neighbours(self) -> int:
+        """How many sessions are connected now; 0 once it is closed.
+
+        Zenoh does not say whom it did not let in, so the log says when there are as many as are let in.
+        """
+        before = self._neighbours
+        try:
+            self._neighbours = len(self._session.info.transports())
+        except zenoh.ZError:  # the session is closed
+            self._neighbours = 0
+        if before < self._limits.sessions <= self._neighbours:
+            text = "zenoh: neighbours=%d, as many as are let in (output.max_sessions); more are refused"
+            log.warning(text, self._neighbours)
+        return self._neighbours
+
     def _tried(self, put: Callable[..., None], *arguments: Any) -> bool:
+        before_ns = time.monotonic_ns()
         try:
             put(*arguments)
         except zenoh.ZError:
             self.counters["put_errors"] += 1
             return False
+        self.counters["full_queues"] += time.monotonic_ns() - before_ns >= self._limits.wait_ns
         return True
 
     def close(self, deadline_s: float = 3.0) -> bool:

@@ -212,6 +212,7 @@ class Daemon:
             health["counters"] |= self._inputs.counters()
         assert self._link is not None
         health["counters"]["zenoh"] = dict(self._link.counters)
+        health["neighbours"] = self._link.neighbours()
         # Of its own: a full disk is no reason to trust the pose less.
         health["recording"] = self._recorder.health() if self._recorder is not None else None
         health["state"] = self._state.health()

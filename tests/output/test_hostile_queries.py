@@ -18,7 +18,6 @@ import zenoh
 from harness import Robot
 from links import POSE, a_link, ask, first_sample, free_endpoint, subscribe, wait_for
 
-from drd.output import session as session_module
 from drd.output.queries import QUERIES_AT_ONCE, QUERIES_PER_S
 from drd.output.session import isolated_config
 
@@ -152,10 +151,26 @@ def test_nobody_speaks_to_others_through_the_daemon() -> None:
         token.undeclare()
 
 
-def test_neighbours_beyond_the_limit_are_not_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session_module, "MAX_SESSIONS", 2)
+def test_neighbours_beyond_the_limit_are_not_let_in_and_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
     endpoint = free_endpoint()
-    with a_link(listen=(endpoint,)) as (_, other):
-        with zenoh.open(isolated_config("client", (), (endpoint,))), pytest.raises(zenoh.ZError):
-            zenoh.open(isolated_config("client", (), (endpoint,)))
+
+    def warnings() -> int:
+        return sum("output.max_sessions" in record.getMessage() for record in caplog.records)
+
+    with a_link(listen=(endpoint,), max_sessions=2) as (link, other):
+        assert (link.neighbours(), warnings()) == (1, 0)
+        with zenoh.open(isolated_config("client", (), (endpoint,))):
+            with pytest.raises(zenoh.ZError):
+                zenoh.open(isolated_config("client", (), (endpoint,)))
+            assert (link.neighbours(), warnings()) == (2, 1)
+            assert (link.neighbours(), warnings()) == (2, 1)
         assert ask(other, "drd/pose")[0][0]
+
+
+def test_a_hundred_neighbours_are_let_in() -> None:
+    with contextlib.ExitStack() as stack:
+        endpoint = free_endpoint()
+        link, _ = stack.enter_context(a_link(listen=(endpoint,)))
+        others = [stack.enter_context(zenoh.open(isolated_config("client", (), (endpoint,)))) for _ in range(99)]
+        first_sample(subscribe(others[-1], "drd/pose"), lambda: link.publish_pose(POSE, 5))
+        assert link.neighbours() == 100

@@ -1,5 +1,7 @@
 """What `drd import` refuses, each time in a sentence and without a folder left behind."""
 
+import contextlib
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,68 @@ def test_bad_requests_say_what_is_wrong(
     assert error.startswith("drd import: ")
     assert expected in error
     assert list(tmp_path.iterdir()) == []
+
+
+SHOWN = "can0  311   [8]  00 00 00 01 00 00 00 01\n"
+SQLITE = {
+    "other": ["CREATE TABLE people (name TEXT)"],
+    "bag": ["CREATE TABLE topics (id)", "CREATE TABLE messages (id, topic_id, timestamp, data)"],
+}
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (f"  {SHOWN}", "a.log:1: (top level): expected times since 1970, as candump -ta"),
+        (f" (000.050120)  {SHOWN}", "(000.050120), which is another clock"),
+        (f" (2023-11-14 22:13:20.123456)  {SHOWN}", "which is another clock"),
+        (f" (1700000000.1234567)  {SHOWN} (1700000000.2)  can0  311   [8]  00 00\n", "a.log:2"),
+        (f" (1700000000.123456)  {SHOWN} (1700000000.200000)  can0  311   [8]  00 00\n", "expected 8 bytes"),
+    ],
+)
+def test_what_candump_shows_is_refused_by_what_it_lacks(
+    content: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.log").write_text(content)
+    assert run(tmp_path / "a.log") == 2
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "tables", "expected"),
+    [
+        ("a.db", "bag", "a ROS 2 bag to end in .db3"),
+        ("a.db", "other", "the tables people"),
+        ("a.db3", "other", "the tables people"),
+    ],
+)
+def test_sqlite_files_are_called_by_what_they_hold(
+    name: str, tables: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with contextlib.closing(sqlite3.connect(tmp_path / name)) as base:
+        for statement in SQLITE[tables]:
+            base.execute(statement)
+        base.commit()
+    assert run(tmp_path / name) == 2
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("begin", [b"MDF     4.10    ", b"UnFinMF 4.11    "])
+def test_a_measurement_file_is_called_one_with_what_to_do(
+    begin: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.mf4").write_bytes(begin + bytes(range(200)))
+    assert run(tmp_path / "a.mf4") == 2
+    error = capsys.readouterr().err
+    assert "can_logconvert RUN.mf4 RUN.blf" in error
+    assert "got an MF4 file" in error
+
+
+@pytest.mark.parametrize("name", ["a.xlsx", "a.csv"])
+def test_an_unknown_binary_file_is_called_one(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / name).write_bytes(b"PK\3\4\xff\xfe")
+    assert run(tmp_path / name) == 2
+    assert r"got bytes that begin with b'PK\x03\x04" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a.blf", "a.asc", "a.csv", "a.log.gz", "a.trc", "a.bin"])

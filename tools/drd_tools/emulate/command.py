@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from drd.commands import number
 from drd.config.file import load_config
 from drd.config.schema import ConfigError
 from drd_tools.emulate.hardware import Emulator, Truth
@@ -46,6 +47,7 @@ def main(argv: list[str]) -> int:
             seed=arguments.seed,
             allow_real_bus=arguments.real_bus,
         )
+        emulator.heartbeat_s, emulator.nodes_autostart = arguments.heartbeat, not arguments.wait_for_start
         with _until_signal() as stopped, emulator:
             for name, place in emulator.places.items():
                 print(f"{name}: {place}", flush=True)
@@ -92,6 +94,18 @@ def _parser() -> argparse.ArgumentParser:
         "the robot stands",
     )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true path there at the end")
+    parser.add_argument(
+        "--heartbeat",
+        type=number(0.0),
+        default=0.0,
+        metavar="S",
+        help="CANopen encoders send a heartbeat this often, s; a master may set object 1017h too (default 0: none)",
+    )
+    parser.add_argument(
+        "--wait-for-start",
+        action="store_true",
+        help="CANopen encoders stay pre-operational until NMT start, as with encoders.cia406.start_nodes",
+    )
     parser.add_argument(
         "--real-bus",
         action="store_true",

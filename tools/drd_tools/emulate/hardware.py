@@ -13,6 +13,7 @@ import numpy as np
 from drd.config.keys import Config
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.emulate import encoder_frames, fog_packets
+from drd_tools.emulate.canopen_node import CanopenNode, NmtState
 from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
 from drd_tools.emulate.sensors import SensorErrors, Sensors
 from drd_tools.simulate.missions import Drive
@@ -79,6 +80,9 @@ class Emulator:
     count_offset_m: float = 0.0  # added to both counters: a preset write or a restart
     left_slip: float = 0.0  # share of extra counts; -1: the counter stands still
     right_slip: float = 0.0
+    # Of CANopen encoders, from power-on or an NMT reset on; `nodes` are the two, with their NMT states.
+    nodes_autostart: bool = True  # operational by themselves; otherwise they wait for NMT start
+    heartbeat_s: float = 0.0  # producer heartbeat time; 0: none
 
     def __init__(
         self,
@@ -106,6 +110,8 @@ class Emulator:
         self._random = np.random.default_rng([seed, 3])
         self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
         self._frames = encoder_frames.make_encoder(encoders, config.robot, base)
+        wheels = (encoders.left, encoders.right) if encoders.layout == "cia406" else ()
+        self.nodes = tuple(CanopenNode(w.node, autostart=True, heartbeat_s=0.0) for w in wheels)
         self._fog_port = None if self._fog is None else PtyLink(fog.port, "fog.port")
         self._bus = can_endpoint(encoders, allow_real_bus)
         fog_hz = fog.rate_hz * (1 + errors.clock_error_percent / 100)
@@ -212,6 +218,10 @@ class Emulator:
         frames = self._bus.received()
         self.counters["can_received"] += len(frames)
         self.received.extend(frames)
+        for node in self.nodes:
+            node.autostart, node.heartbeat_s = self.nodes_autostart, self.heartbeat_s
+            for frame in [answer for command in frames for answer in node.take(command)] + node.due(now_s):
+                self._count("can_frames", "can_dropped", self._bus.send(frame))
         while self._wheel_schedule.due_s <= now_s:
             self._send_wheels(self._wheel_schedule)
             self._wheel_schedule.number += 1
@@ -248,7 +258,10 @@ class Emulator:
         if self.wheels_silent or _is_nth(now.number, self.wheels_drop_every):
             return
         if len(frames) == 2:  # left first
-            frames = [f for f, silent in zip(frames, (self.left_silent, self.right_silent), strict=True) if not silent]
+            silent = [self.left_silent, self.right_silent]
+            for k, node in enumerate(self.nodes):
+                silent[k] |= node.state != NmtState.OPERATIONAL
+            frames = [frame for frame, is_silent in zip(frames, silent, strict=True) if not is_silent]
         for frame in reversed(frames) if self.swap_frames else frames:
             self._count("can_frames", "can_dropped", self._bus.send(frame))
 

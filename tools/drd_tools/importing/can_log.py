@@ -1,13 +1,10 @@
-"""CAN logs (candump, ASC, BLF, TRC, by python-can), decoded by the daemon's own layouts."""
+"""CAN logs (candump, ASC, BLF, TRC, CSV, SQLite), decoded by the daemon's own layouts."""
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
-import can
 import numpy as np
 from tqdm import tqdm
 
@@ -17,17 +14,19 @@ from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
 from drd.samples import CanFrame, WheelSample
 from drd.units import NS_PER_S
+from drd_tools.importing.can_formats import messages
 from drd_tools.importing.streams import Origin, Source, Wheels, in_order
 from drd_tools.report.terminal import columns
 
-SUFFIXES: Final = (".asc", ".blf", ".trc")
-
 
 class CanLog(Source):
-    """A log of frames; `config` says how they are laid out and on what robot. Raises ConfigError."""
+    """A log of frames; `config` says how they are laid out and on what robot. Raises ConfigError.
 
-    def __init__(self, path: Path, config: Path | None, channel: str | None):
-        self.path, self._file, self._channel = path, config, channel
+    `name`: the format, as can_formats.format_of has it.
+    """
+
+    def __init__(self, path: Path, name: str, config: Path | None, channel: str | None):
+        self.path, self._format, self._file, self._channel = path, name, config, channel
 
     def listing(self) -> list[str]:
         """Each identifier, how often it comes, and which of its bytes change."""
@@ -86,7 +85,7 @@ class CanLog(Source):
     def _frames(self) -> Iterator[tuple[str, CanFrame]]:
         """Data frames with the channel's name."""
         try:
-            with can.LogReader(self.path, **_absolute(self.path)) as reader:
+            with messages(self.path, self._format) as reader:
                 for message in tqdm(reader, "frames", unit=" frames", disable=None, leave=False, delay=1.0):
                     if message.is_error_frame or message.is_remote_frame or not message.is_rx:
                         continue
@@ -97,17 +96,11 @@ class CanLog(Source):
                     t_ns = whole * NS_PER_S + round((message.timestamp - whole) * NS_PER_S)
                     data = bytes(message.data)
                     yield channel, CanFrame(t_ns, message.arbitration_id, message.is_extended_id, data)
-        except (OSError, EOFError, ValueError, IndexError, struct.error, can.CanError, KeyError) as error:
-            expected = "a CAN log (candump -L or -l, ASC, BLF, TRC)"
-            raise ConfigError(str(self.path), "", expected, f"{type(error).__name__}: {error}") from error
-        except Exception as error:  # BLF's own error type is not public
+        except ConfigError:
+            raise
+        except Exception as error:  # the formats' parsers raise what they like
             got = f"{type(error).__name__}: {error}"
-            raise ConfigError(str(self.path), "", "a CAN log that can be read", got) from error
-
-
-def _absolute(path: Path) -> dict[str, bool]:
-    """ASC's times count from the file's start; with the start's date they go with other files."""
-    return {"relative_timestamp": False} if path.suffix.lower() == ".asc" else {}
+            raise ConfigError(str(self.path), "", f"a CAN log ({self._format}) that can be read", got) from error
 
 
 def _travel(samples: list[WheelSample], resolution_m: float, origin: Origin) -> Wheels:

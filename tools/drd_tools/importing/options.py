@@ -18,7 +18,8 @@ FILE alone lists what it holds. It may be
   .bag, .db3, .mcap, or a ROS 2 bag's folder   topics; --gyro TOPIC (Imu, Vector3Stamped), --wheels TOPIC (Odometry,
                 JointState, TwistStamped, ...), --reference TOPIC (Odometry, PoseStamped, TransformStamped, ...)
                 any other message by its fields: --gyro TOPIC:FIELD, --wheels TOPIC:FIELD,TOPIC:FIELD --wheels-unit U
-  .asc, .blf, .trc, candump's .log             --wheels can, decoded as `encoders` of --config CONFIG says
+  a CAN log, .asc, .blf, .trc, candump -l or -ta, python-can's .csv or .db
+                --wheels can, decoded as `encoders` of --config CONFIG says
   .bin, .raw, .dat                             --gyro fog: a gyro's bytes, as `fog` of --config CONFIG says
   any other text, CSV or columns               --gyro X,Y,Z or ONE, --wheels LEFT,RIGHT, --reference X,Y,HEADING:
                 columns by name or by number from 1, with --time COLUMN and the units

@@ -156,6 +156,9 @@ def _lines(path: Path) -> list[str]:
             packed = file.read(2) == b"\x1f\x8b"
         data = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
         return data.decode("utf-8-sig").splitlines()
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        expected = "a text file (UTF-8, also in gzip), or one of the kinds that `drd import --help` lists"
+        raise ConfigError(str(path), "", expected, f"bytes that begin with {data[:8]!r}") from error
+    except (OSError, EOFError, zlib.error) as error:
         got = str(getattr(error, "strerror", None) or error)
         raise ConfigError(str(path), "", "a readable text file (UTF-8, also in gzip)", got) from error
