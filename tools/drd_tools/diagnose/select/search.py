@@ -26,7 +26,8 @@ EXACT_SHARE: Final = 0.9  # where it is linear
 CLEARLY_BETTER: Final = 0.1  # nats, against running in circles
 # Where effects explain so much, or shift the time, sensitivities must be taken along a motion cleared of them.
 STRONG_NATS: Final = 2000.0
-RELINEARISATIONS: Final = 6  # at most: each leaves a third of the one before
+RELINEARISATIONS: Final = 3  # at most; it ends before where it converges
+PATHS: Final = 6  # at most: each leaves a third of the noise in the one before
 CONVERGED_NATS: Final = 1.0  # less does not change which name is best: CLASS_NATS is more
 ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
 LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
@@ -179,15 +180,17 @@ def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:
 
 
 def linearised(problem: Problem, fit: Fit, null: float) -> Found:
-    """Linearise around the selected effects and fit them again, until that changes nothing."""
-    before = math.inf
+    """Linearise around the selected effects, fit them again, and so on while that helps."""
+    best: Found | None = None
     for _ in range(RELINEARISATIONS):
         problem = problem.around(fit.selection)
         fit = refine(problem, fit.selection)
-        if abs(fit.cost - before) < CONVERGED_NATS:
+        score = -fit.cost - problem.penalty(fit.selection)
+        if best is not None and score < best.score + CONVERGED_NATS:
             break
-        before = fit.cost
-    return Found(problem, fit, -fit.cost - problem.penalty(fit.selection), null)
+        best = Found(problem, fit, score, null)
+    assert best is not None
+    return best
 
 
 def _converged(problem: Problem, known: Sequence[Selected]) -> Problem:
@@ -195,7 +198,13 @@ def _converged(problem: Problem, known: Sequence[Selected]) -> Problem:
 
     Beside that noise any later path would seem worse, and so would all that is linearised around.
     """
-    return linearised(problem, refine(problem, known), 0.0).problem
+    cost = math.inf
+    for _ in range(PATHS):
+        problem = problem.around(known)
+        before, cost = cost, refine(problem, known).cost
+        if abs(cost - before) < CONVERGED_NATS:
+            break
+    return problem
 
 
 class Search:
