@@ -60,14 +60,18 @@ class Driven:
 
 
 @contextmanager
-def driven(folder: Path, name: str, keys: str = "", start_with: Sequence[str] = ()) -> Iterator[Driven]:
+def driven(
+    folder: Path, name: str, keys: str = "", start_with: Sequence[str] = (), output: str = ""
+) -> Iterator[Driven]:
     """A running daemon that publishes `name`/pose with each packet of the gyro. Raises Refused.
 
-    `keys`: further lines of its configuration. `start_with`: a command that starts the one behind it.
+    `keys`: further lines of its configuration. `start_with`: a command that starts the one behind it. `output`: further
+    keys of that section.
     """
     folder.mkdir()
     endpoint = free_endpoint()
-    text = config_text(folder, endpoint, publish_on="gyro").replace("prefix: bench", f"prefix: {name}") + keys
+    section = ", ".join(filter(None, (f"prefix: {name}", output)))
+    text = config_text(folder, endpoint, publish_on="gyro").replace("prefix: bench", section) + keys
     file = folder / "drd.yaml"
     file.write_text(text, encoding="utf-8")
     with ExitStack() as stack:

@@ -4,27 +4,24 @@ import os
 from pathlib import Path
 
 import pytest
-from bench import latency, timing
+from bench import clients, latency, timing
 from bench.__main__ import BENCHMARKS, main
+from bench.audience import HEARD_PER_POSE, check_heard
 from bench.cpu import usage
 from bench.report import Refused, table
 
 from drd.estimation.filter import Filter, Outcome
 
-FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "flood": 9, "recording": 7, "replay": 3,
-           "load": 15, "realtime": 19}  # fmt: skip
-# Zero is what they are to be.
-MAY_BE_ZERO = {"allocation", "realtime"}
+FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "flood": 9, "clients": 17, "recording": 7,
+           "replay": 3, "load": 15, "realtime": 19}  # fmt: skip
+PROCESSES = {"cpu", "flood", "clients", "recording", "load", "realtime"}
+# Zero is what they are to be; of `clients`, the idle share of a busy machine.
+MAY_BE_ZERO = {"allocation", "realtime", "clients"}
 
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(
-            name, marks=[pytest.mark.process] if name in {"cpu", "flood", "recording", "load", "realtime"} else []
-        )
-        for name in BENCHMARKS
-    ],
+    [pytest.param(name, marks=[pytest.mark.process] if name in PROCESSES else []) for name in BENCHMARKS],
 )
 def test_each_benchmark_gives_all_its_figures(name: str) -> None:
     report = BENCHMARKS[name](True)
@@ -103,3 +100,20 @@ def test_usage_of_this_process_is_read_from_proc() -> None:
     used = usage(os.getpid())
     assert used.cpu_s > 0
     assert 1 << 20 < used.resident_bytes < 1 << 36
+
+
+def test_a_cost_is_compared_within_its_pair_and_the_spread_is_told() -> None:
+    costs = (1.0, 3.0), (10.0, 11.0), (100.0, 120.0)
+    pairs = [([a * i for i in range(1, 5)], [b * i for i in range(1, 5)]) for a, b in costs]
+    shown = [(figure.value, figure.ratio) for figure in clients.figures(pairs)]
+    for i in range(1, 5):
+        expected = [(10 * i, None), (11 * i, 1.2), (11 * i, 1.1), (3 * i, 3.0)]
+        assert shown[4 * i - 4 : 4 * i] == expected
+
+
+@pytest.mark.parametrize("deaf", HEARD_PER_POSE)
+def test_a_client_that_hears_too_little_is_told(deaf: str) -> None:
+    heard = {name: 100 * each for name, each in HEARD_PER_POSE.items()}
+    check_heard(heard, 100)
+    with pytest.raises(Refused, match=f"^{deaf} heard"):
+        check_heard(heard | {deaf: 85 * HEARD_PER_POSE[deaf]}, 100)

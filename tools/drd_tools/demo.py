@@ -23,7 +23,7 @@ from drd.config.keys import Config
 from drd.output.session import isolated_config
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.options import seed
-from drd_tools.report.path import path_picture
+from drd_tools.report.path import ErrorSeries, path_picture
 from drd_tools.shipped import shipped_config
 from drd_tools.simulate.missions import demo_drive
 
@@ -178,9 +178,7 @@ def _draw(file: Path, result: Result) -> None:
         result.truth[:, 1:3],
         result.estimate[:, 1:3],
         result.wheels[:, 1:3],
-        time_s=result.estimate[:, 0],
-        error_m=result.errors_m,
-        bound_m=result.estimate[:, 4],
+        errors=ErrorSeries(result.estimate[:, 0], result.errors_m, bound_m=result.estimate[:, 4]),
         title="drd demo: true and estimated path",
         caption=result.sentence(),
     )

@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,24 +30,30 @@ LEGEND: Final[Any] = {
 }
 
 
-def path_picture(  # noqa: PLR0913  # one keyword for each thing that is drawn
+@dataclass(frozen=True)
+class ErrorSeries:
+    """Position errors over time with the claimed 99 % bound; where `valid` is False is shaded. Each of shape (k,)."""
+
+    time_s: Array
+    error_m: Array
+    bound_m: Array | None = None
+    valid: npt.NDArray[np.bool_] | None = None
+
+
+def path_picture(
     file: Path,
     truth_xy: Array,
     estimate_xy: Array,
     odometry_xy: Array | None = None,
     *,
-    time_s: Array,
-    error_m: Array,
-    bound_m: Array | None = None,
-    valid: npt.NDArray[np.bool_] | None = None,
+    errors: ErrorSeries,
     title: str = "",
     caption: str = "",
 ) -> None:
     """Write a PNG: paths seen from above on the left, the position error over time on the right.
 
-    `truth_xy`, `estimate_xy`, `odometry_xy` (the wheels alone): shape (n, 2) each, n >= 1, m. `time_s`, `error_m`,
-    `bound_m` (the claimed 99 % bound), `valid` (False is shaded): shape (k,). Raises OSError where `file` cannot be
-    written, ValueError where shapes do not fit.
+    `truth_xy`, `estimate_xy`, `odometry_xy` (the wheels alone): shape (n, 2) each, n >= 1, m. Raises OSError where
+    `file` cannot be written, ValueError where shapes do not fit.
     """
     with styled():
         layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08, wspace=0.05, rect=(0, 0, 1, HEADER))
@@ -59,7 +66,7 @@ def path_picture(  # noqa: PLR0913  # one keyword for each thing that is drawn
         error: Any
         path, error = figure.subplots(1, 2, width_ratios=(width, 1.25))
         _draw_paths(path, truth_xy, estimate_xy, odometry_xy)
-        _draw_error(error, time_s, error_m, bound_m, valid)
+        _draw_errors(error, errors)
         keys = [key for axes in (path, error) for key in axes.get_legend_handles_labels()[0]]
         figure.text(LEFT, 0.98, title, va="top", fontsize=15, fontweight="bold")
         figure.legend(handles=keys, ncols=len(keys), bbox_to_anchor=(LEFT, HEADER + 0.015), **LEGEND)
@@ -86,9 +93,8 @@ def _mark_end(axes: Any, xy: Array, color: str, label: str | None = None) -> Non
     axes.plot(*xy[-1], "o", zorder=6, label=label, **style)
 
 
-def _draw_error(
-    axes: Any, time_s: Array, error_m: Array, bound_m: Array | None, valid: npt.NDArray[np.bool_] | None
-) -> None:
+def _draw_errors(axes: Any, errors: ErrorSeries) -> None:
+    time_s, error_m, bound_m, valid = errors.time_s, errors.error_m, errors.bound_m, errors.valid
     largest_m = float(np.max(error_m if bound_m is None else np.maximum(error_m, bound_m), initial=0.0))
     scale, unit = (100.0, "cm") if largest_m < 1.0 else (1.0, "m")
     if bound_m is not None:
