@@ -13,7 +13,7 @@ from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Amount, Array, Figures
 from drd_tools.diagnose.select.library import is_plausible, release
-from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, full_search, is_rough, linearised
+from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
@@ -59,6 +59,7 @@ def analyse(recording: Recording) -> Analysis:
         # only the reference tells, is larger than that.
         inflation = Inflation(inflated(near, fit.left).wheels) if start else problem.inflation
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+    problem = problem if start else converged(problem, known)
     found = coarse_search(problem, known, start)
     for i in range(ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.
@@ -69,6 +70,7 @@ def analyse(recording: Recording) -> Analysis:
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+        problem = problem if start else converged(problem, known)
         found = coarse_search(problem, known, start, found)
     found = full_search(found, [*known, *start])
     null = refine(problem, known)

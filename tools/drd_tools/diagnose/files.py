@@ -38,7 +38,8 @@ def _finite(value: Any) -> Any:
             value = {**value, "parameters": {**value["choices"], **value["parameters"]}}
             if "status" not in value and not value["seen"]:
                 del value["seen"]
-        return {k: _finite(v) for k, v in value.items() if k not in ("choices", "why")}
+        absent = ("choices", "why") if value.get("probabilities") else ("choices", "why", "probabilities")
+        return {k: _finite(v) for k, v in value.items() if k not in absent}
     if isinstance(value, (list, tuple)):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

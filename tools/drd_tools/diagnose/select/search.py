@@ -66,8 +66,6 @@ def coarse_search(
 
     `start`: effects from which it sets out, and which stay. `last`: a search with other noise, to go on from.
     """
-    if not start:
-        problem = _converged(problem, known)
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
     found = Found(problem, fit, null, null)
@@ -193,7 +191,7 @@ def linearised(problem: Problem, fit: Fit, null: float) -> Found:
     return best
 
 
-def _converged(problem: Problem, known: Sequence[Selected]) -> Problem:
+def converged(problem: Problem, known: Sequence[Selected]) -> Problem:
     """The problem around the path that it leads to: the first goes through all fixes, and has their noise in it.
 
     Beside that noise any later path would seem worse, and so would all that is linearised around.
