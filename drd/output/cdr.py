@@ -139,7 +139,7 @@ class OdometryEncoder:
         """One message."""
         v = self._laid.values
         v[0], v[1] = pose.x_m, pose.y_m
-        v[5], v[6] = _quaternion_zw(pose.heading_rad)
+        v[5], v[6] = quaternion_zw(pose.heading_rad)
         xx, xy, xh, yy, yh, hh = pose.covariance
         # Row-major 6x6 of x, y, z, roll, pitch, yaw; x, y and yaw are rows and columns 0, 1 and 5.
         c = _POSE_COVARIANCE
@@ -162,7 +162,7 @@ class TransformEncoder:
         """One message."""
         v = self._laid.values
         v[0], v[1] = pose.x_m, pose.y_m
-        v[5], v[6] = _quaternion_zw(pose.heading_rad)
+        v[5], v[6] = quaternion_zw(pose.heading_rad)
         return self._laid.encode(wall_ns)
 
 
@@ -184,7 +184,7 @@ class ImuEncoder:
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
         """One message."""
         v = self._laid.values
-        v[2], v[3] = _quaternion_zw(pose.heading_rad)
+        v[2], v[3] = quaternion_zw(pose.heading_rad)
         v[_IMU_YAW_VARIANCE] = pose.covariance[5]
         v[_IMU_RATE_Z], v[_IMU_RATE_Z_VARIANCE] = pose.rate_rad_s, pose.rate_sigma_rad_s**2
         return self._laid.encode(wall_ns)
@@ -254,7 +254,7 @@ def _stamp(wall_ns: int) -> bytes:
     return _STAMP.pack(max(-(2**31), min(seconds, 2**31 - 1)), nanoseconds)
 
 
-def _quaternion_zw(heading_rad: float) -> tuple[float, float]:
+def quaternion_zw(heading_rad: float) -> tuple[float, float]:
     """z and w of the turn about the vertical; NaN for a heading that is not finite."""
     # Wrapped first: half of a large angle loses digits. NaN passes through fmod; infinity would not.
     half = 0.5 * math.fmod(heading_rad, 4.0 * math.pi) if math.isfinite(heading_rad) else math.nan

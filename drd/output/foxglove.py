@@ -8,6 +8,7 @@ import math
 import struct
 from typing import Final
 
+from drd.output.cdr import quaternion_zw
 from drd.output.protobuf import double, doubles, field, schema_file, varint, whole
 from drd.samples import Pose, Validity
 from drd.units import NS_PER_S
@@ -160,11 +161,8 @@ class Scene:
 
 def _place(pose: Pose, position: bytes, orientation: bytes) -> bytes:
     """Position and orientation, each behind the tag of its field."""
-    # Wrapped first: half of a large angle loses digits.
-    half = 0.5 * math.fmod(pose.heading_rad, 4.0 * math.pi) if math.isfinite(pose.heading_rad) else math.nan
-    return _PLACE.pack(
-        position + b"\x12", _X, pose.x_m, _Y, pose.y_m, orientation + b"\x12", _Z, math.sin(half), _W, math.cos(half)
-    )  # fmt: skip
+    z, w = quaternion_zw(pose.heading_rad)
+    return _PLACE.pack(position + b"\x12", _X, pose.x_m, _Y, pose.y_m, orientation + b"\x12", _Z, z, _W, w)
 
 
 def _stamp(wall_ns: int) -> bytes:
