@@ -15,7 +15,7 @@ from drd_tools.diagnose.regression.refine import FREE, nuisance_design
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
-FEWEST_TURNS: Final = 10.0  # of a wheel: fewer resolve no order
+FEWEST_TURNS: Final = 3.0  # of a wheel, one way: fewer tell no order from its own turn
 LEAST_ORDER: Final = 0.2  # slower is a smooth curve of time or place
 MOST_ORDER: Final = 60.0  # a motor's shaft behind two stages of a gearbox
 MOST_PERIODS: Final = 0.8  # in a usual step: of more, its mean keeps less than a quarter
