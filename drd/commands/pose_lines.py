@@ -52,7 +52,7 @@ def print_poses(session: Any, prefix: str, seconds: float, most: float = math.in
 
 
 def pose_line(payload: bytes) -> str | None:
-    """What came over the network, as one line of strict JSON in ASCII."""
+    """A published pose as one line of strict JSON in ASCII; None: it is no JSON object."""
     try:
         pose = json.loads(payload)
         return encode(pose).decode("ascii") if isinstance(pose, dict) else None

@@ -15,7 +15,7 @@ QUESTIONS = ("pose", "health", "config")
 
 
 class Reply(NamedTuple):
-    """What goes back; `failed`: as Zenoh's error, which no service of ROS 2 has a word for."""
+    """An answer; `failed`: sent as Zenoh's error, for which no service of ROS 2 has a field."""
 
     payload: bytes
     encoding: zenoh.Encoding
@@ -34,7 +34,7 @@ class Form(Protocol):
         """The handler's request. Raises Refused."""
 
     def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
-        """What the handler has said; `attachment` is the query's."""
+        """The answer with the handler's values; `attachment` is the query's."""
 
     def refusal(self, attachment: bytes, text: str) -> Reply:
         """Why it is not carried out."""
@@ -69,6 +69,10 @@ class _Service:
     def __init__(self, name: str, key: str):
         self.name, self.key = name, key
 
+    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+
     @staticmethod
     def _check(attachment: bytes) -> None:
         if len(attachment) != ros2.ATTACHMENT_BYTES:
@@ -96,7 +100,7 @@ class TriggerService(_Service):
     def refusal(self, attachment: bytes, text: str) -> Reply:
         """See Form."""
         if len(attachment) != ros2.ATTACHMENT_BYTES:
-            return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
+            return super().refusal(attachment, text)
         return self._good(attachment, encode_trigger(False, text))
 
 
@@ -118,10 +122,6 @@ class SetPoseService(_Service):
     def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
         """See Form."""
         return self._good(attachment, encode_empty())
-
-    def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
-        """See Form."""
-        return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
 
 
 def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:

@@ -155,7 +155,7 @@ class QueryDesk:
 
 
 def _bytes(data: Any, what: str) -> bytes:
-    """Of a query; looked at before the bytes are copied. Raises Refused."""
+    """Copy a query's bytes; their size is checked first. Raises Refused."""
     if data is None:
         return b""
     if len(data) > MAX_REQUEST_BYTES:

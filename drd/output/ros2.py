@@ -99,7 +99,7 @@ def attachment(sequence: int, wall_ns: int, gid: bytes) -> bytes:
 
 
 def reply_attachment(request: bytes, wall_ns: int) -> bytes:
-    """What a service's reply carries: the request's own attachment, by which its client knows it, at another time."""
+    """The attachment of a service's reply: the request's own, by which its client knows it, with another time."""
     return request[:8] + struct.pack("<q", wall_ns) + request[16:]
 
 

@@ -101,7 +101,7 @@ def session_config(output: Output) -> zenoh.Config:
 
 
 class Limits(NamedTuple):
-    """What Zenoh holds without a word: sessions at a time, and how long a put waits for room before it is dropped."""
+    """Zenoh's silent limits: sessions at a time, and how long a put waits for room before it is dropped."""
 
     sessions: int
     wait_ns: int

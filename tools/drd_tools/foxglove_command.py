@@ -26,6 +26,7 @@ from drd.output.session import tidy
 from drd.recording.topics import CHANNELS, POSE, ForViewers
 from drd.samples import Pose, Validity
 from drd.units import NS_PER_S
+from drd_tools import options
 from drd_tools.shipped import shipped_config
 
 LAYOUT: Final = "foxglove-layout.json"
@@ -58,7 +59,7 @@ Exit code: 0 ended by Ctrl-C or SIGTERM, 1 drd cannot be reached or the address 
 
 
 class Published(msgspec.Struct):
-    """What is drawn of the JSON under `prefix/pose`; null stands for what is not finite."""
+    """The drawn part of the JSON under `prefix/pose`; null stands for what is not finite."""
 
     monotonic_ns: int
     wall_ns: int
@@ -70,7 +71,7 @@ class Published(msgspec.Struct):
     validity: Validity
 
     def pose(self) -> Pose:
-        """As a pose; what is not drawn is NaN."""
+        """The pose; what is not drawn is NaN."""
         x_m, y_m, heading_rad, speed_m_s, bound_m = (
             math.nan if value is None else value
             for value in (self.x_m, self.y_m, self.heading_rad, self.speed_m_s, self.position_bound_99_m)
@@ -185,7 +186,7 @@ def serving(session: zenoh.Session, prefix: str, host: str, port: int) -> Iterat
     """Viewers are served inside. Raises OSError or RuntimeError where the address cannot be listened on."""
     context = foxglove.Context()
     channels = Channels(context, *frames(session, prefix))
-    server = foxglove.start_server(name=f"drd: {prefix}", host=host, port=port, context=context)
+    server = foxglove.start_server(name=f"drd: {prefix}", host=host.strip("[]"), port=port, context=context)
     try:
         with (
             session.declare_subscriber(f"{prefix}/pose", lambda s: channels.take_pose(s.payload.to_bytes())),
@@ -218,14 +219,5 @@ def _signals(stop: threading.Event) -> Iterator[None]:
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = command("drd foxglove", DESCRIPTION, EPILOG, [daemon_arguments()])
-    text = "address to serve at; port 0: any that is free (default: 127.0.0.1:8765)"
-    parser.add_argument("--listen", type=_address, default=("127.0.0.1", 8765), metavar="HOST:PORT", help=text)
-    return parser.parse_args(argv)
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 0xFFFF:
-        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got {text!r}")
-    return host.strip("[]"), int(port)
+    parents = [daemon_arguments(), options.listen(8765)]
+    return command("drd foxglove", DESCRIPTION, EPILOG, parents).parse_args(argv)

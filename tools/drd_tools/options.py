@@ -37,6 +37,21 @@ def replayed() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(add_help=False, parents=[parser, model()])
 
 
+def listen(port: int) -> argparse.ArgumentParser:
+    """--listen HOST:PORT of a server, as host (an IPv6 address in brackets) and port; `port`: the default's."""
+    parser, add = _parent()
+    text = f"where to serve; port 0: any free one (default: 127.0.0.1:{port})"
+    add("--listen", type=_address, default=("127.0.0.1", port), metavar="HOST:PORT", help=text)
+    return parser
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 0xFFFF or (":" in host and not host.startswith("[")):
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, as in 127.0.0.1:8080 or [::1]:8080, got {text!r}")
+    return host, int(port)
+
+
 def reference_sigma() -> argparse.ArgumentParser:
     """--reference-sigma, two numbers."""
     parser, add = _parent()

@@ -1,11 +1,11 @@
 """Poses as tables: CSV as `drd evaluate` reads it, TUM trajectories, Parquet."""
 
-import math
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from drd.output.cdr import quaternion_zw
 from drd.units import DEG_PER_RAD, NS_PER_S, S_PER_NS
 from drd_tools.evaluate.trajectory import BOUND, COVARIANCE
 from drd_tools.export.poses import Exported
@@ -38,9 +38,8 @@ def write_tum(file: Path, exported: Exported) -> None:
     with file.open("w", encoding="ascii") as out:
         for at_ns, p in exported.poses:
             seconds, nanoseconds = divmod(at_ns, NS_PER_S)
-            half = 0.5 * math.fmod(p.heading_rad, 4.0 * math.pi)
-            turn = f"0 0 {math.sin(half):.12f} {math.cos(half):.12f}"
-            out.write(f"{seconds}.{nanoseconds:09} {p.x_m:.9f} {p.y_m:.9f} 0 {turn}\n")
+            z, w = quaternion_zw(p.heading_rad)
+            out.write(f"{seconds}.{nanoseconds:09} {p.x_m:.9f} {p.y_m:.9f} 0 0 0 {z:.12f} {w:.12f}\n")
 
 
 def write_parquet(file: Path, exported: Exported) -> None:

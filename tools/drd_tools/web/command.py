@@ -15,6 +15,7 @@ from drd.commands import command
 from drd.commands.watch import daemon_arguments, zenoh_config
 from drd.config.schema import ConfigError
 from drd.output.session import tidy
+from drd_tools import options
 from drd_tools.web.daemon import DaemonLink
 from drd_tools.web.guard import Guard, make_token
 from drd_tools.web.server import Server, serving
@@ -74,19 +75,10 @@ async def _serve(link: DaemonLink, host: str, port: int, token: str | None, name
 
 
 def _arguments(argv: list[str]) -> argparse.Namespace:
-    parser = command("drd web", DESCRIPTION, EPILOG, [daemon_arguments()])
+    parser = command("drd web", DESCRIPTION, EPILOG, [daemon_arguments(), options.listen(8080)])
     add = parser.add_argument
-    text = "where to serve; port 0: any free one (default: 127.0.0.1:8080)"
-    add("--listen", type=_address, default=("127.0.0.1", 8080), metavar="HOST:PORT", help=text)
     text = "file with the token, asked for on this machine too (default: a new one, where others reach --listen)"
     add("--token-file", type=Path, metavar="FILE", help=text)
     text = "another name by which browsers reach it, beside addresses and this machine's name; may be repeated"
     add("--name", action="append", default=[], metavar="HOST", help=text)
     return parser.parse_args(argv)
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535 or (":" in host and not host.startswith("[")):
-        raise argparse.ArgumentTypeError(f"expected HOST:PORT, as in 127.0.0.1:8080 or [::1]:8080, got {text!r}")
-    return host, int(port)

@@ -15,7 +15,6 @@ from drd.output.session import tidy
 
 log = logging.getLogger(__name__)
 
-COMMANDS: Final = ("set_pose", "reset", "calibrate_bias")
 # Messages between two looks at the boxes, 0.1 s apart; beyond, the newest win.
 _BOX: Final = 512
 _RETRY_S: Final = 1.0

@@ -10,8 +10,9 @@ from typing import Any, Final
 import msgspec
 from aiohttp import web
 
+from drd.output.forms import COMMANDS
 from drd.output.messages import MAX_REQUEST_BYTES, encode
-from drd_tools.web.daemon import COMMANDS, DaemonLink
+from drd_tools.web.daemon import DaemonLink
 from drd_tools.web.guard import Guard
 from drd_tools.web.history import COLUMNS
 from drd_tools.web.hub import Hub

@@ -136,8 +136,10 @@ def _would_show(result: Result, finding: Finding) -> bool:
     if any({f.effect, *f.also_fits} & {finding.effect, *finding.also_fits} for f in result.findings):
         return False
     least = result.detectable.get(finding.effect)
-    sizes = [abs(a.value) for a in finding.parameters.values() if least is not None and a.unit == least.unit]
-    return bool(sizes) and least is not None and least.smallest is not None and least.smallest < 0.5 * max(sizes)
+    if least is None or least.smallest is None:
+        return False
+    size = max((abs(a.value) for a in finding.parameters.values() if a.unit == least.unit), default=0.0)
+    return least.smallest < 0.5 * size
 
 
 def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:

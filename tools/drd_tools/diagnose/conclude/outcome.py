@@ -113,7 +113,7 @@ def finding_of(cause: Cause, problem: Problem) -> Finding:
 
 
 def _periodic(ripple: Ripple | None) -> tuple[dict[str, Amount], dict[str, str]]:
-    """What is known of a cause without a name: side, order and amplitude of one that repeats with a wheel's angle."""
+    """Side, order and amplitude of a cause that repeats with a wheel's angle; nothing of another without a name."""
     if ripple is None:
         return {}, {}
     amounts = {

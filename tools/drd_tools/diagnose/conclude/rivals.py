@@ -1,4 +1,4 @@
-"""What else a selected effect could be: other names in its place, no name, or nothing."""
+"""Alternatives to a selected effect: other names in its place, no name, or nothing."""
 
 import math
 from collections.abc import Iterable, Mapping

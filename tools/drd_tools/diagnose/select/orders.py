@@ -79,8 +79,9 @@ def ripples(problem: Problem, selection: Sequence[Selected], least_nats: float, 
             break
         tried, peak = sum(p.tried for p in peaks), max(peaks)
         S = _waves(problem, peak.side, peak.order)
-        ripple = _measured(problem, held, left, S, peak, tried)
-        if ripple is None or ripple.gain < least_nats or ripple.p > most_p:
+        p = min(1.0, tried * math.exp(-peak.above))
+        ripple = _measured(problem, held, left, S, peak, p, math.log(tried), least_nats) if p <= most_p else None
+        if ripple is None:
             break
         angle = _angle(problem, peak.side)
         if abs(peak.order - OWN_ORDER) * np.ptp(angle) > 2.0 * math.pi:
@@ -137,7 +138,7 @@ def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
     orders = np.arange(count // 2 + 1) * (2.0 * math.pi / (count * size))
     seen = (orders >= LEAST_ORDER) & (orders <= most)
     orders, power = orders[seen], np.abs(np.fft.rfft(grid)[seen]) ** 2
-    # What a unit of each order moves the steps by: little where steps hold whole periods.
+    # The size of the steps' moves by a unit of each order: little where steps hold whole periods.
     number, edges = np.histogram(step, MOST_SPREAD)
     norm = (2.0 - 2.0 * np.cos(np.outer(orders, 0.5 * (edges[1:] + edges[:-1])))) @ number
     power = np.divide(power, norm, out=np.zeros_like(power), where=norm > 0.0)
@@ -145,8 +146,13 @@ def _spectrum(angle: Array, weight: Array) -> tuple[Array, Array]:
     return orders, np.divide(power, background, out=np.zeros_like(power), where=background > 0.0)
 
 
-def _measured(problem: Problem, held: Marginal, left: Array, S: Array, peak: _Peak, tried: float) -> Ripple | None:
-    """Amplitude, phase and gain of a peak with whitened sensitivities S (r, 2)."""
+def _measured(
+    problem: Problem, held: Marginal, left: Array, S: Array, peak: _Peak, p: float, cost: float, least_nats: float
+) -> Ripple | None:
+    """Amplitude, phase and gain of a peak with whitened sensitivities S (r, 2); None where it gains too little.
+
+    `cost`: nats, of the choice among all orders.
+    """
     G, b = held.beside(S.T @ S, held.columns.T @ S), S.T @ left
     if not np.linalg.det(G) > 0.0:
         return None
@@ -154,16 +160,17 @@ def _measured(problem: Problem, held: Marginal, left: Array, S: Array, peak: _Pe
     x = covariance @ b
     amplitude = float(np.hypot(*x))
     sigma = float(np.sqrt(x @ covariance @ x)) / amplitude
-    gain = 0.5 * float(b @ x) - math.log(tried) - 2.0 * problem.per_parameter
+    gain = 0.5 * float(b @ x) - cost - 2.0 * problem.per_parameter
+    if gain < least_nats:
+        return None
     # A line's frequency is known to sqrt(12) / span of its phase's sigma (Rife and Boorstyn 1974).
     sigma_order = math.sqrt(12.0) * sigma / amplitude / float(np.ptp(_angle(problem, peak.side)))
-    p = min(1.0, tried * math.exp(-peak.above))
     phase, folded = math.atan2(-x[1], x[0]), _folded(problem, held, left, peak)
     return Ripple(peak.side, peak.order, sigma_order, amplitude, sigma, phase, gain, p, folded)
 
 
 def _folded(problem: Problem, held: Marginal, left: Array, peak: _Peak) -> Folded:
-    """What the data say of each phase of a period, by hats over it."""
+    """The error at each phase of a period, by a regression on hats over it."""
     angle, knots = _angle(problem, peak.side), np.linspace(0.0, 2.0 * math.pi, KNOTS + 1)
     within = (np.arange(SUB) + 0.5) / SUB
     at = np.mod(peak.order * (angle[:-1, None] + np.diff(angle)[:, None] * within), 2.0 * math.pi)
