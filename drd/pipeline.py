@@ -96,6 +96,7 @@ class Pipeline:
         self.reasons = self.estimator.reasons
         self.basis = basis_of(config, self.calibration, self.model, self.estimator.estimates_gyro_scale)
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
+        self._has_ticked = False
 
     def _make_compensation(self, recording: str | None) -> Compensation | None:
         """What takes off the model's effects that hold in this run."""
@@ -150,6 +151,7 @@ class Pipeline:
             return
         if self._recorder is not None:
             self._recorder.fog_bytes(data, arrival_ns)
+        self._notice_stall(arrival_ns)
         for sample in self.fog.feed(data, arrival_ns):
             if self._recorder is not None:
                 self._recorder.gyro(sample)
@@ -159,6 +161,8 @@ class Pipeline:
         """Frames from the bus."""
         if self._recorder is not None:
             self._recorder.frames(frames)
+        if frames:
+            self._notice_stall(frames[-1].t_ns)
         for frame in frames:
             for sample in self.encoders.feed(frame):
                 if self._recorder is not None:
@@ -168,6 +172,8 @@ class Pipeline:
     def tick(self, now_ns: int) -> None:
         """Time passes, whether or not anything arrives."""
         self._record("tick", now_ns)
+        self._notice_stall(now_ns)
+        self._has_ticked = True
         last = self.encoders.last_ns
         for side, other_side, source, text in SILENT_SIDES:
             mine, other = last[side], last[other_side]
@@ -179,6 +185,12 @@ class Pipeline:
             )
             self.reasons.update(source, text if dead else None, now_ns)
         self._emit(self.estimator.tick(now_ns), now_ns)
+
+    def _notice_stall(self, now_ns: int) -> None:
+        """Before what arrives at a time is used: the rest of what waited for the host may come later."""
+        if self.fog is not None and self._has_ticked and self.estimator.is_stall(now_ns):
+            self.fog.stalled()
+            self.estimator.stalled()
 
     def port_state(self, source: str, text: str | None, now_ns: int) -> None:
         """A port's trouble (None: it is open) becomes a reason; a new opening starts the parser afresh."""

@@ -82,6 +82,7 @@ class Estimator:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
         self._tick_ns = self._pose_ns = self._gyro_pose_ns = 0
+        self._is_stalled = False
         self._pose_period_ns = 0.9 / config.encoders.rate_hz * NS_PER_S
         self._silent_after_ns = config.encoders.silent_after_s * NS_PER_S
         self._wheel_interval_s, self._gyro_interval_s = 1.0 / config.encoders.rate_hz, 1.0 / config.fog.rate_hz
@@ -149,8 +150,8 @@ class Estimator:
         late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
         """
         self._silence.begin(now_ns)
-        stalled, self._tick_ns = now_ns - self._tick_ns > STALL_NS, now_ns
-        if stalled:
+        self._is_stalled, self._tick_ns = self.is_stall(now_ns), now_ns
+        if self._is_stalled:
             return None
         now_ns -= self._corrections.late_ns
         self._watch(now_ns)
@@ -161,6 +162,14 @@ class Estimator:
         if silence.wheels_ns > heard_ns or (silence.gyro_ns > heard_ns and track.t_ns):
             return None
         return self._pose(now_ns)
+
+    def is_stall(self, now_ns: int) -> bool:
+        """Whether the host stood still since the last tick."""
+        return now_ns - self._tick_ns > STALL_NS
+
+    def stalled(self) -> None:
+        """The host stood still: until ticks come in time again, nothing that waits in its buffers is given up."""
+        self._is_stalled = True
 
     def _heading_rad(self, t_ns: int) -> float:
         track = self._track
@@ -232,7 +241,8 @@ class Estimator:
             wait_ns = self._reorder_ns + self._corrections.further_wait_ns + max(-lag_ns, 0)  # a late gyro
             # Where the lag has grown, the gyro's next sample tells of the time that is seen twice.
             unused = self._gyro.end_ns > self._track.gyro_ns
-            end_ns = max(min(end_ns, self._gyro.end_ns + lag_ns if unused else self._track.t_ns), end_ns - wait_ns)
+            both_ns = min(end_ns, self._gyro.end_ns + lag_ns if unused else self._track.t_ns)
+            end_ns = both_ns if self._is_stalled else max(both_ns, end_ns - wait_ns)
         return max(end_ns, now_ns - self._wheel_wait_ns)
 
     def _run_until(self, end_ns: int) -> bool:
@@ -371,6 +381,7 @@ class Estimator:
         self._wheels, self._gyro = other._wheels, other._gyro
         self.counters.update(other.counters)
         self._tick_ns, self._pose_ns, self._gyro_pose_ns = other._tick_ns, other._pose_ns, other._gyro_pose_ns
+        self._is_stalled = other._is_stalled
         silence, before = self._silence, other._silence
         silence.begin(1 if before.gyro(other._tick_ns) else other._tick_ns)
         silence.wheels_ns, silence.gyro_ns, silence.was_lost = before.wheels_ns, before.gyro_ns, before.was_lost

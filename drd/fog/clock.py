@@ -13,7 +13,9 @@ of one arrival have the same sign and nearly the same ratio, so where the phase 
 
 Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival later than delays explain means loss;
 a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
-it is taken back, and only losses that lasted are counted. Limits, for sensors without counter whose beat is within
+it is taken back, and only losses that lasted are counted. After a stall of the host nothing is inferred until an
+arrival fits the beat again: what waited may come in parts, and a part that is given the time of its arrival leaves
+none for the others. Limits, for sensors without counter whose beat is within
 0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of
 single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
 """
@@ -43,6 +45,8 @@ LOCKING: Final = 20
 # beat measured anew.
 FIT_PART: Final = 0.1
 RELOCKING: Final = 8
+# After a stall what waited may come packet by packet: at 10 Hz, of six seconds.
+STALLED_RELOCKING: Final = 64
 # Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
 # and while an adapter bundles packets (the newest of a bundle has any age up to a period).
 EVIDENCE: Final = 3
@@ -89,10 +93,14 @@ class SampleClock:
 
     def restart(self) -> None:
         """The port was opened again: the phase is new and what was missed is not counted; the period stays."""
-        self._synchronised = False
+        self._synchronised = self._is_stalled = False
         self._last_sequence: int | None = None
         self._arrival_s = self._phase_s = self._phase_var = self._covariance = 0.0
         self._forget_evidence()
+
+    def stalled(self) -> None:
+        """The host stood still: packets that come late have waited, and are not the first after a loss."""
+        self._is_stalled = True
 
     def stamp(self, sequences: Sequence[int | None], arrival_ns: int) -> list[Stamp]:
         """Times of the packets that were read together at `arrival_ns`, oldest first; strictly increasing.
@@ -108,12 +116,16 @@ class SampleClock:
         self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
         if not self._synchronised:
             self._synchronise(arrival_s)
-        elif self._locked and arrival_s - self._arrival_s > max(SILENCE_S, SILENCE_BEATS * self.period_s):
+        elif self._is_silence(arrival_s - self._arrival_s):
             self._resume(arrival_s, steps)
         else:
             steps[0] = max(1, steps[0] + self._observe(arrival_s, steps))
         self._arrival_s = arrival_s
         return self._stamps(steps, min(self._phase_s, arrival_s))
+
+    def _is_silence(self, quiet_s: float) -> bool:
+        limit_s = max(SILENCE_S, SILENCE_BEATS * self.period_s)
+        return self._locked and not self._is_stalled and quiet_s > limit_s
 
     @property
     def _waiting_s(self) -> float:
@@ -171,7 +183,7 @@ class SampleClock:
         limit_s = max(LOSS_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
         if self._modulus is not None:
             self.counters["lost_packets"] += sum(steps) - len(steps) if late_s >= -limit_s else 0
-        elif self._locked:
+        elif self._locked and not (self._is_stalled and late_s > limit_s):
             further = self._infer_loss(late_s, limit_s)
             self._advance(further)
             late_s -= further * self.period_s
@@ -180,6 +192,7 @@ class SampleClock:
         elif further <= 0:
             # A loss just inferred may turn out to be a delay: its arrival proves no phase.
             self._correct(late_s)
+            self._is_stalled = False
         return further
 
     def _infer_loss(self, late_s: float, limit_s: float) -> int:
@@ -243,7 +256,7 @@ class SampleClock:
     def _misfit(self, arrival_s: float, beats: int) -> None:
         """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
         self._misfits.append((arrival_s, beats))
-        if len(self._misfits) <= RELOCKING:
+        if len(self._misfits) <= (STALLED_RELOCKING if self._is_stalled else RELOCKING):
             return
         beats = sum(count for _, count in self._misfits[1:])
         uncertainty_s = (MAX_DELAY_S + self._waiting_s) / beats
@@ -252,6 +265,7 @@ class SampleClock:
             self.period_s = max(MIN_PERIOD_S, measured_s)
             self._period_var = uncertainty_s**2
         self.counters["clock_relocks"] += 1
+        self._is_stalled = False
         self._forget_evidence()
         self._synchronise(arrival_s)
 

@@ -60,6 +60,10 @@ class FogStream:
         self._counters["samples"] += len(samples)
         return samples
 
+    def stalled(self) -> None:
+        """The host stood still: what arrives next has waited."""
+        self._clock.stalled()
+
     def restart(self) -> None:
         """The port was opened again: forget half a packet, the phase and a sample that waits for confirmation."""
         self._protocol.reset()

@@ -55,6 +55,11 @@ class SerialPort(Port):
         if self._port is not None:
             self._loop.remove_reader(self._port.fileno())
 
+    def read_waiting(self) -> None:
+        """Hand over now what has arrived, and not in a later turn of the loop."""
+        if self._is_open and self._port is not None:
+            self._on_readable(self._port)
+
     def _on_readable(self, port: serial.Serial) -> None:
         t_ns = time.monotonic_ns()
         try:

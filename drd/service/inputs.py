@@ -24,8 +24,10 @@ class Inputs:
             config.encoders, pipeline.encoders.can_ids, self._on_frames, self._state_of("encoders.port")
         )
         self.ports: dict[str, SerialPort | CanPort] = {"encoders.port": self._bus}
+        self._line: SerialPort | None = None
         if pipeline.fog is not None:
-            self.ports["fog.port"] = SerialPort(config.fog, pipeline.on_fog_bytes, self._state_of("fog.port"))
+            self._line = SerialPort(config.fog, pipeline.on_fog_bytes, self._state_of("fog.port"))
+            self.ports["fog.port"] = self._line
 
     def work(self) -> list[Coroutine[Any, Any, None]]:
         """What must run for as long as the inputs are wanted."""
@@ -39,6 +41,10 @@ class Inputs:
         return {name: dict(port.counters) for name, port in self.ports.items()}
 
     def _on_frames(self, frames: Sequence[CanFrame]) -> None:
+        # After a stall of the host both have waited, and the filter does not wait for a gyro that the wheels' newest
+        # sample has left behind by more than estimation.reorder_s.
+        if self._line is not None:
+            self._line.read_waiting()
         self._pipeline.on_frames(frames)
         self._send(self._pipeline.encoders.take_replies())
 

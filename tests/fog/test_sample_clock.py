@@ -209,6 +209,36 @@ def test_a_lone_late_packet_is_not_counted_as_a_loss() -> None:
 
 
 @pytest.mark.parametrize("numbered", [False, True])
+@pytest.mark.parametrize("parts", [(1, 7), (3, 5), (4, 16), (1, 1, 13), (1,) * 20])
+def test_what_waited_for_a_stalled_host_keeps_its_times(parts: tuple[int, ...], numbered: bool) -> None:
+    """A serial line may hand over in parts what came in 0.8 to 2 s; then packets come at the beat again."""
+    line, number = make_line(10, 10, numbered), 101
+    for n in range(1, number):
+        line.deliver([n], n / 10)
+    line.clock.stalled()
+    end_s = (number + sum(parts) - 1) / 10 + 0.02
+    for count in parts:
+        line.deliver(list(range(number, number + count)), end_s)
+        number, end_s = number + count, end_s + 0.003
+    for n in range(number, number + 20):
+        line.deliver([n], n / 10)
+    assert line.lost == 0
+    assert np.abs(line.errors_s()).max() < 0.02
+
+
+def test_a_loss_after_a_stall_is_a_hole_as_any_other() -> None:
+    line = make_line(10, 10)
+    for n in range(1, 101):
+        line.deliver([n], n / 10)
+    line.clock.stalled()
+    line.deliver(list(range(101, 109)), 10.82)
+    for n in (109, 110, 113, 114, 115, 116):
+        line.deliver([n], n / 10)
+    assert line.lost == 2
+    assert np.abs(line.errors_s()).max() < 0.01
+
+
+@pytest.mark.parametrize("numbered", [False, True])
 @pytest.mark.parametrize("silence_s", [1.03, 7.77, 100.01])
 def test_after_a_silence_the_phase_is_found_again(silence_s: float, numbered: bool) -> None:
     """As after the sensor was switched off and on: its beat begins anew, its numbers too."""

@@ -47,15 +47,21 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 @pytest.fixture
-def served(robot: Robot) -> Iterator[Robot]:
+def process(robot: Robot) -> Iterator[subprocess.Popen[str]]:
     robot.emulator.start()
     process = drd("run", robot.file)
     try:
         robot.listen()
-        yield robot
+        yield process
     finally:
         code, log = end(process)
     assert code == 0, log
+
+
+@pytest.fixture
+def served(robot: Robot, process: subprocess.Popen[str]) -> Robot:
+    assert process.poll() is None
+    return robot
 
 
 def test_another_process_receives_twenty_poses_a_second(served: Robot) -> None:
@@ -69,6 +75,20 @@ def test_another_process_receives_twenty_poses_a_second(served: Robot) -> None:
     span_s = (poses[-1]["monotonic_ns"] - poses[0]["monotonic_ns"]) * 1e-9
     assert span_s > 2.0
     assert (len(poses) - 1) / span_s == pytest.approx(20.0, rel=0.02)
+
+
+def test_samples_that_waited_for_a_stalled_host_are_all_used(robot: Robot, process: subprocess.Popen[str]) -> None:
+    robot.wait("a moving robot", lambda p: p["validity"] == "valid" and p["speed_m_s"] > 0.5, 15.0)
+    before = robot.get("health")["counters"]["estimator"]
+    for _ in range(3):
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.8)
+        process.send_signal(signal.SIGCONT)
+        time.sleep(0.5)
+    after = robot.get("health")["counters"]["estimator"]
+    assert after["poses"] > before["poses"] + 60
+    unused = ("late_gyro", "late_wheels", "gyro_gaps", "wheel_gaps")
+    assert {name: after[name] - before[name] for name in unused} == dict.fromkeys(unused, 0)
 
 
 def test_pose_odom_and_queries_agree(served: Robot) -> None:

@@ -55,7 +55,8 @@ def attempt(name: str, one: Check, robot: Robot) -> None:
         verdict = {"ok": True} | one.work(robot)._asdict()
     except Exception:
         status = sh(f"systemctl status --no-pager --lines=15 {robot.unit}", may_fail=True)
-        verdict = {"ok": False} | Seen(f"{traceback.format_exc()}\n{status}\n{robot.reasons()}")._asdict()
+        known = f"{robot.reasons()}\n{robot.counters()}"
+        verdict = {"ok": False} | Seen(f"{traceback.format_exc()}\n{status}\n{known}")._asdict()
     VERDICTS[name] = verdict | {"took_s": time.monotonic() - began_s}
     sys.stdout.write(f"{began_s:7.2f} {robot.name} {name} {VERDICTS[name]}\n")
     (SHARED / "results.json").write_text(json.dumps(VERDICTS))

@@ -6,6 +6,7 @@ beyond its network interface; what the checks inside find out comes back through
 
 import contextlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -37,7 +38,8 @@ chrt --rr 1 true && exec chrt --rr 1 "$@"
 exec "$@"
 """
 SUBSCRIBER = """\
-import json, sys, time, zenoh
+import json
+import os, sys, time, zenoh
 from drd.output.session import isolated_config
 config = isolated_config("peer", (), (sys.argv[1],))
 config.insert_json5("connect/retry", '{"period_init_ms": 200, "period_max_ms": 500}')
@@ -109,6 +111,10 @@ def run(kernel: Kernel, disk: Path, work: Path) -> dict[str, Path]:
             image.run("cp", "--sparse=always", disk, own / "root.ext4")
             machines[name] = Machine(name, kernel, own / "root.ext4", own)
             ends.callback(machines[name].close)
+        # The machines' own programs are started: from here on the gyros must not wait for a busy host.
+        ends.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         while any(machine.is_running() for machine in machines.values()):
             for machine in machines.values():
                 machine.step()
