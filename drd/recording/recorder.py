@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from drd import __version__
 from drd.config.keys import Config
 from drd.config.schema import Loaded
-from drd.recording.file import RecordingFile
+from drd.recording.file import CHUNK_BYTES, RecordingFile
 from drd.recording.folder import make_room, part_file, recordings_folder, run_name
 from drd.recording.in_force import files_in_force
 from drd.recording.topics import Encoder
@@ -244,7 +244,7 @@ class Recorder:
         file, settings = self._file, self._settings
         if file is None:
             return
-        is_full = file.size + file.pending > FULL_PART * self._full_bytes
+        is_full = file.size + file.pending + CHUNK_BYTES > FULL_PART * self._full_bytes  # one is being filled
         if not is_full and now_ns + DRAIN_S * NS_PER_S - self._flushed_ns < settings.flush_s * NS_PER_S:
             return
         file.flush()
