@@ -104,9 +104,7 @@ def checked(question: Question, plan: Plan, seeds: Sequence[int], whole: bool = 
     return Checked(plan, tuple(of_each))
 
 
-def _is_settled(
-    parts: Sequence[Part], true: Selected | None, other: Selected | None, seed: int, whole: bool
-) -> bool:
+def _is_settled(parts: Sequence[Part], true: Selected | None, other: Selected | None, seed: int, whole: bool) -> bool:
     effects = () if true is None else ((true.effect, true.values),)
     truth = drive(parts, DEFAULT.standstill_at_start_s)
     recording = simulate(truth, DEFAULT, effects, Conditions(), seed).recording
@@ -162,7 +160,10 @@ def main() -> None:
         for level in LEVELS:
             found = checked(asked, nearest(plans, level), range(chosen.seeds), chosen.diagnose)
             stated, pair = found.plan.probabilities[0], " from ".join(asked.names)
-            print(f"{pair:50} {found.plan.seconds / 60.0:7.1f} {stated:6.2f} {found.share:7.2f}  {found.shares}", flush=True)
+            print(
+                f"{pair:50} {found.plan.seconds / 60.0:7.1f} {stated:6.2f} {found.share:7.2f}  {found.shares}",
+                flush=True,
+            )
             print(f"    {', '.join(f'{p.laps} x {p.manoeuvre}' for p in found.plan.parts)}", flush=True)
 
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.advise.laps import LONGEST_S, Laps
 from drd_tools.diagnose.advise.manoeuvres import Part, lap_s
-from drd_tools.diagnose.advise.separation import INTERVAL_FROM_S, Named, settling_probability, squared_distance
+from drd_tools.diagnose.advise.separation import INTERVAL_FROM_S, Named, expected_ratio, settling_probability
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.results import NOTHING, Alternative, NextDrive, Segment, Settled, Status
@@ -23,6 +24,7 @@ from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.selected import Selected
 
 ENOUGH: Final = 0.9  # probability with which a drive is to settle a question
+WORTH: Final = 0.05  # probability for which, where it is not enough, a drive may be a minute longer
 HOPELESS: Final = 0.005  # a smaller one is none
 
 
@@ -67,8 +69,8 @@ class Plan:
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """Key of the order: questions settled, then less time, then probability; larger is better."""
-        return (self.settles, -self.seconds if self.settles else 0.0, sum(self.probabilities), -self.seconds)
+        """Key of the order: questions settled, then less time, if the others do not lose by it; larger is better."""
+        return (self.settles, sum(min(p, ENOUGH) for p in self.probabilities) - WORTH * self.seconds / 60.0)
 
     @property
     def probability(self) -> float:
@@ -94,8 +96,8 @@ def next_drive(conclusion: Conclusion, nominal: Robot) -> NextDrive | None:
         return None
     best, *others = sorted(plans_for(conclusion.found, nominal, questions), key=lambda p: p.rank, reverse=True)
     outcomes = zip(questions, best.probabilities, best.nats, strict=True)
-    asked = [Settled(q.names, round(p, 3), round(max(n, 0.0), 1)) for q, p, n in outcomes]
-    separates = [s.names for s, p in zip(asked, best.probabilities, strict=True) if p >= ENOUGH]
+    asked = [Settled(q.names, p, round(max(n, 0.0), 1)) for q, p, n in outcomes]
+    separates = [s.names for s in asked if s.probability >= ENOUGH]
     segments = [Segment(p.manoeuvre, p.laps, round(p.laps * lap_s(p.manoeuvre) / 60.0, 2)) for p in best.parts]
     stand_s = best.seconds - sum(p.laps * lap_s(p.manoeuvre) for p in best.parts)
     return NextDrive(
@@ -108,7 +110,7 @@ def next_drive(conclusion: Conclusion, nominal: Robot) -> NextDrive | None:
         sentence=_sentence(segments, stand_s, best, asked),
         stand_s=round(stand_s, 1),
         segments=segments,
-        questions=asked,
+        questions=[structs.replace(s, probability=round(s.probability, 3)) for s in asked],
         probability=round(best.probability, 3),
     )
 
@@ -147,9 +149,9 @@ def plans_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> li
     for k, q in enumerate(questions):
         beside = [c for c in laps.others if c is not q.finding.selected]
         for share, (true, rival, price) in zip(q.shares, _ways(found, q), strict=True):
-            squared = squared_distance(products, laps.layout, true, rival, beside)
-            probabilities[k] += share * settling_probability(squared, price)
-            nats[k] += share * (0.5 * squared - price)
+            mean, variance = expected_ratio(products, laps.layout, true, rival, beside)
+            probabilities[k] += share * settling_probability(mean - price, variance)
+            nats[k] += share * (mean - price)
     made = zip(drives, seconds.tolist(), probabilities.T.tolist(), nats.T.tolist(), strict=True)
     return [Plan(parts, s, tuple(p), tuple(n)) for parts, s, p, n in made]
 
@@ -168,17 +170,24 @@ def _ways(found: Found, q: Question) -> list[tuple[Named, Named | None, float]]:
 
 
 def _sentence(segments: Sequence[Segment], stand_s: float, best: Plan, asked: Sequence[Settled]) -> str:
-    pairs = [(f"{' from '.join(s.names)} ({s.probability:.2f})", s.probability >= ENOUGH) for s in asked]
-    told, untold = ("; ".join(text for text, is_told in pairs if is_told is wanted) for wanted in (True, False))
-    parts = [f"{s.laps} x {s.manoeuvre} ({s.minutes:.1f} minutes)" for s in segments]
-    way = ", then ".join([f"{stand_s:.0f} s of standing still", *parts] if stand_s else parts)
+    told, untold = ([s for s in asked if (s.probability >= ENOUGH) is wanted] for wanted in (True, False))
+    parts = [
+        f"{s.manoeuvre}, {'once' if s.laps == 1 else f'{s.laps} times'} ({s.minutes:.1f} minutes)" for s in segments
+    ]
+    way = "; then ".join([f"{stand_s:.0f} s of standing still", *parts] if stand_s else parts)
     if not told:
-        text = f"None of the drives that were simulated, up to {LONGEST_S / 60.0:.0f} minutes long, tells {untold} with "
+        pairs = "; ".join(" from ".join(s.names) for s in untold)
+        text = f"None of the drives that were simulated, up to {LONGEST_S / 60.0:.0f} minutes long, tells {pairs}"
         if max(best.probabilities) < HOPELESS:
-            return f"{text}any probability: in all of them these look alike."
-        return f"{text}a probability of {ENOUGH:g}; the best is {way}."
-    text = f"{way}: {best.seconds / 60.0:.1f} minutes that would tell {told}, with a probability of {best.probability:.2f}."
-    names = {name for s in asked if s.probability >= ENOUGH for name in s.names}
+            return f"{text}: in all of them these look alike."
+        return f"{text} with a probability of {ENOUGH:g}; the best is: {way}. It tells {_paired(untold)}."
+    text = f"{way[0].upper()}{way[1:]}: {best.seconds / 60.0:.1f} minutes, which would tell {_paired(told)}"
+    text += f", all of them with a probability of {best.probability:.2f}." if len(told) > 1 else "."
+    names = {name for s in told for name in s.names}
     advice = (effect.advice for effect in catalogue().values() if effect.id in names and effect.advice)
     text += "".join(f" {a.format(from_s=INTERVAL_FROM_S)}" for a in dict.fromkeys(advice))
-    return text + (f" It does not tell {untold}." if untold else "")
+    return text + (f" It does not tell {_paired(untold)}." if untold else "")
+
+
+def _paired(questions: Sequence[Settled]) -> str:
+    return "; ".join(f"{' from '.join(q.names)} (probability {q.probability:.2f})" for q in questions)
