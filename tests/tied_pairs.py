@@ -23,8 +23,8 @@ from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Status, Support
-from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.library import library_of
+from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import Curve
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tied_pairs import PAIRS, checked, diagnosed, finding, nearest, question, recorded, selected, tied
+from tied_pairs import PAIRS, as_if, checked, diagnosed, finding, nearest, question, recorded, selected, tied
 
 from drd_tools.diagnose.advise.laps import Laps, driven
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES
@@ -85,6 +85,16 @@ def test_warm_up_against_temperature_takes_a_temperature_that_falls_again() -> N
     assert all(a.settles == 0 or "cooled" in a.manoeuvre for a in advice.alternatives)
 
 
+def test_a_finding_is_not_beside_itself_once_it_is_reported() -> None:
+    cause = tied(selected("tread_error", k=0.05), "turn_scrub")
+    assert cause.selected is not None
+    reported = replace(cause, selected=replace(cause.selected, values={"k": 0.049}))
+    conclusion = replace(diagnosed(cause), causes=[reported])
+    advice = next_drive(conclusion, DEFAULT)
+    assert advice is not None
+    assert advice.separates == [["tread_error", "turn_scrub"]]
+
+
 def test_what_no_drive_settles_is_said() -> None:
     advice = advised(tied(selected("tread_error", k=1e-4), "turn_scrub"))
     assert advice.separates == []
@@ -142,13 +152,15 @@ def test_a_robot_without_gyro_or_thermometer() -> None:
 
 
 def test_laps_of_several_manoeuvres_add_up_to_the_drive() -> None:
-    cause = tied(selected("tread_error", k=0.01), "turn_scrub")
-    named = [cause.selected, cause.rivals[0]]
-    laps = Laps(diagnosed(cause).found, DEFAULT, named)
+    true = selected("tread_error", k=0.01)
+    rival = as_if("turn_scrub", true, recorded()[1])
+    laps = Laps(diagnosed().found, DEFAULT, [true, rival])
     parts = tuple(next(p for p in laps.parts if p.manoeuvre.startswith(way)) for way in WEAK)
     added = sum(laps.products[laps.parts.index(part)] for part in parts) + laps.standing
-    columns, layout = columns_of(Problem(*driven(parts, DEFAULT, Reference(period_s=0.1), True, True)), named)
-    of_sum, of_whole = (expected_ratio(products[None], layout, *named, []) for products in (added, columns.T @ columns))
+    columns, layout = columns_of(Problem(*driven(parts, DEFAULT, Reference(period_s=0.1), True, True)), [true, rival])
+    of_sum, of_whole = (
+        expected_ratio(products[None], layout, true, rival, []) for products in (added, columns.T @ columns)
+    )
     assert of_sum[0] == pytest.approx(of_whole[0], rel=0.1)
     assert of_sum[1] == pytest.approx(of_whole[1], rel=0.1)
 

@@ -45,8 +45,7 @@ def _spins(route: Route, number: int) -> None:
 
 
 def _circles(route: Route, number: int) -> None:
-    for radius_m, side in ((0.3, 1.0), (3.0, -1.0)):
-        side *= _side(number)
+    for radius_m, side in ((0.3, _side(number)), (3.0, -_side(number))):
         route.curve(2.0 * math.pi * radius_m, np.full(200, side / radius_m), 1.0).turn(side * 2.0 * math.pi)
 
 

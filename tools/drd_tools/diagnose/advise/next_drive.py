@@ -147,7 +147,8 @@ def plans_for(found: Found, nominal: Robot, questions: Sequence[Question]) -> li
     products = np.tensordot(has_part, laps.products, axes=1) + laps.standing
     probabilities, nats = np.zeros((2, len(questions), len(drives)))
     for k, q in enumerate(questions):
-        beside = [c for c in laps.others if c is not q.finding.selected]
+        # What is reported of a finding, or of its rivals, is no longer the object that was fitted.
+        beside = [c for c in laps.others if c.id not in (q.finding.effect, *q.finding.also_fits)]
         for share, (true, rival, price) in zip(q.shares, _ways(found, q), strict=True):
             mean, variance = expected_ratio(products, laps.layout, true, rival, beside)
             probabilities[k] += share * settling_probability(mean - price, variance)

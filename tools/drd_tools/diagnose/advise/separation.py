@@ -16,9 +16,7 @@ from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODI
 from drd_tools.diagnose.selected import Selected
 
 SETTLED_NATS: Final = 5.0  # more than search.CLASS_NATS: the two are then no longer one class
-MOST_OCCAM: Final = (
-    1.0  # of d^2, what the mean may come to with Occam's factor: it alone, without data, settles nothing
-)
+MOST_OCCAM: Final = 2.0  # times d^2 the mean may be: the determinants alone, without data, settle nothing
 ROUNDS: Final = 3  # in which a rival's other shapes get the size that it has beside them: the next changes little
 AS_GOOD_AS_FREE: Final = 1e-9  # prior information on a parameter that is to be fitted, over the data's
 # The ground of an interval of time is driven over again.
@@ -145,7 +143,7 @@ def _moved_size(products: Array, place: Place, moves: Array) -> Array:
     """Size of a cause, squared, once its parameters have moved by (n, k)."""
     columns = [place.own, *place.tangents]
     x = np.concatenate([np.ones((len(moves), 1)), moves], axis=1)
-    return np.maximum(np.einsum("ni,nij,nj->n", x, products[:, columns][:, :, columns], x), 0.0)
+    return np.asarray(np.maximum(np.einsum("ni,nij,nj->n", x, products[:, columns][:, :, columns], x), 0.0), float)
 
 
 def _shape_scale(products: Array, place: Place, size: Array) -> Array:

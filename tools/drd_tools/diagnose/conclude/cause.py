@@ -13,8 +13,8 @@ from drd_tools.diagnose.selected import Selected
 @dataclass(frozen=True)
 class Cause:
     """One cause. `selected` is None where it has no name; `curve` or `ripple` is then all that is known of it, and
-    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `rivals`: the names that the
-    recording cannot tell from it, as they fit. `fitted` (k,): the effect at the curve's knots.
+    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `rivals`: the names
+    that the recording cannot tell from it, as they fit. `fitted` (k,): the effect at the curve's knots.
     """
 
     selected: Selected | None
