@@ -157,14 +157,13 @@ def main() -> None:
     for true, rival in PAIRS:
         conclusion, asked = question(true, rival)
         plans = plans_for(conclusion.found, DEFAULT, [asked])
-        for level in LEVELS:
-            found = checked(asked, nearest(plans, level), range(chosen.seeds), chosen.diagnose)
-            stated, pair = found.plan.probabilities[0], " from ".join(asked.names)
+        for plan in dict.fromkeys(nearest(plans, level) for level in LEVELS):
+            found = checked(asked, plan, range(chosen.seeds), chosen.diagnose)
+            pair, minutes = " from ".join(asked.names), plan.seconds / 60.0
             print(
-                f"{pair:50} {found.plan.seconds / 60.0:7.1f} {stated:6.2f} {found.share:7.2f}  {found.shares}",
-                flush=True,
+                f"{pair:50} {minutes:7.1f} {plan.probabilities[0]:6.2f} {found.share:7.2f}  {found.shares}", flush=True
             )
-            print(f"    {', '.join(f'{p.laps} x {p.manoeuvre}' for p in found.plan.parts)}", flush=True)
+            print(f"    {', '.join(f'{p.laps} x {p.manoeuvre}' for p in plan.parts)}", flush=True)
 
 
 if __name__ == "__main__":
