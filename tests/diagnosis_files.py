@@ -62,8 +62,16 @@ def two_and_unknown() -> Made:
     unknown["evidence"] |= {"family_wise_p": 0.031, "e_value": None}
     diagnosis = _diagnosis("morning_run", "partly_explained", [slip, warmup, unknown], (0.16, 0.84))
     diagnosis["recording"] = ["morning_run", "a very long name of the second run that was made after noon, 2024-05-13"]
-    diagnosis["next_drive"] = {"manoeuvre": "a drive from power-on, cold", "minutes": 20.0, "nats": None,
-                               "separates": [["gyro_warmup", "gyro_bias_temperature"]]}  # fmt: skip
+    pairs = [["gyro_warmup", name] for name in warmup["also_fits"]]
+    diagnosis["next_drive"] = {
+        "manoeuvre": "standing still, cooled; then a slalom", "minutes": 5.5, "nats": 7.5, "separates": pairs,
+        "sentence": "30 s of standing still; then two manoeuvres.", "stand_s": 30.0, "probability": 0.89,
+        "segments": [
+            {"manoeuvre": "standing still, cooled", "laps": 3, "minutes": 3.0},
+            {"manoeuvre": "a slalom", "laps": 1, "minutes": 2.0},
+        ],
+        "questions": [{"names": p, "probability": q, "nats": 7.5} for p, q in zip(pairs, (0.93, 0.96), strict=True)],
+    }  # fmt: skip
     corrected = _path(time_s, rate_rad_s + 0.1 * (wrong - rate_rad_s))
     series = _series(
         rng,

@@ -92,6 +92,9 @@ def test_several_findings_of_two_recordings(tmp_path: Path) -> None:
         "surface_slip is supported, gyro_warmup is confirmed and the unknown one is suspected",
         "in 3.1 % of cases at most",
         "301 to 359 s",
+        "30 s of standing still; then two manoeuvres.",
+        "gyro_warmup or gyro_bias_temperature_rate",
+        "the 2 that it is for",
     ):
         assert text in page.text
 

@@ -156,10 +156,31 @@ class Alternative(Struct, frozen=True):
     minutes: float
     settles: float
     nats: float | None
+    probability: float | None = None
+
+
+class Segment(Struct, frozen=True):
+    """A manoeuvre of a drive, driven for some laps; its duration."""
+
+    manoeuvre: str
+    laps: int
+    minutes: float
+
+
+class Settled(Struct, frozen=True):
+    """An open question: two names, the probability that a drive settles which it is, and the nats that it brings."""
+
+    names: list[str]
+    probability: float
+    nats: float
 
 
 class NextDrive(Struct, frozen=True):
-    """The drive that settles most open questions; `separates`: the pairs of names that it separates."""
+    """The drive that settles most open questions; `separates`: the pairs of names that it separates.
+
+    `segments`: its manoeuvres, after a standstill of `stand_s`. `questions`: each open pair. `probability`: of settling
+    all that it separates (where it separates none: all that are open).
+    """
 
     manoeuvre: str
     minutes: float
@@ -168,6 +189,10 @@ class NextDrive(Struct, frozen=True):
     unsettled: list[list[str]] = []
     alternatives: list[Alternative] = []
     sentence: str = ""
+    stand_s: float = 0.0
+    segments: list[Segment] = []
+    questions: list[Settled] = []
+    probability: float | None = None
 
 
 class Result(Struct, frozen=True, kw_only=True):

@@ -1,9 +1,9 @@
-"""Drives that tell effects apart, as they are advised and simulated."""
+"""Manoeuvres that tell effects apart, as they are advised and simulated, and drives made of them."""
 
-import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,29 +11,41 @@ import numpy as np
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.results import Array
 from drd_tools.simulate.missions import MISSIONS, Drive
-from drd_tools.simulate.route import RATE_HZ, Route, Steps
+from drd_tools.simulate.route import Route
 from drd_tools.simulate.truth import Truth, make_truth
 
 # From power-on the gyro warms up; in some drives it is taken to a cold place for two minutes.
 WARM_UP_C, WARM_UP_S = 10.0, 900.0
 COLDER_C, COLD_LAG_S, COLD_FROM_S, COLD_TO_S = 12.0, 60.0, 60.0, 180.0
 ROOM_C: Final = 20.0  # degC, where an indoor drive begins
+STOP_S: Final = 1.0  # between two parts
 
 
 class Manoeuvre(NamedTuple):
-    """Laps to be driven until time is up; `cold`: on the way the gyro gets cold and warm again."""
+    """A lap, by its number from 0: every other one is mirrored. `cold`: the gyro gets cold and warm again."""
 
     lap: Callable[[Route, int], object]
     cold: bool = False
 
 
-def _spins(route: Route, _: int) -> None:
-    for rate_deg_s, side in itertools.product((50.0, 25.0, 10.0), (1.0, -1.0)):
-        route.turn(side * 2.0 * math.pi, rate_deg_s * RAD_PER_DEG).stand(1.0)
+class Part(NamedTuple):
+    """A manoeuvre of MANOEUVRES, driven for some laps."""
+
+    manoeuvre: str
+    laps: int
 
 
-def _circles(route: Route, _: int) -> None:
-    for radius_m, side in itertools.product((0.3, 3.0), (1.0, -1.0)):
+def _side(number: int) -> float:
+    return -1.0 if number % 2 else 1.0
+
+
+def _spins(route: Route, number: int) -> None:
+    for rate_deg_s, side in ((50.0, 1.0), (25.0, -1.0), (10.0, 1.0)):
+        route.turn(_side(number) * side * 2.0 * math.pi, rate_deg_s * RAD_PER_DEG).stand(1.0)
+
+
+def _circles(route: Route, number: int) -> None:
+    for radius_m, side in ((0.3, _side(number)), (3.0, -_side(number))):
         route.curve(2.0 * math.pi * radius_m, np.full(200, side / radius_m), 1.0).turn(side * 2.0 * math.pi)
 
 
@@ -41,9 +53,9 @@ def _squares(route: Route, number: int) -> None:
     MISSIONS["umbmark-ccw" if number % 2 else "umbmark-cw"].lap(route, number)
 
 
-def _straights(route: Route, _: int) -> None:
-    for speed_m_s, side in itertools.product((1.5, 0.4, 0.8), (1.0, -1.0)):
-        route.straight(10.0, speed_m_s).turn(side * math.pi)
+def _straights(route: Route, number: int) -> None:
+    for speed_m_s in (1.5, 0.4, 0.8):
+        route.straight(10.0, speed_m_s).turn(_side(number) * math.pi)
 
 
 def _stand(route: Route, _: int) -> None:
@@ -63,19 +75,23 @@ MANOEUVRES: Final = {
 }
 
 
-def drive(name: str, minutes: int, stand_s: float) -> Truth:
-    """The true motion in one of MANOEUVRES: a standstill of `stand_s`, then laps until `minutes` are over."""
-    manoeuvre, steps_in_all = MANOEUVRES[name], 60 * minutes * RATE_HZ
+def drive(parts: Sequence[Part], stand_s: float) -> Truth:
+    """The true motion: a standstill of `stand_s`, then one part after the other, with a stop between them."""
+    route, laps = Route().stand(stand_s), sum(part.laps for part in parts)
+    for k, part in enumerate(parts):
+        if k:
+            route.stand(STOP_S)
+        for number in range(part.laps):
+            MANOEUVRES[part.manoeuvre].lap(route, number)
+    truth = make_truth(Drive(route.steps(), laps))
+    is_cold = any(MANOEUVRES[part.manoeuvre].cold for part in parts)
+    return replace(truth, temperature_c=_temperature_c(truth.middle_s, is_cold))
 
-    def ridden(laps: int) -> Steps:
-        route = Route().stand(stand_s)
-        for number in range(laps):
-            manoeuvre.lap(route, number)
-        return route.steps()
 
-    laps = 2 * math.ceil(steps_in_all / (len(ridden(2).forward_m) - stand_s * RATE_HZ))
-    truth = make_truth(Drive(Steps(*(a[:steps_in_all] for a in ridden(laps))), laps))
-    return replace(truth, temperature_c=_temperature_c(truth.middle_s, manoeuvre.cold))
+@cache
+def lap_s(name: str) -> float:
+    """Mean duration of a lap, of a pair of mirrored ones."""
+    return drive([Part(name, 2)], 0.0).duration_s / 2.0
 
 
 def _temperature_c(time_s: Array, cold: bool) -> Array:

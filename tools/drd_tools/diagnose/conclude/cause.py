@@ -13,13 +13,13 @@ from drd_tools.diagnose.selected import Selected
 @dataclass(frozen=True)
 class Cause:
     """One cause. `selected` is None where it has no name; `curve` or `ripple` is then all that is known of it, and
-    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `fitted` (k,): the effect
-    at the curve's knots.
+    `surrogate` the name that comes nearest: the model may have it, since it knows no curves. `rivals`: the names
+    that the recording cannot tell from it, as they fit. `fitted` (k,): the effect at the curve's knots.
     """
 
     selected: Selected | None
     status: Status
-    also_fits: tuple[str, ...]
+    rivals: tuple[Selected, ...]
     windows: tuple[Window, ...]
     support: Support
     explains: float
@@ -35,6 +35,11 @@ class Cause:
     def effect(self) -> str:
         """The catalogue's name, or "unknown"."""
         return self.selected.id if self.selected is not None else UNNAMED
+
+    @property
+    def also_fits(self) -> tuple[str, ...]:
+        """The rivals' names."""
+        return tuple(r.id for r in self.rivals)
 
     @property
     def gain_nats(self) -> float:

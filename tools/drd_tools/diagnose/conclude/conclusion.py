@@ -113,7 +113,7 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
         if first is not finding:
             found[key] = replace(
                 first,
-                also_fits=unique((*first.also_fits, *finding.also_fits)),
+                rivals=unique((*first.rivals, *finding.rivals)),
                 surrogate=first.surrogate or finding.surrogate,
                 explains=min(1.0, first.explains + finding.explains),
             )
@@ -146,7 +146,7 @@ def _in_place_of_several(
         if curve.gain < worth - problem.penalty(group) + margin:
             continue
         p = family_wise_p(curve.gain, chance)
-        unknown.append(_unknown(curve, p, 1.0, also_fits=unique(c.id for c in group)))
+        unknown.append(_unknown(curve, p, 1.0, rivals=unique(group)))
         fit = rest
     return Found(problem, fit, search.score(fit), found.null), unknown
 
@@ -206,18 +206,18 @@ def _finding(
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
-        also = (selected.id, *rivals.alike)
+        also = (selected, *rivals.alike)
         return _unknown(rival, p, worth / total, surrogate, also, e, status, probabilities)
     curve = _curve(splines, found, selected, rival)
     explains = min(1.0, worth / total)
     return Cause(
         selected=reported,
         status=status,
-        also_fits=rivals.alike,
+        rivals=rivals.alike,
         windows=_windows(selected, problem.evidence.time_s),
         support=Support(worth, p, e),
         explains=explains,
-        sentence=sentence(reported, explains, rivals.alike),
+        sentence=sentence(reported, explains, [r.id for r in rivals.alike]),
         probabilities=probabilities,
         curve=curve,
         gain=Gain(*gain_over_time(problem, fit, selected)),
@@ -252,7 +252,7 @@ def _event_finding(selected: Selected, event: Event) -> Cause:
     return Cause(
         selected=selected,
         status=Status.CONFIRMED,
-        also_fits=(),
+        rivals=(),
         windows=event.windows,
         support=support,
         explains=1.0,
@@ -266,7 +266,7 @@ def _unknown(
     p: float,
     explains: float,
     surrogate: Selected | None = None,
-    also_fits: tuple[str, ...] = (),
+    rivals: tuple[Selected, ...] = (),
     e: float = 1.0,
     status: Status = Status.SUPPORTED,
     probabilities: dict[str, float] | None = None,
@@ -285,7 +285,7 @@ def _unknown(
     return Cause(
         selected=None,
         status=status,
-        also_fits=also_fits,
+        rivals=rivals,
         windows=(),
         support=Support(curve.gain, p, e),
         explains=explains,
@@ -305,7 +305,7 @@ def _periodic(ripple: Ripple) -> Cause:
     return Cause(
         selected=None,
         status=Status.SUPPORTED,
-        also_fits=(),
+        rivals=(),
         windows=(),
         support=Support(ripple.gain, ripple.p, None),
         explains=0.0,

@@ -23,13 +23,13 @@ LEAST_PROBABILITY: Final = 0.001  # less is not reported
 class Rivals:
     """Scores of the names in one effect's place, nats above that nothing is there: its own, and `others`.
 
-    `alike`: names that the recording cannot tell from its own.
+    `alike`: those that the recording cannot tell from its own, as they fit.
     """
 
     name: str
     own: float
     others: Mapping[str, float]
-    alike: tuple[str, ...]
+    alike: tuple[Selected, ...]
 
     def probabilities(self, unnamed: float | None) -> dict[str, float]:
         """Posterior probabilities, the largest first. `unnamed`: score of a curve, less what is asked of it.
@@ -57,14 +57,14 @@ def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit) -> Ri
     tried = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:TRIED]
     fits = refine_all(problem, [[*rest.selection, r] for r in tried], found.score - FAR_NATS)
     others: dict[str, float] = {}
-    alike: list[str] = []
+    alike: list[Selected] = []
     for rival, fit in zip(tried, fits, strict=True):
         if not all(is_possible(problem, c) for c in fit.selection):
             continue
         score = _best_score(found, search, selected, rival, fit)
         others[rival.id] = max(score - nothing, others.get(rival.id, -math.inf))
         if score + _forgiven_nats(problem, selected, rival) > found.score - CLASS_NATS:
-            alike.append(rival.id)
+            alike.append(fit.selection[-1])
     return Rivals(selected.id, found.score - nothing, others, unique(alike))
 
 
@@ -81,6 +81,9 @@ def _forgiven_nats(problem: Problem, selected: Selected, rival: Selected) -> flo
     return problem.per_parameter if rival.begin_s is None and len(rival.free) == len(selected.free) + 1 else 0.0
 
 
-def unique(names: Iterable[str]) -> tuple[str, ...]:
-    """Names without repetitions, in order."""
-    return tuple(dict.fromkeys(names))
+def unique(rivals: Iterable[Selected]) -> tuple[Selected, ...]:
+    """The first of each name, in order."""
+    found: dict[str, Selected] = {}
+    for rival in rivals:
+        found.setdefault(rival.id, rival)
+    return tuple(found.values())

@@ -33,9 +33,7 @@ def write_report(folder: Path) -> list[Path]:
     _ruled_out(page, d)
     _detectable(page, d)
     _not_observable(page, d)
-    page.heading("What to drive next")
-    for sentence in report_text.next_drive_sentences(d):
-        page.text(sentence)
+    _next_drive(page, d)
     page.save(folder / "report.html")
     return [folder / "report.html", *drawn]
 
@@ -147,6 +145,15 @@ def _not_observable(page: Page, d: Result) -> None:
     if rows:
         page.heading("What this recording says nothing of")
         page.table(("effect", "because"), rows, text_columns=(1,))
+
+
+def _next_drive(page: Page, d: Result) -> None:
+    page.heading("What to drive next")
+    for sentence in report_text.next_drive_sentences(d):
+        page.text(sentence)
+    if d.next_drive is not None and d.next_drive.segments:
+        page.table(report_text.SEGMENT_HEADER, report_text.segment_rows(d.next_drive))
+        page.table(report_text.SETTLED_HEADER, report_text.settled_rows(d.next_drive))
 
 
 def _duration_s(s: Series) -> float:

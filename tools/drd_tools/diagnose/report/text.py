@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Finding, Gain, HeldOut, Mismatch, Result, Series
+from drd_tools.diagnose.results import Array, Finding, Gain, HeldOut, Mismatch, NextDrive, Result, Series
 
 WHAT_HEADER: Final = ("found", "what it is", "parameters (± 1 sigma)")
 EVIDENCE_HEADER: Final = (
@@ -37,6 +37,8 @@ DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible 
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
 MOST: Final = 1e100  # a larger e-value is shown as more than this
 UNITS: Final = ("m", "deg", "percent", "s")
+SEGMENT_HEADER: Final = ("manoeuvre", "times", "minutes")
+SETTLED_HEADER: Final = ("question", "probability that it is settled", "nats expected")
 FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
 WHOLE: Final = 0.95  # of the recording: from here on a window is all of it
 
@@ -159,11 +161,26 @@ def next_drive_sentences(d: Result) -> list[str]:
     drive = d.next_drive
     if drive is None:
         return ["No question is open that another drive would settle."]
+    if drive.sentence:
+        return [drive.sentence]
     pairs = listed(listed(group, "from") for group in drive.separates)
     tells = f", which would tell {pairs}" if pairs else ""
-    gain = "" if drive.nats is None else f" By simulation it brings {drive.nats:.3g} nats between them."
     manoeuvre = drive.manoeuvre
-    return [f"{manoeuvre[0].upper()}{manoeuvre[1:]}, for {drive.minutes:.3g} minutes{tells}.{gain}"]
+    return [f"{manoeuvre[0].upper()}{manoeuvre[1:]}, for {drive.minutes:.3g} minutes{tells}."]
+
+
+def segment_rows(drive: NextDrive) -> list[tuple[str, str, str]]:
+    """Rows under SEGMENT_HEADER: the standstill, and each manoeuvre."""
+    stand = [("standing still", "-", f"{drive.stand_s / 60.0:.1f}")] if drive.stand_s else []
+    return [*stand, *((s.manoeuvre, str(s.laps), f"{s.minutes:.1f}") for s in drive.segments)]
+
+
+def settled_rows(drive: NextDrive) -> list[tuple[str, str, str]]:
+    """Rows under SETTLED_HEADER: each open question, and all that the drive is for."""
+    rows = [(listed(q.names, "or"), f"{q.probability:.2f}", f"{q.nats:.1f}") for q in drive.questions]
+    if len(drive.separates) > 1 and drive.probability is not None:
+        rows.append((f"the {len(drive.separates)} that it is for", f"{drive.probability:.2f}", "-"))
+    return rows
 
 
 def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> str:

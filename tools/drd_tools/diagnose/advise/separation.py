@@ -1,0 +1,184 @@
+"""Distance between what two causes would do to a drive, from products that add up over the drive's parts. (92)"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from drd.effects.effect import END, START
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE
+from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
+from drd_tools.diagnose.selected import Selected
+
+SETTLED_NATS: Final = 5.0  # more than search.CLASS_NATS: the two are then no longer one class
+MOST_OCCAM: Final = 2.0  # times d^2 the mean may be: the determinants alone, without data, settle nothing
+ROUNDS: Final = 3  # in which a rival's other shapes get the size that it has beside them: the next changes little
+AS_GOOD_AS_FREE: Final = 1e-9  # prior information on a parameter that is to be fitted, over the data's
+# The ground of an interval of time is driven over again.
+INTERVAL_FROM_S, INTERVAL_S = 45.0, 60.0
+
+Named = Selected | Curve  # what may be there
+
+
+class Place(NamedTuple):
+    """Columns of a cause: its own effect, derivatives with respect to its parameters, other shapes of it."""
+
+    own: int
+    tangents: range
+    shapes: range
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns in the products: the nuisances first, then each cause's, by its identity."""
+
+    nuisances: range
+    places: Mapping[int, Place]
+
+
+def columns_of(problem: Problem, causes: Sequence[Named]) -> tuple[Array, Layout]:
+    """Whitened columns (r, p) of nuisances and causes."""
+    moved = [_again(c) if isinstance(c, Selected) else c for c in causes]
+    selection = [c for c in moved if isinstance(c, Selected)]
+    shapes = [w for c in selection for w in problem.wanted_shapes(c)]
+    problem.units(problem.wanted_rows(selection) + problem.wanted_tangents(selection) + shapes)
+    columns, at = [problem.nuisance], problem.nuisance.shape[1]
+    nuisances, places = range(at), {}
+    for cause, as_moved in zip(causes, moved, strict=True):
+        own, tangents, others = _columns(problem, as_moved)
+        first = at + 1 + tangents.shape[1]
+        places[id(cause)] = Place(at, range(at + 1, first), range(first, first + others.shape[1]))
+        columns += [own[:, None], tangents, others]
+        at = first + others.shape[1]
+    return np.concatenate(columns, axis=1), Layout(nuisances, places)
+
+
+def _columns(problem: Problem, cause: Named) -> tuple[Array, Array, Array]:
+    if isinstance(cause, Curve):
+        # Of what was found, the size may be another: that a curve can be anything, it pays for elsewhere.
+        rows = problem.whiten([_curve_sensitivity(problem, cause)])
+        return rows[:, 0], rows, rows[:, :0]
+    shapes = problem.units(problem.wanted_shapes(cause))
+    others = np.array(shapes).reshape(len(shapes), len(problem.data)).T
+    return problem.effect_rows([cause]), problem.tangents([cause]), others
+
+
+def _again(selected: Selected) -> Selected:
+    """Shift an interval of time to where the drive passes its ground again; all else acts throughout."""
+    if selected.begin_s is None:
+        return selected
+    times = {START.name: INTERVAL_FROM_S}
+    if selected.end_s is not None:
+        times[END.name] = INTERVAL_FROM_S + min(selected.end_s - selected.begin_s, INTERVAL_S)
+    return replace(selected, values={**selected.values, **times})
+
+
+def _curve_sensitivity(problem: Problem, curve: Curve) -> Sensitivity:
+    """Sensitivity of a curve without a name; beyond its ends it stays as it is there."""
+    m, known = problem.sensitivities.motion, covariates(problem)
+    if curve.covariate not in known:
+        return Sensitivity()
+    period = 360.0 if curve.covariate in PERIODIC else None
+    x = known[curve.covariate][0] * COVARIATE_UNITS[curve.covariate][1]
+    value = np.interp(x, curve.knots, curve.value, period=period)
+    errors = errors_along(m)[curve.channel](value / CHANNELS[curve.channel].public)
+    return problem.sensitivities.of(errors)
+
+
+def expected_ratio(
+    products: Array, layout: Layout, true: Named, rival: Named | None, beside: Sequence[Selected]
+) -> tuple[Array, Array]:
+    """Mean and variance of the log likelihood ratio of a cause that is there to its rival, in n drives, (n,) each.
+
+    `products` (n, p, p): those of the drives' columns. The rival's parameters are free, and those of the effects
+    `beside`; of each there are other shapes too. None in place of the rival: nothing.
+    """
+    found = layout.places[id(true)]
+    other = None if rival is None else layout.places[id(rival)]
+    squared, rival_size = _squared_distance(products, layout, found, other, [layout.places[id(c)] for c in beside])
+    occam = _occam(products, layout, other, rival_size)
+    occam -= _occam(products, layout, found, products[:, found.own, found.own])
+    return np.minimum(0.5 * squared + occam, MOST_OCCAM * squared), squared
+
+
+def _squared_distance(
+    products: Array, layout: Layout, true: Place, rival: Place | None, beside: Sequence[Place]
+) -> tuple[Array, Array]:
+    """Squared distance (n,) between a cause and the nearest that its rival can do, and the size of that, squared."""
+    others = [*beside, rival] if rival is not None else list(beside)
+    free = [i for place in others for i in place.tangents]
+    held = [*layout.nuisances, *free, *(i for place in others for i in place.shapes)]
+    size = np.einsum("nii->ni", products)
+    scale, prior = np.ones((2, len(products), len(held)))
+    first = len(layout.nuisances) + len(free)
+    scale[:, first:] = np.concatenate([_shape_scale(products, o, size[:, o.own]) for o in others] or [scale[:, :0]], 1)
+    prior[:, len(layout.nuisances) : first] = AS_GOOD_AS_FREE * (size[:, free] + 1e-300)
+    b, square, rival_size = products[:, held, true.own], size[:, true.own], np.zeros(len(products))
+    if rival is not None:
+        b = b - products[:, held, rival.own]
+        square = square - 2.0 * products[:, true.own, rival.own] + size[:, rival.own]
+    explained = np.zeros(len(products))
+    for _ in range(ROUNDS if rival is not None else 1):
+        # Of unit length with what the priors add: the solution is then well scaled.
+        length = np.sqrt(scale**2 * size[:, held] + prior)
+        unit = scale / length
+        A = products[:, held][:, :, held] * unit[:, :, None] * unit[:, None]
+        A[:, range(len(held)), range(len(held))] += prior / length**2
+        x = np.linalg.solve(A, (b * unit)[:, :, None])[:, :, 0]
+        explained = np.einsum("ni,ni->n", b * unit, x)
+        if rival is not None:
+            moves, of_shapes = (x * unit)[:, first - len(rival.tangents) : first], len(held) - len(rival.shapes)
+            moves = moves + np.einsum("nks,ns->nk", _traded(products, rival), (x * unit)[:, of_shapes:])
+            rival_size = _moved_size(products, rival, moves)
+            scale[:, of_shapes:] = _shape_scale(products, rival, rival_size)
+    return np.maximum(square - explained, 0.0), rival_size
+
+
+def _moved_size(products: Array, place: Place, moves: Array) -> Array:
+    """Size of a cause, squared, once its parameters have moved by (n, k)."""
+    columns = [place.own, *place.tangents]
+    x = np.concatenate([np.ones((len(moves), 1)), moves], axis=1)
+    return np.asarray(np.maximum(np.einsum("ni,nij,nj->n", x, products[:, columns][:, :, columns], x), 0.0), float)
+
+
+def _shape_scale(products: Array, place: Place, size: Array) -> Array:
+    """Factors (n, s) with which a cause's other shapes are as large as they may be, of its size, squared. (75)"""
+    own = np.maximum(products[:, place.shapes, place.shapes], 1e-300)
+    return np.asarray(DISCREPANCY_SHARE * np.sqrt(size[:, None] / own), float)
+
+
+def _traded(products: Array, place: Place) -> Array:
+    """What a cause's parameters (n, k, s) can make of its other shapes."""
+    tangents, shapes = list(place.tangents), list(place.shapes)
+    T = products[:, tangents][:, :, tangents]
+    least = AS_GOOD_AS_FREE * np.einsum("nii->n", T) + 1e-300
+    return np.asarray(
+        np.linalg.solve(T + least[:, None, None] * np.eye(len(tangents)), products[:, tangents][:, :, shapes]), float
+    )
+
+
+def _occam(products: Array, layout: Layout, place: Place | None, size: Array) -> Array:
+    """Half the log determinant (n,) of nuisances and other shapes, these less what the parameters can make. (74)"""
+    nuisances = list(layout.nuisances)
+    soft = products[:, nuisances][:, :, nuisances]
+    if place is not None and len(place.shapes):
+        shapes, tangents, k = list(place.shapes), list(place.tangents), len(nuisances)
+        columns, traded = [*nuisances, *shapes], _traded(products, place)
+        soft = products[:, columns][:, :, columns]
+        of_nuisances = products[:, nuisances][:, :, tangents] @ traded
+        soft[:, :k, k:] -= of_nuisances
+        soft[:, k:, :k] -= of_nuisances.transpose(0, 2, 1)
+        soft[:, k:, k:] -= products[:, shapes][:, :, tangents] @ traded
+        scale = np.concatenate([np.ones((len(soft), k)), _shape_scale(products, place, size)], axis=1)
+        soft = soft * scale[:, :, None] * scale[:, None]
+    return np.asarray(0.5 * np.linalg.slogdet(soft + np.eye(soft.shape[1]))[1], float)
+
+
+def settling_probability(mean: Array, variance: Array) -> Array:
+    """Probability that a log likelihood ratio of such mean and variance passes SETTLED_NATS. (92)"""
+    return np.asarray(ndtr((mean - SETTLED_NATS) / np.sqrt(np.maximum(variance, 1e-30))), float)
