@@ -24,10 +24,11 @@ from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial import contacts
+from drd_tools.trial.ceiling import set_ceilings
 from drd_tools.trial.overlay import Effects, overlaid
 from drd_tools.trial.plan import CONTACTS, STRESSED, Drawing, reversible
 from drd_tools.trial.results import Answer, Run, Stress, TrueEffect
-from drd_tools.trial.size import Random, Whitener, eventful, set_rivals
+from drd_tools.trial.size import Random, Whitener, eventful, selected_of, set_rivals
 from drd_tools.trial.unknown import HIDDEN
 
 TRIES: Final = 30  # drives, until one shows an effect of a plausible size so well
@@ -98,6 +99,7 @@ def _made(drawing: Drawing, random: Random) -> Case | None:
         for row, pair in zip(effect_rows(found), found, strict=True)
     ]
     set_rivals(whitener.problem, found, answer.effects)
+    set_ceilings(whitener.problem, selected_of(found), answer.effects)
     margin = answer.effects[0].margin_nats
     if names[0] in HIDDEN and isinstance(margin, float) and margin < UNLIKE_NATS:
         return None  # on this drive a name says it all

@@ -12,6 +12,7 @@ from drd_tools.diagnose.regression.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial import held_out
 from drd_tools.trial.baselines import baselines
+from drd_tools.trial.ceiling import set_given
 from drd_tools.trial.draw import make
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.plan import Drawing
@@ -31,6 +32,7 @@ def calls(
 def from_folder(folder: Path, answer: Answer, names: Sequence[str]) -> Record:
     """Diagnose a recording on disk. `names`: of the other methods."""
     recording = read_recording(folder / answer.case)
+    set_given(recording, answer.effects)
     record, _ = judged(recording, answer)
     record.kind, record.baselines = f"given {answer.kind}", baselines(recording, names)
     return record

@@ -15,17 +15,15 @@ import numpy as np
 from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
+from drd_tools.diagnose.advise.distance import Rivals, fitted_to, half_square
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES, drive
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence, Noise, gather
-from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import nuisance_design
 from drd_tools.diagnose.results import NOTHING, Alternative, Array, NextDrive, Status
-from drd_tools.diagnose.select.library import Candidate, columns_of, variants
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
 from drd_tools.diagnose.selected import Selected
@@ -162,41 +160,6 @@ def _kind(e: Evidence) -> Reference:
 # ---- nats ----------------------------------------------------------------------------------------------------------
 
 
-class _Rivals:
-    """Candidates of a few effects, and the rows that the questions' findings would cause."""
-
-    def __init__(self, problem: Problem, names: Sequence[str], findings: Sequence[Cause]):
-        self._candidates: list[Candidate] = []
-        sensitivities: list[Sensitivity] = []
-        for effect in (catalogue()[name] for name in names):
-            for shape in variants(problem, effect):
-                made, own = columns_of(problem, effect, shape, len(sensitivities))
-                self._candidates += made
-                sensitivities += own
-        rows = problem.whiten([*sensitivities, *(_sensitivity(problem, f) for f in findings)])
-        self.rows, self.found = rows[:, : len(sensitivities)], rows[:, len(sensitivities) :]
-
-    def best(self, problem: Problem, name: str, data: Array) -> Selected | None:
-        """The variant of an effect, with parameters, that explains most of the data beside the nuisances."""
-        own = [c for c in self._candidates if c.effect.id == name]
-        columns = sorted({i for c in own for i in c.columns})
-        at = {column: k for k, column in enumerate(columns)}
-        S, N = self.rows[:, columns], problem.nuisance
-        marginal, C = Marginal(N), N.T @ S
-        G, b = marginal.beside(S.T @ S, C), marginal.beside(S.T @ data, C, N.T @ data)
-        best: tuple[float, Selected] | None = None
-        for candidate in own:
-            index = [at[i] for i in candidate.columns]
-            if candidate.effect.linear():
-                x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
-            else:  # what is not linear has another form at another size
-                x = np.ones(1)
-            gain = float(b[index] @ x - 0.5 * x @ G[np.ix_(index, index)] @ x) - candidate.penalty
-            if (best is None or gain > best[0]) and (selected := candidate.selected(x)) is not None:
-                best = (gain, selected)
-        return None if best is None else best[1]
-
-
 def _sensitivity(problem: Problem, finding: Cause) -> Sensitivity:
     if finding.selected is not None:
         return problem.sensitivity(finding.selected.effect, _again(finding.selected).values)
@@ -238,9 +201,10 @@ def _nats(
     problem = Problem(evidence, path, noise)
     findings = list({id(f): f for f, _ in questions}.values())
     names = sorted({rival for _, rival in questions if rival != NOTHING})
-    rivals = _Rivals(problem, names, findings)
-    data = {id(f): rivals.found[:, k] for k, f in enumerate(findings)}
-    fitted = [rivals.best(problem, name, data[id(f)]) if name != NOTHING else None for f, name in questions]
+    rivals = Rivals(problem, names, [_sensitivity(problem, f) for f in findings])
+    data = {id(f): rivals.others[:, k] for k, f in enumerate(findings)}
+    best = [rivals.best(name, data[id(f)], problem.nuisance) if name != NOTHING else None for f, name in questions]
+    fitted = [None if b is None else b[1] for b in best]
     others = [c for c in others if any(c is not f.selected for f, _ in questions)]
     used = [*others, *(c for c in fitted if c is not None)]
     problem.units(
@@ -250,10 +214,10 @@ def _nats(
     for (finding, _), rival in zip(questions, fitted, strict=True):
         beside = [c for c in others if c is not finding.selected]
         # A rival of no size is none: it never does worse.
-        ways = [_fitted_to(problem, data[id(finding)], beside, r) for r in ([None, rival] if rival else [None])]
+        ways = [fitted_to(problem, data[id(finding)], beside, r) for r in ([None, rival] if rival else [None])]
         left.append((_price(problem, finding, rival), ways))
     kept = [problem.row_time_s <= 60.0 * limit for limit in minutes]
-    return [tuple(min(_half_square(r[k], held[k]) for r, held in ways) - price for price, ways in left) for k in kept]
+    return [tuple(min(half_square(r[k], held[k]) for r, held in ways) - price for price, ways in left) for k in kept]
 
 
 def _price(problem: Problem, finding: Cause, rival: Selected | None) -> float:
@@ -264,22 +228,6 @@ def _price(problem: Problem, finding: Cause, rival: Selected | None) -> float:
         else problem.per_parameter + problem.per_effect
     )
     return max(0.0, mine - (problem.penalty([rival]) if rival is not None else 0.0))
-
-
-def _fitted_to(
-    problem: Problem, data: Array, beside: Sequence[Selected], rival: Selected | None
-) -> tuple[Array, Array]:
-    """Data less the rival, (r,), and the nuisance design beside it, (r, q)."""
-    held = nuisance_design(problem, [*beside, rival] if rival is not None else beside)
-    return data - (problem.effect_rows([rival]) if rival is not None else 0.0), held
-
-
-def _half_square(residual: Array, held: Array) -> float:
-    A = Marginal(held).A
-    scale = 1.0 / np.sqrt(np.diag(A))
-    b = scale * (held.T @ residual)
-    x = np.linalg.lstsq(A * scale[:, None] * scale, b, rcond=1e-10)[0]
-    return max(0.0, 0.5 * float(residual @ residual - b @ x))
 
 
 # ---- words ---------------------------------------------------------------------------------------------------------
