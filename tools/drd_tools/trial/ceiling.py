@@ -3,7 +3,8 @@
 Of two equally likely names at whitened distance d no method names more than a share Phi(d/2) right, on average of both:
 one that always says the first is right there, and wrong wherever it is the second. So the mean of the ceilings is the
 most that a method can expect of drives of which the nearest rival is as likely; with luck, or by leaning to the names
-of a row, a rate may lie above it. What is in no catalogue is set against the nearest name.
+of a row, a rate may lie above it. A rival with more free parameters than the effect is not as likely to have just those
+that imitate it, and does not count. What is in no catalogue is set against the nearest name.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,7 @@ def set_ceilings(
     rivals = Rivals(problem, rival_names(problem))
     for one, row in zip(truth, rows, strict=True):
         others = [c for c in (*truth, *beside) if c is not one and c.id != one.id]
-        found = nearest(problem, one, others, rivals)
+        found = nearest(problem, one, others, rivals, len(one.free))
         distances = [near.distance for near in found]
         row.nearest, row.distance = found[0]
         row.ceiling, row.least = ceiling(distances), least(distances)

@@ -11,7 +11,7 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts, plant
+from drd_tools.trial import baselines, contacts, distances, plant
 from drd_tools.trial.figures import Figures
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.planted import not_visible, planted_table, reported
@@ -42,6 +42,9 @@ Cases are drawn by seed, each from its name and the seed alone:
 diagnosis of that drive weighs its noise, and diagnosed; what is reported is judged upon what is reported of the drive
 as it is: named first, in its class, its size within 3 sigma, its window, the 90 % intervals, and names besides.
 
+--distances simulates the drives that `drd diagnose` advises instead, 3 minutes each, and tells how far each sets each
+effect, seen with d = 12, apart from each of the others: distances.csv and .json, and heat maps in distances.html.
+
 A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
 diagnosis are moved aside, to results.old.jsonl.
 """
@@ -52,6 +55,7 @@ examples:
   {PROGRAM} --large --seed 7 --output out/large                   (half an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
+  {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
@@ -64,10 +68,13 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
-    if chosen.output is None or not (chosen.folder or chosen.each or chosen.large or chosen.plant):
-        parser.error("give --output DIR with --each N, --large, --folder DIR or --plant DIR, or --draw DIR")
-    if chosen.plant and (chosen.folder or chosen.each or chosen.large):
-        parser.error("--plant goes without --each, --large and --folder")
+    drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
+    if chosen.output is None or not (drawn or instead):
+        parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
+    if instead and (drawn or (chosen.plant and chosen.distances)):
+        parser.error("--plant and --distances go alone, without --each, --large and --folder")
+    if chosen.distances:
+        return _distances(chosen)
     with writing(chosen.output):
         (_plant if chosen.plant else _run)(chosen)
         return _drawn(chosen.output, chosen.quote)
@@ -99,6 +106,16 @@ def _run(chosen: argparse.Namespace) -> None:
     beside = LARGE_BESIDE if chosen.large else 1
     for row in completed(calls(chosen.folder, answers, drawn, names, beside), chosen.jobs):
         store.add(row)
+
+
+def _distances(chosen: argparse.Namespace) -> int:
+    from drd_tools.trial.distance_page import text as told  # noqa: PLC0415  # matplotlib is slow
+    from drd_tools.trial.distance_page import write_page as write  # noqa: PLC0415
+
+    found = distances.Distances(list(completed(distances.calls(chosen.seed), chosen.jobs)))
+    files = write(found, chosen.output)
+    print(f"{told(found)}\n\nwrote {', '.join(map(str, files))}")
+    return 0
 
 
 def _plant(chosen: argparse.Namespace) -> None:
@@ -163,6 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
+    add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")

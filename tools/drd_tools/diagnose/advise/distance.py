@@ -6,7 +6,7 @@ how often the best of all methods tells names so far apart.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -62,13 +62,13 @@ class Rivals:
         rows = problem.whiten([*sensitivities, *others])
         self.rows, self.others = rows[:, : len(sensitivities)], rows[:, len(sensitivities) :]
 
-    def best(self, name: str, data: Array, held: Array, alone: bool = False) -> tuple[float, Selected] | None:
+    def best(
+        self, name: str, data: Array, held: Array, allowed: Callable[[Selected], bool] | None = None
+    ) -> tuple[float, Selected] | None:
         """The variant of an effect, with parameters, that explains most of the data (r,) beside columns of prior 1,
-        `held` (r, q); and how much, nats.
-
-        Its penalty is taken off, but for those that stand `alone`: with no scale error beside them, and free.
+        `held` (r, q); and how much, nats, its penalty taken off. Of those that are `allowed` only: without penalty.
         """
-        own = [c for c in self._candidates if c.effect.id == name and not (alone and SCALE.name in c.names)]
+        own = [c for c in self._candidates if c.effect.id == name]
         columns = sorted({i for c in own for i in c.columns})
         at = {column: k for k, column in enumerate(columns)}
         S = self.rows[:, columns]
@@ -77,13 +77,14 @@ class Rivals:
         best: tuple[float, Selected] | None = None
         for candidate in own:
             index = [at[i] for i in candidate.columns]
-            if candidate.effect.linear():
+            if candidate.effect.linear() or allowed:  # these are but to begin with
                 x = np.asarray(np.linalg.lstsq(G[np.ix_(index, index)], b[index], rcond=1e-8)[0], float)
             else:  # what is not linear has another form at another size
                 x = np.ones(1)
-            gain = float(b[index] @ x - 0.5 * x @ G[np.ix_(index, index)] @ x) - (0.0 if alone else candidate.penalty)
+            gain = float(b[index] @ x - 0.5 * x @ G[np.ix_(index, index)] @ x)
+            gain -= 0.0 if allowed else candidate.penalty
             if (best is None or gain > best[0]) and (selected := candidate.selected(x)) is not None:
-                best = (gain, selected)
+                best = (gain, selected) if allowed is None or allowed(selected) else best
         return best
 
 
@@ -94,31 +95,50 @@ class Near(NamedTuple):
     distance: float
 
 
-def nearest(problem: Problem, one: Selected, others: Sequence[Selected], rivals: Rivals) -> list[Near]:
+def nearest(
+    problem: Problem, one: Selected, others: Sequence[Selected], rivals: Rivals, most: int | None = None
+) -> list[Near]:
     """What may stand in the place of `one` beside the `others`, whose free parameters adapt, the nearest first.
 
-    Each distance is reached by parameters that make sense: it may be too large where the descent ends too early, but is
-    never too small. Causes have the catalogue's form.
+    Each distance is reached by parameters of the catalogue's plausible range, `most` of them free: it may be too large
+    where the descent ends too early, but is never too small. Causes have the catalogue's form.
     """
     exact = problem.exact().with_data(problem.effect_rows([one, *others]))
     rows, taken = exact.effect_rows([one]), {one.id, *(c.id for c in others)}
     # Along what is not linear a tangent would promise more than the others can do.
     held = nuisance_design(exact, [replace(c, free=linear_names(c.effect, c.values)) for c in others])
+
+    def allowed(c: Selected) -> bool:
+        return (most is None or len(c.free) <= most) and is_usual(c) and is_possible(exact, c)
+
     starts: dict[str, Selected] = {}
     reached = {NOTHING: half_square(rows, held)}
     for name in (n for n in rivals.names if n not in taken):
         reached[name] = reached[NOTHING]  # of no size
-        best = rivals.best(name, rows, held, alone=True)
-        if best is not None and is_possible(exact, best[1]):
+        best = rivals.best(name, rows, held, allowed)
+        if best is not None:
             starts[name] = best[1]
             reached[name] = min(reached[NOTHING], half_square(rows - exact.effect_rows([best[1]]), held))
     begun = [starts[name] for name in sorted(starts, key=lambda n: reached[n])[:REFINED]]
     begun += [c for c in same_window(one) if c.id in rivals.names and c.id not in taken]
     for fit in refine_all(exact, [[*others, c] for c in begun]):
-        if all(is_possible(exact, c) for c in fit.selection):
+        if allowed(fit.selection[-1]):
             name, left = fit.selection[-1].id, exact.data - exact.effect_rows(fit.selection)
             reached[name] = min(reached[name], half_square(left, exact.nuisance))
     return sorted((Near(name, math.sqrt(2.0 * nats)) for name, nats in reached.items()), key=lambda n: n.distance)
+
+
+def is_usual(selected: Selected) -> bool:
+    """Whether the parameters lie in the catalogue's plausible ranges; a size may be smaller. With nothing beside it."""
+    if SCALE.name in selected.values:
+        return False
+    for q in selected.effect.parameters:
+        if q.choices or q.moment or q.is_angle or q.fixed:
+            continue
+        value, is_size = selected.number(q.name) / q.si, q.linear or not selected.effect.linear()
+        if abs(value) > q.high or (abs(value) < q.low and (q.neutral or not is_size)):
+            return False
+    return True
 
 
 def ceiling(distances: Sequence[float]) -> float:
