@@ -35,12 +35,11 @@ def write_page(distances: Distances, folder: Path) -> list[Path]:
         files = distances.write(folder)
         page = Page("Distances of all effects", lead(distances))
         page.heading("The closest pairs")
-        pairs = [_cells(distances, p) for p in distances.pairs() if p.farthest < ALIKE]
-        page.table(HEADER, pairs, TABLE, text_columns=(1,))
+        page.table(HEADER, [_cells(distances, p) for p in distances.pairs()[:SHOWN]], TABLE, text_columns=(1,))
         page.table(MANOEUVRES_HEADER, _manoeuvres(distances), text_columns=(1,))
         numbered = [(f"{k}. {m}", distances.matrix(m)) for k, m in enumerate(distances.manoeuvres, 1)]
         for k, (title, matrix) in enumerate(
-            [("in the manoeuvre that tells each pair best", distances.best()), *numbered]
+            [("Each pair in the manoeuvre that tells it best", distances.best()), *numbered]
         ):
             files.append(folder / f"distances_{k}.png")
             _draw(files[-1], title, distances.names, matrix)
@@ -51,8 +50,8 @@ def write_page(distances: Distances, folder: Path) -> list[Path]:
 
 
 TABLE: Final = (
-    f"Pairs that no manoeuvre of {MINUTES} minutes sets {ALIKE:g} apart: their distance, of the nearer way round, in "
-    "the best manoeuvre and in the worst, and the ceiling of telling them in the best."
+    "The ceiling of telling them in the best manoeuvre, and their distance, of the nearer way round, in the best and "
+    "in the worst."
 )
 CAPTION: Final = (
     f"Row: the effect that is there, seen with d = {SIZE:g} (what destroys readings: or larger). Column: "
@@ -68,8 +67,8 @@ def lead(distances: Distances) -> list[str]:
     return [
         f"{len(distances.manoeuvres)} manoeuvres of {MINUTES} minutes, {len(distances.names)} effects: of {len(pairs)} "
         f"pairs {never} look alike (d below {ALIKE:g}) in every manoeuvre that shows them.",
-        f"At d = {ALIKE:g} the best method names the right one of two in {ceiling([ALIKE]):.1%} of the drives; at 1 in "
-        f"{ceiling([1.0]):.0%}.",
+        f"At d = {ALIKE:g} the best method names the right one of two in {100.0 * ceiling([ALIKE]):.1f} % of the "
+        f"drives; at 1 in {100.0 * ceiling([1.0]):.0f} %.",
     ]
 
 
