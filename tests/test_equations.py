@@ -54,4 +54,4 @@ def test_the_filter_cites_the_papers_equations() -> None:
 def test_the_diagnosis_cites_its_method() -> None:
     method = text().split("\n## Diagnosis\n")[1]
     wanted = {int(n) for n in re.findall(r"^\*\*\((\d+)\)\*\*", method, re.MULTILINE)}
-    assert wanted <= set(cited("tools/drd_tools/diagnose"))
+    assert wanted <= set(cited("tools/drd_tools/diagnose", "tools/drd_tools/trial"))

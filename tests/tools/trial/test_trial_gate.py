@@ -30,12 +30,12 @@ def made(rows: list[Row]) -> list[Record]:
 
 @pytest.fixture(scope="module")
 def nulls() -> list[Record]:
-    return made([simulated(d, ()) for d in drawings(Plan(nulls=NULLS), SEED, MINUTES)])
+    return made([simulated(d) for d in drawings(Plan(nulls=NULLS), SEED, MINUTES)])
 
 
 @pytest.fixture(scope="module")
 def singles() -> list[Record]:
-    return made([simulated(Drawing(f"{e}-gate", "single", (e,), 40.0, SEED, MINUTES), ()) for e in STRONG])
+    return made([simulated(Drawing(f"{e}-gate", "single", (e,), 40.0, SEED, MINUTES)) for e in STRONG])
 
 
 def test_where_nothing_is_missing_next_to_nothing_is_reported(nulls: list[Record]) -> None:

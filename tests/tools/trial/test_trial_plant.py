@@ -22,7 +22,7 @@ from drd_tools.simulate.truth import make_truth
 from drd_tools.trial import plant
 from drd_tools.trial.overlay import planted
 from drd_tools.trial.planted import Judged, composed, judged, not_visible, planted_table
-from drd_tools.trial.results import Planted, Store, TrueEffect, Untouched
+from drd_tools.trial.results import Planted, Store, TrueEffect, Untouched, si
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 SCRIPT = SHARED / "trials/plant.py"
@@ -67,7 +67,7 @@ def test_raw_data_are_those_of_an_independent_script(name: str, drive: str, tmp_
     parameters = script.plant(theirs, name, np.random.default_rng(3))
     script.write(tmp_path, theirs)
     true = TrueEffect(effect=name, parameters=parameters)
-    ours = planted(before, catalogue()[name], plant.si(true))
+    ours = planted(before, catalogue()[name], si(true))
     changed = 0.0
     for was, mine, other in zip(angles(before), angles(ours), angles(read_recording(tmp_path)), strict=True):
         change = float(np.sqrt(np.mean((other - was) ** 2)))

@@ -184,8 +184,8 @@ def test_the_text_has_the_figures_and_what_was_confused() -> None:
     assert "b: none of 30 drives" in told
     assert "drd trial --seed 3 --only CASE" in told
     quoted = markdown(figures.quoted()).splitlines()
-    assert quoted[2] == "| nothing is missing, something is reported | 2 | 0.50 (0.09..0.91) | 0.00 of 1 |"
-    assert "| in no catalogue: flagged as unknown | 1 | 0.00 (0.00..0.79) | - |" in quoted
+    assert quoted[2] == "| nothing is missing, something is reported | 2 | 0.50 (0.09..0.91) | 0.00 of 1 | - |"
+    assert "| in no catalogue: flagged as unknown | 1 | 0.00 (0.00..0.79) | - | - |" in quoted
 
 
 def test_a_trial_of_nothing_but_nulls_has_its_table() -> None:

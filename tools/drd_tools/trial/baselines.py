@@ -7,7 +7,7 @@ by its own scatter, and the gyro's constant bias is taken off. They know nothing
 import importlib.util
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -38,18 +38,26 @@ class Regression(NamedTuple):
     effects: list[str]
 
 
+def is_there(package: str) -> bool:
+    """Whether a package is installed."""
+    return importlib.util.find_spec(package) is not None
+
+
 def installed() -> tuple[str, ...]:
     """Those whose packages are there."""
-    return tuple(name for name, package in PACKAGES.items() if importlib.util.find_spec(package) is not None)
+    return tuple(name for name, package in PACKAGES.items() if is_there(package))
 
 
-def baselines(recording: Recording, names: Sequence[str]) -> dict[str, list[str]]:
-    """The effects that each method selected effects, the most important first."""
-    if not names:
+def baselines(
+    recording: Recording, names: Sequence[str], learned: Mapping[str, Callable[[Regression], list[str]]] | None = None
+) -> dict[str, list[str]]:
+    """The effects that each method selects, the most important first. `learned`: methods besides, that were trained."""
+    if not names and not learned:
         return {}
     regression = regress(recording)
-    methods: dict[str, Callable[[Regression], Array]] = {"lasso": _lasso, "E-SINDy": _e_sindy, "BIC": _bic}
-    return {name: _named(methods[name](regression), regression.effects) for name in names}
+    methods: dict[str, Callable[[Regression], Array]] = {"lasso": _lasso, "E-SINDy": _e_sindy, "BIC": forward}
+    found = {name: _named(methods[name](regression), regression.effects) for name in names}
+    return found | {name: method(regression) for name, method in (learned or {}).items()}
 
 
 def regress(recording: Recording) -> Regression:
@@ -161,7 +169,7 @@ def _e_sindy(r: Regression) -> Array:
     return np.asarray(np.where(included, np.median(coefficients, axis=0), 0.0), float)
 
 
-def _bic(r: Regression) -> Array:
+def forward(r: Regression) -> Array:
     """Forward selection by n ln(RSS) + k ln n (Schwarz 1978), as if each row had noise of its own."""
     X, left, chosen = r.X.copy(), r.y.copy(), np.zeros(r.X.shape[1])
     n = len(left)

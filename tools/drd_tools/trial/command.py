@@ -11,12 +11,12 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts, plant
+from drd_tools.trial import baselines, contacts, distances, plant, sbmi
 from drd_tools.trial.figures import Figures
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers
-from drd_tools.trial.run import calls
+from drd_tools.trial.run import Others, calls
 from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
 
@@ -25,7 +25,8 @@ Run the diagnosis blind on recordings whose answer is known, and score it: share
 missing and something is reported, names right first and as a set, names wrong even as a class, unknown physics flagged
 and misnamed, overlap of windows, truth within the 90 % intervals, and what the correction is worth on another drive of
 the same robot beside an oracle that knows the truth; with 95 % Wilson intervals, and beside sparse regressions of the
-same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]').
+same library (lasso, E-SINDy, BIC; those whose packages are installed: pip install 'drd[baselines]') and, with
+--sbmi N, a classifier that has learned from N drives of the same kinds, a second each, which effects are there.
 
 Cases are drawn by seed, each from its name and the seed alone:
   null-plain-*, null-stressed-*    nothing is missing; stressed: noise 30 % off its sheets, heavy tails, reference late,
@@ -42,6 +43,9 @@ Cases are drawn by seed, each from its name and the seed alone:
 diagnosis of that drive weighs its noise, and diagnosed; what is reported is judged upon what is reported of the drive
 as it is: named first, in its class, its size within 3 sigma, its window, the 90 % intervals, and names besides.
 
+--distances simulates the drives that `drd diagnose` advises instead, 3 minutes each, and tells how far each sets each
+effect, seen with d = 12, apart from each of the others: distances.csv and .json, and heat maps in distances.html.
+
 A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
 diagnosis are moved aside, to results.old.jsonl.
 """
@@ -52,6 +56,7 @@ examples:
   {PROGRAM} --large --seed 7 --output out/large                   (half an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
+  {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
@@ -64,10 +69,13 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
-    if chosen.output is None or not (chosen.folder or chosen.each or chosen.large or chosen.plant):
-        parser.error("give --output DIR with --each N, --large, --folder DIR or --plant DIR, or --draw DIR")
-    if chosen.plant and (chosen.folder or chosen.each or chosen.large):
-        parser.error("--plant goes without --each, --large and --folder")
+    drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
+    if chosen.output is None or not (drawn or instead):
+        parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
+    if instead and (drawn or (chosen.plant and chosen.distances)):
+        parser.error("--plant and --distances go alone, without --each, --large and --folder")
+    if chosen.distances:
+        return _distances(chosen)
     with writing(chosen.output):
         (_plant if chosen.plant else _run)(chosen)
         return _drawn(chosen.output, chosen.quote)
@@ -88,17 +96,30 @@ def _run(chosen: argparse.Namespace) -> None:
         drawn = [d for d in drawn if d.world != CONTACTS]
     if not answers and not drawn:
         raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(only))
-    names = _methods(chosen.baselines)
+    others = _others(chosen)
     folder = None if chosen.folder is None else str(chosen.folder)
-    head = Head(seed=chosen.seed, minutes=(low, high), reference=chosen.reference, folder=folder, baselines=list(names))
+    methods = [*others.names, *([f"{sbmi.METHOD} of {chosen.sbmi}"] if others.trained else [])]
+    head = Head(seed=chosen.seed, minutes=(low, high), reference=chosen.reference, folder=folder, baselines=methods)
     store = Store(chosen.output)
     done = {row.case for row in store.begin(head)}
     answers, drawn = [a for a in answers if a.case not in done], [d for d in drawn if d.name not in done]
     if done:
         print(f"{len(done)} cases are there already, {len(answers) + len(drawn)} are to do", file=sys.stderr)
+    if others.trained:
+        sbmi.train(others.trained, chosen.sbmi, chosen.seed, (low, high), chosen.jobs)
     beside = LARGE_BESIDE if chosen.large else 1
-    for row in completed(calls(chosen.folder, answers, drawn, names, beside), chosen.jobs):
+    for row in completed(calls(chosen.folder, answers, drawn, others, beside), chosen.jobs):
         store.add(row)
+
+
+def _distances(chosen: argparse.Namespace) -> int:
+    from drd_tools.trial.distance_page import text as told  # noqa: PLC0415  # matplotlib is slow
+    from drd_tools.trial.distance_page import write_page as write  # noqa: PLC0415
+
+    found = distances.Distances(list(completed(distances.calls(chosen.seed), chosen.jobs)))
+    files = write(found, chosen.output)
+    print(f"{told(found)}\n\nwrote {', '.join(map(str, files))}")
+    return 0
 
 
 def _plant(chosen: argparse.Namespace) -> None:
@@ -111,12 +132,15 @@ def _plant(chosen: argparse.Namespace) -> None:
         store.add(row)
 
 
-def _methods(wanted: bool) -> tuple[str, ...]:
-    names = baselines.installed() if wanted else ()
+def _others(chosen: argparse.Namespace) -> Others:
+    """The other methods whose packages are there; says which are not."""
+    names = baselines.installed() if chosen.baselines else ()
     missing = [f"{name} (package {baselines.PACKAGES[name]})" for name in baselines.PACKAGES if name not in names]
-    if wanted and missing:
+    if chosen.sbmi and not baselines.is_there(sbmi.PACKAGE):
+        missing.append(f"{sbmi.METHOD} (package {sbmi.PACKAGE})")
+    if (chosen.baselines or chosen.sbmi) and missing:
         print(f"Left out, not installed: {', '.join(missing)}; pip install 'drd[baselines]'", file=sys.stderr)
-    return names
+    return Others(names, chosen.output / sbmi.FILE if chosen.sbmi and baselines.is_there(sbmi.PACKAGE) else None)
 
 
 def _drawn(folder: Path, quoting: Path | None) -> int:
@@ -163,6 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     many("--large", action="store_true", help=f"the whole trial: {_sizes()}")
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
+    add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")
@@ -170,6 +195,7 @@ def _parser() -> argparse.ArgumentParser:
         help="full (default), sparse:SECONDS, ends or none, where the kind does not say")  # fmt: skip
     add("--only", nargs="+", default=["*"], metavar="PATTERN", help="only cases whose names match one of these")
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
+    add("--sbmi", type=whole(0), default=0, metavar="N", help="beside SBMI, too, learned from N simulated drives (400)")
     add("--jobs", type=whole(1), default=2, metavar="N", help="processes (default 2)")
     add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
     add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")

@@ -24,10 +24,11 @@ from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial import contacts
+from drd_tools.trial.ceiling import set_ceilings
 from drd_tools.trial.overlay import Effects, overlaid
 from drd_tools.trial.plan import CONTACTS, STRESSED, Drawing, reversible
 from drd_tools.trial.results import Answer, Run, Stress, TrueEffect
-from drd_tools.trial.size import Random, Whitener, eventful, set_rivals
+from drd_tools.trial.size import Random, Whitener, eventful, selected_of, set_rivals
 from drd_tools.trial.unknown import HIDDEN
 
 TRIES: Final = 30  # drives, until one shows an effect of a plausible size so well
@@ -53,17 +54,19 @@ class Case:
     again: Callable[[], Recording]
 
 
-def make(drawing: Drawing) -> Case:
-    """Simulate a case. Raises ValueError where no drive shows its effects at a plausible size."""
+def make(drawing: Drawing, judged: bool = True) -> Case:
+    """Simulate a case; `judged`: with rivals and ceilings. Raises ValueError where no drive shows its effects at a
+    plausible size.
+    """
     random = np.random.default_rng([drawing.seed, zlib.crc32(drawing.name.encode())])
     for _ in range(TRIES):
-        case = _made(drawing, random)
+        case = _made(drawing, random, judged)
         if case is not None:
             return case
     raise ValueError(f"{drawing.name}: none of {TRIES} drives shows it at a plausible size")
 
 
-def _made(drawing: Drawing, random: Random) -> Case | None:
+def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
     """One try; None where an effect would be implausible."""
     names = drawing.effects
     if drawing.detectability and not names:
@@ -97,7 +100,9 @@ def _made(drawing: Drawing, random: Random) -> Case | None:
         TrueEffect(**row, detectability=whitener.detectability(*pair))
         for row, pair in zip(effect_rows(found), found, strict=True)
     ]
-    set_rivals(whitener.problem, found, answer.effects)
+    if judged:
+        set_rivals(whitener.problem, found, answer.effects)
+        set_ceilings(whitener.problem, selected_of(found), answer.effects)
     margin = answer.effects[0].margin_nats
     if names[0] in HIDDEN and isinstance(margin, float) and margin < UNLIKE_NATS:
         return None  # on this drive a name says it all

@@ -43,6 +43,14 @@ def _median(title: str, of: Callable[[Score], Iterable[float]], quarter: int = 2
     return Column([title], lambda pairs: [quantile([x for _, s in pairs for x in of(s)], quarter)])
 
 
+def _mean(title: str, of: Callable[[Score], Iterable[float]]) -> Column:
+    return Column([title], lambda pairs: [mean([x for _, s in pairs for x in of(s)])])
+
+
+def _ceiling(s: Score) -> list[float]:
+    return [] if s.ceiling is None else [s.ceiling]
+
+
 def _shares(s: Score) -> list[float]:
     return [] if s.share is None else [s.share]
 
@@ -63,11 +71,17 @@ N: Final = _count("n", lambda _: [True])
 NULLS: Final = [N, _rate("any finding", lambda s: [s.reports]), _rate("above suspected", lambda s: [s.sure_reports])]
 FOUND: Final = [
     N, _rate("verdict", lambda s: [s.verdict], 1), _rate("top-1", lambda s: [s.top_1]),
+    _mean("ceiling", lambda s: _ceiling(s) if s.effects == 1 else []),
     _rate("top-1 class", lambda s: [s.top_1_class]), _rate("false names", _false),
 ]  # fmt: skip
-SETS: Final = [N, _rate("set", lambda s: [s.exact]), _rate("set class", lambda s: [s.exact_class])]
+SETS: Final = [
+    N,
+    _rate("set", lambda s: [s.exact]),
+    _mean("ceiling", _ceiling),
+    _rate("set class", lambda s: [s.exact_class]),
+]
 HIDDEN: Final = [
-    N, _rate("flagged", lambda s: [s.flagged]), _rate("misnamed", lambda s: [s.misnamed]),
+    N, _rate("flagged", lambda s: [s.flagged]), _mean("ceiling", _ceiling), _rate("misnamed", lambda s: [s.misnamed]),
     _rate("silent", lambda s: [not s.reports], 1),
 ]  # fmt: skip
 SIZES: Final = [
@@ -80,16 +94,22 @@ OTHER_DRIVE: Final = [
     _count("path worse", lambda s: [True] * bool(s.worse_path)),
 ]  # fmt: skip
 ALONE: Final = [
-    N, _rate("top-1", lambda s: [s.top_1]), _rate("class", lambda s: [s.top_1_class], 1),
-    _rate("coverage", _inside, 1), _median("overlap", _overlaps), _median("of the oracle", _shares),
+    N, _rate("top-1", lambda s: [s.top_1]), _mean("ceiling", _ceiling),
+    _rate("class", lambda s: [s.top_1_class], 1), _rate("coverage", _inside, 1),
+    _median("overlap", _overlaps), _median("of the oracle", _shares),
 ]  # fmt: skip
 TITLES: Final = {
     "nulls": "Nothing is missing, and yet something is reported (95 % Wilson intervals)",
     "found": "Something is missing: the first name (top-1: the name itself; class: it is among those that it also "
     "fits; separable: no other name, nor one less, would do as well without noise; false names: of all names, wrong "
-    "even as a class)",
-    "sets": "Something is missing: exactly the right names",
-    "hidden": "In no catalogue (flagged: unknown is reported; misnamed: a name is, and unknown is not)",
+    "even as a class; ceiling: no method has more first names right, on average, where the nearest other name is as "
+    "likely; a rate above it leans to the names of its row, or is luck)",
+    "sets": "Something is missing: exactly the right names (ceiling: with that effect exchanged which is nearest to "
+    "another)",
+    "hidden": "In no catalogue (flagged: unknown is reported; misnamed: a name is, and unknown is not; ceiling: of "
+    "telling it from the nearest name)",
+    "drives": "Ceiling of each drive (for each effect what is nearest in its place, at the whitened distance d, and "
+    "Phi(d/2), above which no method tells the two; at least: what the best method reaches among all names)",
     "sizes": "What was named right: truth within the 90 % intervals, and overlap of the windows of time",
     "other drive": "Another drive of the same robot: share of the oracle's improvement of the residual (counted where "
     "that is no noise, and not too large for a linear model), and how often it is worse than no correction by more "
@@ -162,34 +182,47 @@ class Figures:
         groups = by_effect(self.of(*self.single_kinds))
         return _table("alone", "effect", groups, [*map(only, self.single_kinds), *ALONE])
 
+    def drives(self) -> Table:
+        """Each true effect of each drive that has a ceiling, the lowest first."""
+        known = [(e, r, s) for r, s in self.pairs for e in r.effects if isinstance(e.ceiling, float)]
+        cells = []
+        for e, r, s in sorted(known, key=lambda k: (k[0].distance, k[1].case)):
+            seen = f"{e.detectability:.1f}" if isinstance(e.detectability, float) else "-"
+            limits = [f"{e.distance:.2f}", f"{e.ceiling:.3f}", f"{e.least:.3f}"]
+            cells.append([r.case, e.effect, seen, str(e.nearest), *limits, "yes" if s.exact else "no"])
+        header = ["case", "effect", "seen with d", "nearest", "distance d", "ceiling", "at least", "names right"]
+        return Table(TITLES["drives"], header, cells)
+
     def quoted(self) -> Table:
         """The few figures that a reader asks for first, beside other methods."""
         rows: list[Cells] = []
 
-        def add(text: str, pairs: Sequence[Pair], yes: Callable[[Score], bool]) -> None:
+        def add(text: str, pairs: Sequence[Pair], yes: Callable[[Score], bool], bounded: bool = False) -> None:
             if not pairs:
                 return
+            highest = mean([c for _, s in pairs for c in _ceiling(s)]) if bounded else "-"
             cells = [" ".join(share(yes(s) for _, s in pairs))]
             for name in self.methods:
                 own = [r for r, _ in pairs if name in r.baselines]
                 shown = share(yes(of_names(r, name)) for r in own)[0]
                 cells.append(shown if len(own) in (0, len(pairs)) else f"{shown} of {len(own)}")
-            rows.append([text, str(len(pairs)), *cells])
+            rows.append([text, str(len(pairs)), *cells, highest])
 
         add("nothing is missing, something is reported", self.of(*self.null_kinds), lambda s: s.reports)
         for kind, pairs in self._groups(self.single_kinds):
-            add(f"{kind}: the right name first", pairs, lambda s: s.top_1)
+            add(f"{kind}: the right name first", pairs, lambda s: s.top_1, True)
             add(f"{kind}: the right name, or one that the drive cannot tell from it", pairs, lambda s: s.top_1_class)
             apart = [p for p in pairs if _is_separable(p)]
-            add(f"{kind}: the right name first, on drives that tell it from all others", apart, lambda s: s.top_1)
+            text = f"{kind}: the right name first, on drives that tell it from all others"
+            add(text, apart, lambda s: s.top_1, True)
         for kind, pairs in self._groups(self.named_kinds):
             if kind.startswith(("pair", "triple")):
-                add(f"{kind}: exactly the right set", pairs, lambda s: s.exact)
+                add(f"{kind}: exactly the right set", pairs, lambda s: s.exact, True)
                 set_class = f"{kind}: exactly the right set, up to what cannot be told apart"
                 add(set_class, pairs, lambda s: s.exact_class)
-        add("in no catalogue: flagged as unknown", self.of(*self.unknown_kinds), lambda s: s.flagged)
-        rows += [[*row, *[""] * len(self.methods)] for row in self._quoted_ours()]
-        return Table("", ["figure (95 % Wilson interval)", "n", OURS, *self.methods], rows)
+        add("in no catalogue: flagged as unknown", self.of(*self.unknown_kinds), lambda s: s.flagged, True)
+        rows += [[*row, *[""] * (len(self.methods) + 1)] for row in self._quoted_ours()]
+        return Table("", ["figure (95 % Wilson interval)", "n", OURS, *self.methods, "ceiling"], rows)
 
     def _quoted_ours(self) -> list[Cells]:
         named, all_scores = [s for _, s in self.of(*self.named_kinds)], [s for _, s in self.pairs]
@@ -245,6 +278,11 @@ def share(yes: Iterable[bool]) -> Cells:
         return ["-", ""]
     low, high = wilson(sum(flags), len(flags))
     return [f"{sum(flags) / len(flags):.2f}", f"({low:.2f}..{high:.2f})"]
+
+
+def mean(values: Sequence[float]) -> str:
+    """The mean as a cell."""
+    return f"{statistics.fmean(values):.2f}" if values else "-"
 
 
 def quantile(values: Sequence[float], quarter: int = 2) -> str:

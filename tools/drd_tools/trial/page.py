@@ -50,6 +50,9 @@ def write_page(content: Content, folder: Path) -> list[Path]:
             page.heading(title)
             page.table(table.header, table.rows, table.caption)
             parts += [f"## {title}", *([f"{table.caption}."] if more else []), markdown(table)]
+        if figures is not None and (drives := figures.drives()).rows:
+            page.heading(drives.caption.partition(" (")[0])
+            page.table(drives.header, drives.rows, drives.caption, text_columns=(1, 3, 7))
         page.heading(content.title)
         page.code(listed)
         page.save(files[0])

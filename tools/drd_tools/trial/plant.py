@@ -16,13 +16,13 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Values
 from drd_tools.diagnose.run import run as diagnose
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.files import effect_rows
+from drd_tools.trial.ceiling import set_ceilings
 from drd_tools.trial.overlay import planted
-from drd_tools.trial.results import FAILED, Planted, Row, TrueEffect, Untouched
-from drd_tools.trial.size import Whitener
+from drd_tools.trial.results import FAILED, Planted, Row, TrueEffect, Untouched, si
+from drd_tools.trial.size import Whitener, selected_of
 from drd_tools.trial.workers import Call, completed
 
 DISTANCES: Final = (12.0, 25.0)
@@ -76,7 +76,8 @@ def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], 
                 not_visible.append(case)
                 continue
             (row,) = effect_rows([(effect, sized[0])])
-            plantings[case] = TrueEffect(**row, detectability=sized[1])
+            plantings[case] = true = TrueEffect(**row, detectability=sized[1])
+            set_ceilings(whitener.problem, selected_of([(effect, sized[0])]), [true], whitener.beside)
     return plantings, not_visible
 
 
@@ -85,12 +86,6 @@ def diagnosed(folder: Path, case: str, true: TrueEffect) -> Planted:
     recording = planted(read_recording(folder), catalogue()[true.effect], si(true))
     said = _diagnosed(replace(recording, folder=Path(case)))
     return Planted(case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name, **said)
-
-
-def si(true: TrueEffect) -> Values:
-    """The effect's parameters in SI."""
-    q = {q.name: q.si for q in catalogue()[true.effect].parameters}
-    return {name: v if isinstance(v, str) else v * q[name] for name, v in true.parameters.items()}
 
 
 def _diagnosed(recording: Recording) -> dict[str, Any]:

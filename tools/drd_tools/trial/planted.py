@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
 from drd_tools.diagnose.results import Finding
-from drd_tools.trial.figures import Cells, Table, quantile, share
+from drd_tools.trial.ceiling import ceiling_of
+from drd_tools.trial.figures import Cells, Table, mean, quantile, share
 from drd_tools.trial.plant import DISTANCES
 from drd_tools.trial.results import Planted, Row, TrueEffect, Untouched
 from drd_tools.trial.score import Interval, estimates, overlap
@@ -27,6 +28,7 @@ class Judged(Struct, frozen=True):
     `in_class`: some finding is it, or also fits it. `sized`: its words are right, and each size is within SIGMAS of the
     planted on top of what is reported of the untouched drive, or within SHARE of it where an estimate has no deviation;
     moments are judged by the `overlap` of windows. `extra`: names that are neither.
+    `ceiling`: of the name, beside what was found in the untouched drive.
     """
 
     effect: str
@@ -37,6 +39,7 @@ class Judged(Struct, frozen=True):
     intervals: tuple[Interval, ...]
     overlap: float | None
     extra: tuple[str, ...]
+    ceiling: float | None
 
 
 def judged(record: Planted, untouched: Untouched) -> Judged:
@@ -59,6 +62,7 @@ def judged(record: Planted, untouched: Untouched) -> Judged:
         intervals=tuple(i for i in on_top if i.std > 0.0),
         overlap=None if mine is None else overlap(true, mine),
         extra=tuple(f.effect for f in said if f.is_named and f not in fitting),
+        ceiling=ceiling_of(record),
     )
 
 
@@ -124,12 +128,14 @@ def planted_table(rows: Sequence[Row]) -> Table:
         by_kind = [share(is_so(s) for s in own if s.kind == k)[0] for is_so in titles.values() for k in kinds]
         extra = f"{sum(len(s.extra) for s in own) / len(own):.2f}"
         cells.append([name, str(len(own)), *by_kind, *share(inside), quantile(overlaps), extra])
+        cells[-1].append(mean([s.ceiling for s in own if s.ceiling is not None]))
     caption = (
         "Planted in real drives (first: named before all that is not reported of the untouched drive; class: a finding "
         f"is it or also fits it; size: all its sizes within {SIGMAS:g} sigma of the planted upon the untouched "
-        "drive's; coverage: truth within the 90 % intervals; extra: names a drive that are neither)"
+        "drive's; coverage: truth within the 90 % intervals; extra: names a drive that are neither; ceiling: no method "
+        "has more names right, where the nearest other is as likely and the noise is as the diagnosis weighs it)"
     )
-    return Table(caption, [*header, "coverage", "", "overlap", "extra"], cells)
+    return Table(caption, [*header, "coverage", "", "overlap", "extra", "ceiling"], cells)
 
 
 def not_visible(rows: Sequence[Row]) -> Table:

@@ -18,6 +18,8 @@ import drd.effects
 import drd_tools.diagnose
 import drd_tools.simulate
 from drd.config.schema import ConfigError
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Values
 from drd_tools.diagnose.files import parted, plain
 from drd_tools.diagnose.results import Figures, Finding
 from drd_tools.report.json_file import converted, read_json
@@ -33,7 +35,9 @@ class TrueEffect(Struct, kw_only=True):
     """An effect that is in a recording. `detectability`: its whitened distance d, the square root of the noncentrality.
 
     `rival`: what does best in its place without noise, another name or nothing (""), by `margin_nats` worse;
-    `separable`: by more than the names of one class differ.
+    `separable`: by more than the names of one class differ. `nearest`: what comes nearest to it in its place, at the
+    whitened `distance`, no name preferred. `ceiling`: probability of the right one of these two that no method exceeds,
+    where they are equally likely; `least`: that which the best method reaches among all names, sizes known. (93)
     """
 
     effect: str
@@ -42,6 +46,10 @@ class TrueEffect(Struct, kw_only=True):
     rival: str | UnsetType = UNSET
     margin_nats: float | UnsetType = UNSET
     separable: bool | UnsetType = UNSET
+    nearest: str | UnsetType = UNSET
+    distance: float | UnsetType = UNSET
+    ceiling: float | UnsetType = UNSET
+    least: float | UnsetType = UNSET
 
 
 class Run(Struct, frozen=True):
@@ -202,6 +210,12 @@ def read_answers(folder: Path) -> list[Answer]:
     """answers.json of a folder of recordings. Raises ConfigError."""
     file = folder / ANSWERS
     return converted(file, read_json(file, "a JSON file with the answers"), list[Answer])
+
+
+def si(true: TrueEffect) -> Values:
+    """Parameters of an effect of the catalogue in SI."""
+    q = {q.name: q.si for q in catalogue()[true.effect].parameters}
+    return {name: v if isinstance(v, str) else v * q[name] for name, v in true.parameters.items()}
 
 
 def fingerprint() -> str:

@@ -4,14 +4,15 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.recordings.folder import Recording, read_recording
-from drd_tools.trial import held_out
+from drd_tools.trial import held_out, sbmi
 from drd_tools.trial.baselines import baselines
+from drd_tools.trial.ceiling import set_given
 from drd_tools.trial.draw import make
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.plan import Drawing
@@ -20,30 +21,46 @@ from drd_tools.trial.size import selected_of
 from drd_tools.trial.unknown import HIDDEN
 
 
+class Others(NamedTuple):
+    """Other methods: the `names` of regressions, and where SBMI's training is kept, if it was trained."""
+
+    names: Sequence[str] = ()
+    trained: Path | None = None
+
+    def selected(self, recording: Recording) -> dict[str, list[str]]:
+        """The names that each selects."""
+        learned = {sbmi.METHOD: partial(sbmi.selected, file=self.trained)} if self.trained else {}
+        return baselines(recording, self.names, learned)
+
+
+NO_OTHERS: Final = Others()
+
+
 def calls(
-    folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], names: Sequence[str], beside: int = 1
+    folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], others: Others, beside: int = 1
 ) -> list[Callable[[], Row]]:
-    """What is to be done, a call for each case. `names`: of other methods, for one in `beside` of those drawn."""
-    made: list[Callable[[], Row]] = [] if folder is None else [partial(from_folder, folder, a, names) for a in answers]
-    return [*made, *(partial(simulated, d, () if d.number % beside else names) for d in drawn)]
+    """What is to be done, a call for each case. `others`: other methods, for one in `beside` of those drawn."""
+    made: list[Callable[[], Row]] = [] if folder is None else [partial(from_folder, folder, a, others) for a in answers]
+    return [*made, *(partial(simulated, d, NO_OTHERS if d.number % beside else others) for d in drawn)]
 
 
-def from_folder(folder: Path, answer: Answer, names: Sequence[str]) -> Record:
-    """Diagnose a recording on disk. `names`: of the other methods."""
+def from_folder(folder: Path, answer: Answer, others: Others) -> Record:
+    """Diagnose a recording on disk."""
     recording = read_recording(folder / answer.case)
+    set_given(recording, answer.effects)
     record, _ = judged(recording, answer)
-    record.kind, record.baselines = f"given {answer.kind}", baselines(recording, names)
+    record.kind, record.baselines = f"given {answer.kind}", others.selected(recording)
     return record
 
 
-def simulated(drawing: Drawing, names: Sequence[str]) -> Row:
+def simulated(drawing: Drawing, others: Others = NO_OTHERS) -> Row:
     """Simulate a case and diagnose it, if it can be made."""
     try:
         case = make(drawing)
     except ValueError as error:
         return NotMade(drawing.name, drawing.kind, str(error))
     record, result = judged(case.recording, case.answer, case.effects)
-    record.baselines = baselines(case.recording, names)
+    record.baselines = others.selected(case.recording)
     if result is not None and (case.effects or result.conclusion.causes):
         try:
             record.held_out = held_out.judged(result, case.effects, case.again())

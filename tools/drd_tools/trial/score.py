@@ -11,6 +11,7 @@ from scipy.stats import binomtest
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
 from drd_tools.diagnose.results import NOTHING, UNNAMED, Finding, Status, Support, Verdict
+from drd_tools.trial.ceiling import ceiling_of
 from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
 from drd_tools.trial.unknown import PREFIX
 
@@ -51,6 +52,7 @@ class Score(Struct, frozen=True, kw_only=True):
     effects of an interval of time that were named, and the share of overlap (intersection over union). `share`:
     improvement of the other drive's residual, of what the oracle's is; None where the oracle's is lost in the noise.
     `probabilities`: of the first names, with whether they are right; `brier`: of all names of a finding.
+    `effects`: how many there are; `ceiling`: above which no method has all their names right, or None.
     `worse`: what was found made the other drive's residual (`worse_path`: path) worse than no correction by more than
     WORSE; None where there was no other drive, or it says nothing.
     """
@@ -70,6 +72,8 @@ class Score(Struct, frozen=True, kw_only=True):
     windows: tuple[tuple[str, float], ...]
     probabilities: tuple[tuple[float, bool], ...]
     brier: tuple[float, ...]
+    effects: int
+    ceiling: float | None
     share: float | None
     worse: bool | None
     worse_path: bool | None
@@ -101,6 +105,8 @@ def score(record: Record) -> Score:
         windows=tuple((e.effect, iou) for e, f in pairs if (iou := overlap(e, f)) is not None),
         probabilities=tuple((f.probability, f.effect in right) for f in findings if f.probabilities),
         brier=tuple(_brier(f, right) for f in findings if f.probabilities),
+        effects=len(truth),
+        ceiling=ceiling_of(record),
         share=share,
         worse=worse,
         worse_path=worse_path,

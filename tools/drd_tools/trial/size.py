@@ -95,10 +95,14 @@ class Whitener:
             drawn = (self.sized(effect, d, random) for _ in range(draws))
             values = next((v for v in drawn if v is not None), None)
             return None if values is None else (values, self.detectability(effect, values))
-        events = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
-        sizes = [(v, self.detectability(effect, v)) for v in events]
-        near = [(v, size) for v, size in sizes if d / NEAR <= size <= d * NEAR]
-        return min(near, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
+        found = self.event(effect, d, random)
+        return found if found is not None and d / NEAR <= found[1] <= d * NEAR else None
+
+    def event(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
+        """Of some draws of what destroys readings, the values (SI) whose detectability is nearest to `d`, and it."""
+        drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
+        sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
+        return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
 
 
 def selected_of(effects: Effects) -> list[Selected]:

@@ -60,6 +60,8 @@ def _effect(true: TrueEffect) -> str:
         line += f"; d = {true.detectability:.1f}"
     if isinstance(true.margin_nats, float):
         line += f"; nearest {true.rival or 'without it'}, {true.margin_nats:.1f} nats worse without noise"
+    if isinstance(true.ceiling, float):
+        line += f"; ceiling {true.ceiling:.3f}, {true.nearest} at d = {true.distance:.1f}"
     return line + ")"
 
 

@@ -77,6 +77,13 @@ class Problem:
         self._cache: dict[Key, Array] = {}
         self._form_counts: dict[str, int] = {}
         self._rows: npt.NDArray[np.bool_] | None = None
+        self._is_exact = False
+
+    def exact(self) -> "Problem":
+        """A problem in which causes have the catalogue's form, as in simulation they do, and no other shape."""
+        made = copy(self)
+        made._is_exact = True
+        return made
 
     def with_data(self, data: Array) -> "Problem":
         """A problem with other data (r,)."""
@@ -231,6 +238,8 @@ class Problem:
 
     def wanted_shapes(self, selected: Selected) -> list[Wanted]:
         """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""
+        if self._is_exact:
+            return []
         rough = {
             name: float(f"{value:.2g}") if isinstance(value, float) else value
             for name, value in shape_of(selected.effect, selected.values).items()
