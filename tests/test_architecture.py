@@ -18,6 +18,7 @@ FLOORS = (
     ("config",),
     ("effects",),
     ("estimation", "fog", "encoders", "ports", "output"),
+    ("monitor",),
     ("pipeline", "recording"),
     ("state", "wiring"),
     ("batch", "service"),

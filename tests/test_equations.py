@@ -52,6 +52,12 @@ def test_the_filter_cites_the_papers_equations() -> None:
 
 
 def test_the_diagnosis_cites_its_method() -> None:
-    method = text().split("\n## Diagnosis\n")[1]
+    method = text().split("\n## Diagnosis\n")[1].split("\n## ")[0]
     wanted = {int(n) for n in re.findall(r"^\*\*\((\d+)\)\*\*", method, re.MULTILINE)}
     assert wanted <= set(cited("tools/drd_tools/diagnose", "tools/drd_tools/trial"))
+
+
+def test_the_monitor_cites_its_method() -> None:
+    method = text().split("\n## Monitor\n")[1]
+    wanted = {int(n) for n in re.findall(r"^\*\*\((\d+)\)\*\*", method, re.MULTILINE)}
+    assert wanted <= set(cited("drd/monitor"))

@@ -20,6 +20,15 @@ class Symptom(Enum):
     CLIPPED = "readings pile up at the largest rate"
     STOPPED = "a counter stands still while its wheel turns"
     JUMPED = "a counter jumps ahead now and then"
+    MUTED = "small rates read exactly zero"
+
+
+class Begins(Enum):
+    """How an effect is there while a robot drives."""
+
+    SUDDENLY = "at any moment, and stays"
+    GROWING = "at any moment, and grows in proportion to the time since"
+    POWER_ON = "from power-on on"
 
 
 class ActsOn(Enum):
@@ -148,6 +157,9 @@ class Effect:
     `repeats`: it may be there more than once; `recurs`: it comes again for the asking. `needs_wheels`: why nothing is
     known of it without them, or empty. `caveat`: what looks the same, a sentence; `advice`: one for the drive that is
     to show it, in which `{from_s}` is when an interval of other ground begins.
+
+    For a monitor on the robot. `begins`: how it comes; `needs_position`: why gyro and wheels alone do not show it, or
+    empty; `opposed`: of its two parameters only the difference shows without a position.
     """
 
     id: ClassVar[str]
@@ -170,6 +182,9 @@ class Effect:
     needs_wheels: ClassVar[str] = ""
     caveat: ClassVar[str] = ""
     advice: ClassVar[str] = ""
+    begins: ClassVar[Begins] = Begins.SUDDENLY
+    needs_position: ClassVar[str] = ""
+    opposed: ClassVar[bool] = False
 
     @property
     def sentence(self) -> str:
@@ -191,6 +206,13 @@ class Effect:
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         """Values (SI) of the parameters that are not linear, between which the diagnosis is to choose first."""
         return [{}]
+
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        """Values (SI) of the parameters that are not linear, for a monitor: the same at any time of a run.
+
+        Without linear parameters the size is in them: small, so that the error is in proportion to it.
+        """
+        return self.variants(m)
 
     def other_shapes(self, m: Motion, p: Values | None = None) -> list[Errors]:
         """Other forms that the same cause may have, of any size: the catalogue's form is always a bit wrong.
@@ -292,6 +314,11 @@ def windows(m: Motion, parts: int, step: float = 1.0) -> list[dict[str, float | 
     count = int((parts - 1) / step) + 1
     starts_s = [begin_s + k * step * length_s for k in range(count)]
     return [{"t0": start_s, "t1": start_s + length_s} for start_s in starts_s]
+
+
+def since_ever() -> dict[str, float | str]:
+    """The window that has no end, as `t0` and `t1`."""
+    return {START.name: -math.inf, END.name: math.inf}
 
 
 def window(time_s: Array, start_s: float, end_s: float) -> Array:

@@ -1,7 +1,7 @@
 """The encoders' clock drifts against the gyro's."""
 
 from drd.arrays import Array
-from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Begins, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -14,6 +14,7 @@ class EncoderClockSkew(Effect):
     source = "definition of a clock's rate error"
     parameters = (Parameter("ppm", "ppm", "what the clock runs slow", 1.0, 2000.0, 1e-6, linear=False),)
     covariate = "time"
+    begins = Begins.GROWING
     manoeuvre = "a long drive with hard starts and stops to its end"
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -33,6 +34,9 @@ class EncoderClockSkew(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"ppm": sign * size} for size in (30e-6, 100e-6, 300e-6) for sign in (-1.0, 1.0)]
+
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"ppm": 1e-6}]
 
     def calibrated(self, constants: Calibrated) -> Values | None:
         return {"ppm": -constants.lag_growth}

@@ -57,6 +57,9 @@ class EncoderMissedCounts(Effect):
             for k in range(2, 10)
         ]
 
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"side": side, "speed": speed} for side in SIDES for speed in (0.2, 0.35, 0.6, 0.9, 1.2, 1.8, 3.0)]
+
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # More and more above the speed; no sharp edge.
         speed, above = of_side(m, p), number(p, "speed")

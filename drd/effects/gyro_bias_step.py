@@ -28,6 +28,9 @@ class GyroBiasStep(Effect):
         begin_s = float(m.time_s[0])
         return [{"t0": begin_s + (m.end_s - begin_s) * k / 40} for k in range(1, 40)]
 
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{START.name: -np.inf}]
+
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A jump that takes half a minute, or that fades.
         since_s, after = m.time_s - number(p, "t0"), window(m.time_s, number(p, "t0"), float("inf"))

@@ -1,7 +1,7 @@
 """The gyro does not see small rates."""
 
 from drd.arrays import Array
-from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
+from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Symptom, Values, between_logs, np, number
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -18,9 +18,13 @@ class GyroDeadband(Effect):
     manoeuvre = "creeping turns of long duration, both ways"
     irreversible = "below the threshold every rate reads zero"
     remainder = 1.0
+    symptom = Symptom.MUTED
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=np.where(np.abs(m.rate_rad_s) < number(p, "band"), -m.rate_rad_s, 0.0))
+
+    def shown(self, side: str = "", begin_s: float = 0.0, end_s: float = 0.0, size: float = 0.0) -> Values:
+        return {"band": size}
 
     def hidden(self, rate_rad_s: Array, p: Values) -> Array | None:
         return rate_rad_s[np.abs(rate_rad_s) < number(p, "band")]

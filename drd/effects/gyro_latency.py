@@ -27,6 +27,9 @@ class GyroLatency(Effect):
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1, 0.2, 0.4)]
 
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"delay": 0.005}]
+
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A filter's lag, in what it differs from a delay; a queue that grows.
         rate, delay_s = m.rate_rad_s, max(number(p, "delay"), 1e-12)

@@ -1,6 +1,6 @@
 """The gyro's own clock is not what its data sheet says."""
 
-from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -17,6 +17,7 @@ class GyroSampleClock(Effect):
         ),
     )
     covariate = "time"
+    begins = Begins.GROWING
     manoeuvre = "a long drive with sharp turns, with the times at which samples arrive"
 
     def error(self, m: Motion, p: Values) -> Errors:
@@ -32,6 +33,9 @@ class GyroSampleClock(Effect):
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         sizes = (0.0005, 0.001, 0.002, 0.004, 0.007, 0.01, 0.014, 0.02, 0.025, 0.03, 0.04)
         return [{"ratio": 1.0 + sign * size} for size in sizes for sign in (-1.0, 1.0)]
+
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"ratio": 1.0 + 1e-6}]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A clock that drifts as it warms; stamps from arrival, but increments divided by the nominal interval.

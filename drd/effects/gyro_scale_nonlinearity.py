@@ -39,6 +39,9 @@ class GyroScaleNonlinearity(Effect):
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"largest_rate": max(largest(m.rate_rad_s), RAD_PER_DEG)}]
 
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [{"largest_rate": 60.0 * RAD_PER_DEG}]  # about what indoor robots turn
+
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Optics: the sine's next term; a modulator that is off: a sine of the rate less its straight line, or kinks.
         u = m.rate_rad_s / number(p, "largest_rate")

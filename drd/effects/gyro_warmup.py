@@ -1,6 +1,6 @@
 """The gyro's bias decays from power-on."""
 
-from drd.effects.effect import ActsOn, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
+from drd.effects.effect import ActsOn, Begins, Chance, Effect, Errors, Parameter, Values, between_logs, np, number
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
@@ -17,6 +17,7 @@ class GyroWarmup(Effect):
         Parameter("tau", "s", "time constant", 10.0, 3000.0, signed=False, linear=False),
     )
     covariate = "time"
+    begins = Begins.POWER_ON
     manoeuvre = "a drive from power-on, cold, of at least three time constants, with standstills"
     advice = "Begin at power-on, with the gyro cold."
 

@@ -13,6 +13,7 @@ class LateralSlipTurning(Effect):
     source = "tyre slip angle in proportion to lateral force (linear tyre model)"
     parameters = (Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False),)
     covariate = "lateral_acceleration"
+    needs_position = "no sensor of the robot tells its way to the side"
     manoeuvre = "a slalom at speed, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

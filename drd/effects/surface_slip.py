@@ -1,6 +1,19 @@
 """An interval on slippery ground."""
 
-from drd.effects.effect import END, START, ActsOn, Effect, Errors, Parameter, Values, np, number, window, windows
+from drd.effects.effect import (
+    END,
+    START,
+    ActsOn,
+    Effect,
+    Errors,
+    Parameter,
+    Values,
+    np,
+    number,
+    since_ever,
+    window,
+    windows,
+)
 from drd.effects.motion import Motion
 
 
@@ -32,6 +45,9 @@ class SurfaceSlip(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return windows(m, 4, 0.5) + windows(m, 8, 0.5) + windows(m, 16)
+
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [since_ever()]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Ground that changes within the interval; slip that grows with speed.

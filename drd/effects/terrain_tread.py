@@ -12,6 +12,7 @@ from drd.effects.effect import (
     both,
     np,
     number,
+    since_ever,
     window,
     windows,
 )
@@ -47,6 +48,9 @@ class TerrainTread(Effect):
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return windows(m, 4, 0.5) + windows(m, 8, 0.5) + windows(m, 16)
+
+    def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
+        return [since_ever()]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Ground that changes within the interval; scrub that grows with the rate; slip that grows with speed.

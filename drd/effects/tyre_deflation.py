@@ -1,6 +1,19 @@
 """One tyre loses air through the run."""
 
-from drd.effects.effect import SIDE, SIDES, ActsOn, Effect, Errors, Parameter, Values, np, number, of_side, on_side
+from drd.effects.effect import (
+    SIDE,
+    SIDES,
+    ActsOn,
+    Begins,
+    Effect,
+    Errors,
+    Parameter,
+    Values,
+    np,
+    number,
+    of_side,
+    on_side,
+)
 from drd.effects.motion import Motion
 
 
@@ -13,6 +26,7 @@ class TyreDeflation(Effect):
     source = "geometry; a small leak at nearly constant pressure loses air steadily"
     parameters = (SIDE, Parameter("total", "1", "share of the radius lost at the end", 1e-4, 0.1, signed=False))
     covariate = "time"
+    begins = Begins.GROWING
     manoeuvre = "long straight lines from begin to end of the run"
     lasting = False
 

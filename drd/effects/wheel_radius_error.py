@@ -18,6 +18,7 @@ class WheelRadiusError(Effect):
     covariate = "speed"
     manoeuvre = "long straight lines, with a position reference"
     geometry = True
+    opposed = True
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(left_m_s=-number(p, "left") * m.left_m_s, right_m_s=-number(p, "right") * m.right_m_s)

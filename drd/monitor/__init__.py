@@ -1,0 +1,13 @@
+"""What changed on the robot while it drives, said with probabilities, from gyro, wheels, temperature and clocks alone.
+
+`monitor.Monitor` is fed with samples and answers with `findings.Finding`s. Its parts, in the order of the data:
+
+- `rows`: samples become rows, the turn by the gyro and the wheels' ways over the same time, in blocks;
+- `symptoms`: what a look at the readings shows by logic, before any regression;
+- `library`: the sensitivity of each row to each effect, by the effect's own formula;
+- `segments`: their products, summed over segments of time that grow longer with age;
+- `evidence`: the likelihood of each effect since each segment, beside what robots do anyway;
+- `findings`, `monitor`: what is told, and the memory of it.
+
+Equations (94) to (99). After Basseville and Nikiforov, Detection of Abrupt Changes (1993).
+"""

@@ -1,0 +1,309 @@
+"""How likely each effect is since each moment, beside what robots do anyway. (97), (98)"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array
+from drd.effects.effect import ActsOn, Begins
+from drd.monitor.library import BIAS, CHANGE, TURN, WAY, Hypothesis
+from drd.monitor.segments import Segment
+
+# What effects come at, all of them together, per second of driving: one in 50 hours. A prior for robots that are looked
+# after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
+HAZARD_PER_S: Final = 1.0 / (50.0 * 3600.0)
+START_S: Final = 60.0  # a start is worth so many seconds more of it
+WINDOW_S: Final = 120.0  # mean length of what comes and goes
+INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
+SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
+LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
+# Standard deviations of what is never quite as calibrated: tread times gyro scale, the radii's difference, the lag (in
+# 10 ms); and of the bias at the start, rad/s.
+CALIBRATED: Final = {TURN: 0.003, WAY: 0.0003, CHANGE: 0.2}
+# The same of a robot whose wheels slip sideways in each turn, and how much of it changes in a second's root.
+SKIDDING: Final = {TURN: 0.5, WAY: 0.03, CHANGE: 10.0}
+WANDERS: Final = {TURN: 0.02, WAY: 0.005}
+FIRST_BIAS_RAD_S: Final = 0.02
+HIDDEN: Final = 0.02  # share of its information that what robots do anyway must leave of an effect
+LEAST: Final = 1e-30
+
+
+@dataclass(frozen=True)
+class Component:
+    """Columns that are in the data for sure, of a prior deviation, in segments from `begin` until before `end`.
+
+    `weights`: what each column of the rows counts.
+    """
+
+    weights: Mapping[int, float]
+    sigma: float
+    begin: int
+    end: int
+
+
+class Form(NamedTuple):
+    """A hypothesis by its number, since a segment, until before another: nats of evidence, the prior in them."""
+
+    hypothesis: int
+    begin: int
+    end: int
+    nats: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A hypothesis since a segment, until before another: nats of evidence, sizes (k,), and their covariance (k, k)."""
+
+    hypothesis: Hypothesis
+    begin: int
+    end: int
+    nats: float
+    sizes: Array
+    covariance: Array
+
+
+class Sums:
+    """Products of the rows from each segment's begin on, and what the components leave of them."""
+
+    def __init__(self, segments: Sequence[Segment], bias_walk: float, skids: bool, components: Sequence[Component]):
+        self.each: Array = np.stack([s.products for s in segments])
+        self.begins_s = np.array([s.begin_s for s in segments])
+        self.length_s = np.array([s.end_s - s.begin_s for s in segments])
+        n = len(segments)
+        # From here on; after the last one nothing.
+        self.since: Array = np.concatenate([np.cumsum(self.each[::-1], 0)[::-1], np.zeros_like(self.each[:1])])
+        self._components = [*_usual(self.begins_s, bias_walk, skids), *components]
+        self._fit(n)
+
+    def _fit(self, n: int) -> None:
+        parts, s = self._components, np.arange(n + 1)
+        width = self.each.shape[1]
+        columns: dict[tuple[tuple[int, float], ...], Array] = {}
+        rows: list[Array] = []
+        for part in parts:
+            key = tuple(sorted(part.weights.items()))
+            if key not in columns:
+                columns[key] = sum((w * self.since[:, c] for c, w in key), np.zeros((n + 1, width)))
+            own = columns[key]
+            rows.append(part.sigma * (own[np.maximum(s, part.begin)] - own[np.maximum(s, part.end)]))
+        self.beside: Array = np.stack(
+            rows
+        )  # (components, onsets, columns): products with each column from each onset on
+        m = len(parts)
+        gram = np.eye(m)
+        for j, part in enumerate(parts):
+            # Of what both have in common.
+            of_all = sum((w * self.beside[:, part.begin, c] for c, w in part.weights.items()), np.zeros(m))
+            after = sum((w * self.beside[:, part.end, c] for c, w in part.weights.items()), np.zeros(m))
+            gram[:, j] += part.sigma * (of_all - after)
+        # numpy has no triangular solver, and m is small.
+        self._whiten: Array = np.linalg.inv(np.linalg.cholesky(0.5 * (gram + gram.T)))
+        self.vy: Array = self._whiten @ self.beside[:, 0, -1]
+        self.coefficients: Array = self._whiten.T @ self.vy
+        self.theta: Array = np.zeros((n, width - 1))
+        for part, x in zip(parts, self.coefficients, strict=True):
+            for c, w in part.weights.items():
+                self.theta[part.begin : part.end, c] += part.sigma * w * x
+
+    def whitened(self, columns: Array) -> Array:
+        """Products with the components (m, ...), so that their squares are what the components explain."""
+        return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
+
+    def scatter(self) -> tuple[Array, Array]:
+        """Of each column: the sum of its segments' squared normalised scores, and how many segments tell. (97)"""
+        scores = self.each[:, :-1, -1] - (self.each[:, :-1, :-1] @ self.theta[:, :, None])[:, :, 0]
+        information = np.diagonal(self.each, axis1=1, axis2=2)[:, :-1]
+        tells = information > np.maximum(LEAST_SHARE * information.max(0), LEAST)
+        squares = np.where(tells, scores**2 / np.maximum(information, LEAST), 0.0)
+        return squares.sum(0), tells.sum(0).astype(float)
+
+
+def _usual(begins_s: Array, bias_walk: float, skids: bool) -> list[Component]:
+    """The gyro's bias, which walks by `bias_walk` (rad/s/sqrt(s)), and what is never quite as calibrated."""
+    n = len(begins_s)
+    found = [Component({BIAS: 1.0}, FIRST_BIAS_RAD_S, 0, n)]
+    walks = {BIAS: bias_walk, **(WANDERS if skids else {})}
+    roots = np.sqrt(np.diff(begins_s)).tolist()
+    found += [Component({c: 1.0}, walk * root, i, n) for c, walk in walks.items() for i, root in enumerate(roots, 1)]
+    return found + [Component({c: 1.0}, sigma, 0, n) for c, sigma in (SKIDDING if skids else CALIBRATED).items()]
+
+
+class Bank:
+    """All hypotheses since each segment, beside the components of `sums`."""
+
+    def __init__(self, sums: Sums, hypotheses: Sequence[Hypothesis]):
+        self.sums, self.hypotheses = sums, hypotheses
+        raw = [(c, g) for h in hypotheses for c, g in zip(h.columns, h.growth or (-1,) * len(h.columns), strict=True)]
+        self._at = at = np.array([c for c, _ in raw])
+        self._grows = grows = np.array([max(g, 0) for _, g in raw])
+        # What grows is its column less its growth times the onset's time.
+        since_s = np.append(sums.begins_s, 0.0)
+        self._old = old = np.where(np.array([g for _, g in raw]) >= 0, -since_s[:, None], 0.0)  # (onsets, tested)
+        full = sums.since
+        self._v = sums.whitened(sums.beside[:, :, at] + old * sums.beside[:, :, grows])
+        self._score = full[:, at, -1] + old * full[:, grows, -1] - np.tensordot(sums.vy, self._v, 1)
+        self._full = full[:, at, at] + 2.0 * old * full[:, at, grows] + old**2 * full[:, grows, grows]
+        self._own = np.einsum("mst,mst->st", self._v, self._v)
+        ends = np.cumsum([len(h.columns) for h in hypotheses])
+        self._places = [slice(int(e) - len(h.columns), int(e)) for h, e in zip(hypotheses, ends, strict=True)]
+        q, j = sums.scatter()
+        # Of what grows, its growth's.
+        self._q, self._j = (np.array([x[list(h.growth or h.columns)].mean() for h in hypotheses]) for x in (q, j))
+        self._most = float(self._j.max())
+        self._limit = np.array([h.limits[0] for h in hypotheses])
+        self._positive = np.array([h.is_positive for h in hypotheses])
+
+    def nats(self) -> Array:
+        """Evidence for each hypothesis since each onset, against nothing, shape (onsets, hypotheses)."""
+        n = len(self._score) - 1
+        starts = np.array([p.start for p in self._places])
+        information = (self._full - self._own)[:-1, starts]
+        information = np.where(information > HIDDEN * self._full[:-1, starts], information, 0.0)
+        found = self._nats(np.arange(len(starts)), self._score[:-1, starts], information)
+        for i, place in enumerate(self._places):
+            if place.stop - place.start > 1:
+                found[:, i] = self._together(i, slice(0, n))
+        return found
+
+    def _together(self, i: int, onsets: slice) -> Array:
+        """Of several columns, which do not grow."""
+        place, h = self._places[i], self.hypotheses[i]
+        c, v = self._at[place], self._v[:, onsets, place].transpose(1, 0, 2)
+        information = self.sums.since[onsets, c[0] : c[-1] + 1, c[0] : c[-1] + 1] - v.transpose(0, 2, 1) @ v
+        score = self._score[onsets, place]
+        diagonal = np.diagonal(information, axis1=1, axis2=2)
+        scale = np.sqrt(np.maximum(diagonal, LEAST))
+        unit = information / (scale[:, :, None] * scale[:, None, :]) + 1e-6 * np.eye(len(c))
+        z = score / scale
+        sizes = np.linalg.solve(unit, z[:, :, None])[:, :, 0]
+        gain = 0.5 * np.einsum("sk,sk->s", sizes, z) * _plausible((np.abs(sizes) / scale / h.limits).max(1))
+        half = np.square(np.array(h.limits) / 2.0)
+        prior = np.clip((diagonal * half).min(1), 0.0, INFORMATION)
+        nats = self._told(np.array([i]), gain[:, None], prior[:, None])[:, 0] - 0.5 * (len(c) - 1) * np.log1p(prior)
+        return np.where((diagonal > LEAST).all(1), nats, -np.inf)
+
+    def windows(self, i: int) -> Array:
+        """The same of one, of a single column, until before each later segment, shape (begins, ends); -inf: none."""
+        t = self._places[i].start
+        score, v, own, full = self._score[:, t], self._v[:, :, t], self._own[:, t], self._full[:, t]
+        cross = v.T @ v
+        information = (full - own)[:-1, None] - (full + own)[None, :-1] + 2.0 * cross[:-1, :-1]
+        nats = self._nats(np.array([i]), (score[:-1, None] - score[None, :-1]).ravel()[:, None],
+                          information.ravel()[:, None])  # fmt: skip
+        n = len(score) - 1
+        return np.where(np.arange(n)[None, :] > np.arange(n)[:, None], nats.reshape(n, n), -np.inf)
+
+    def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array) -> Array:
+        """Of hypotheses i with one column, (..., hypotheses)."""
+        tells = information > LEAST
+        safe = np.where(tells, information, 1.0)
+        prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
+        gain = 0.5 * score**2 / safe * _plausible(np.abs(score) / safe / self._limit[i])
+        nats = self._told(i, gain, prior)
+        nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
+        return np.where(tells, nats, -np.inf)
+
+    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array) -> Array:
+        """Student's t for a noise whose size the segments tell, less Occam's factor. (97)"""
+        gain = gain * prior / (1.0 + prior)
+        # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
+        j, q, n = np.maximum(self._j[i], 1.0), self._q[i], self._most
+        rest = n * np.maximum((q - 2.0 * gain) / j, 1.0) + SHEET_SEGMENTS
+        return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
+
+    def estimate(self, form: Form) -> Estimate:
+        """Sizes of a form, with its noise as its segments scatter."""
+        h, place = self.hypotheses[form.hypothesis], self._places[form.hypothesis]
+        last = len(self._score) - 1
+        v, score = self._v[:, form.begin, place] - 0.0, self._score[form.begin, place] - 0.0
+        full = self._products(place, form.begin)
+        if form.end < last:
+            v, score = v - self._v[:, form.end, place], score - self._score[form.end, place]
+            full = full - self._products(place, form.end)
+        # The prior: where the data say nothing, the largest plausible size.
+        covariance = np.linalg.inv(full - v.T @ v + np.diag(1.0 / np.square(h.limits)))
+        gain, j = float(score @ covariance @ score), self._j[form.hypothesis]
+        rest = max(self._q[form.hypothesis] - gain, 0.0)
+        inflation = max(1.0, (rest + SHEET_SEGMENTS) / (j + SHEET_SEGMENTS))
+        return Estimate(h, form.begin, form.end, form.nats, covariance @ score, inflation * covariance)
+
+    def _products(self, place: slice, at: int) -> Array:
+        c, g, old, full = self._at[place], self._grows[place], self._old[at, place], self.sums.since[at]
+        cross = old[:, None] * full[np.ix_(g, c)]
+        grown = old[:, None] * old[None, :] * full[np.ix_(g, g)]
+        return np.asarray(full[np.ix_(c, c)] + cross + cross.T + grown)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Nats of each name over nothing, its prior in it; the likeliest form of each, and nats of each onset."""
+
+    nats: dict[str, float]
+    best: dict[str, Form]
+    begins: dict[str, Array]
+
+    @property
+    def odds_nats(self) -> float:
+        """That anything is there."""
+        return float(np.logaddexp.reduce(list(self.nats.values()))) if self.nats else -math.inf
+
+    @property
+    def first(self) -> str:
+        """The likeliest name."""
+        return max(self.nats, key=lambda name: self.nats[name])
+
+    def probabilities(self) -> dict[str, float]:
+        """Of each name; the rest is nothing's. The likeliest first."""
+        total = float(np.logaddexp(0.0, self.odds_nats))
+        found = {name: math.exp(x - total) for name, x in self.nats.items()}
+        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+
+
+def posterior(bank: Bank, skids: bool = False) -> Posterior:
+    """Shiryaev and Roberts' sum over the onsets, of each name; of a robot that skids no timing is judged. (98)"""
+    length_s = bank.sums.length_s
+    n = len(length_s)
+    names = list(dict.fromkeys(h.id for h in bank.hypotheses))
+    prior = np.log(HAZARD_PER_S * (length_s + START_S * (np.arange(n) == 0)) / len(names))
+    since = bank.nats() + prior[:, None]
+    found = Posterior({}, {}, {})
+    for name in names:
+        most, at = Form(0, 0, n, -math.inf), np.full(n, -np.inf)
+        forms = [i for i, h in enumerate(bank.hypotheses) if h.id == name]
+        effect = bank.hypotheses[forms[0]].effect
+        if skids and effect is not None and effect.acts_on is ActsOn.TIMING:
+            continue
+        for i in forms:
+            own = since[:, i]
+            if effect is not None and effect.begins is Begins.POWER_ON:
+                own = np.where(np.arange(n) == 0, own, -np.inf)
+            most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=_nats_of)
+            if bank.hypotheses[i].has_end:
+                spans = bank.windows(i) + prior[:, None] + np.log(length_s / WINDOW_S)[None, :]
+                b, e = divmod(int(spans.argmax()), n)
+                most = max(most, Form(i, b, e, float(spans[b, e])), key=_nats_of)
+                own = np.logaddexp(own, np.logaddexp.reduce(spans, axis=1))
+            at = np.logaddexp(at, own)
+        if math.isfinite(most.nats):
+            at = at - math.log(len(forms))
+            found.nats[name], found.best[name] = float(np.logaddexp.reduce(at)), most
+            found.begins[name] = at
+    return found
+
+
+def _nats_of(form: Form) -> float:
+    return form.nats
+
+
+def _plausible(size: Array) -> Array:
+    """Share of the gain that is left when a size, over its largest plausible one, is held at that."""
+    return np.asarray(1.0 - np.square(np.maximum(1.0 - 1.0 / np.maximum(size, 1e-12), 0.0)))
+
+
+def _log_above(x: Array) -> Array:
+    """Logarithm of the normal distribution function, within 0.01: that a size is above zero (Page 1977)."""
+    return np.asarray(-np.logaddexp(0.0, -(1.5976 * x + 0.070566 * np.clip(x, -4.0, 4.0) ** 2 * x)))

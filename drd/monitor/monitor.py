@@ -1,0 +1,303 @@
+"""The monitor: samples in, findings out. It reads no clock; the same samples give the same findings to the bit."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+from drd.config.keys import Config
+from drd.effects.catalogue import catalogue
+from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
+from drd.monitor.findings import Finding, NotObservable
+from drd.monitor.first_turns import FirstTurns, Turns
+from drd.monitor.library import BIAS, Hypothesis, Library
+from drd.monitor.noise import RowNoise
+from drd.monitor.rows import STANDS_M, RowMaker, Rows
+from drd.monitor.segments import Segments
+from drd.monitor.symptoms import Symptoms
+from drd.monitor.telling import CLASS_NATS, SETTLES_S, Known, Teller
+from drd.samples import GyroSample, WheelSample
+from drd.units import (
+    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
+    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+)
+
+NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
+DROPPED_NATS: Final = 0.0  # odds below which it is taken back
+PATIENCE: Final = 2  # blocks in a row until a finding is renamed or taken back: no flapping
+UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
+EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
+MOST: Final = 5  # findings at a time
+BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
+LOST: Final = 0.05  # probability of a name that another takes over from at once
+CREEP_ROWS: Final = 2  # beside those in which it counts
+TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
+# More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
+SKID_NATS: Final = 12.0
+SKIDS: Final = 0.15  # relative: a tread so far off is that of wheels that slip sideways, (34)
+# What their turning and way are worth on common ground, and for how long a drive holds its speeds. (31), (33)
+SKID_RAD_PER_SQRT_RAD, SKID_M_PER_SQRT_M, SKID_JITTER_S = 0.05, 0.01, 0.1
+TURNING_RAD_S: Final = 0.05
+
+
+class Monitor:
+    """Feed it the samples that the estimator has, by sensor in order of time; ask `findings`.
+
+    `config`: the robot's sizes and its sensors' noise.
+    """
+
+    def __init__(self, config: Config):
+        robot, noise = config.robot, config.estimation.noise
+        self._tread_m = robot.tread_m
+        self._walk = noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+        self._bias_walk = noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
+        self._wheel_noise = noise.wheel_m_per_sqrt_m
+        counts = config.encoders.counts_per_revolution
+        self._count_m = 2.0 * math.pi * robot.wheel_radius_m / counts if counts else 0.0
+        self._rows, self._segments = RowMaker(), Segments()
+        self._library = Library(robot.tread_m, robot.wheel_radius_m)
+        self._symptoms = Symptoms(robot.tread_m)
+        self._theta: Array | None = None
+        self._noise, self._first = RowNoise(), FirstTurns()
+        self._drive = robot.drive
+        self._skids = robot.drive == "skid"
+        self.lag_s, self._lag_named_s = 0.0, 0.0
+        self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
+        self._bias_rad_s = 0.0
+        self.known: list[Known] = []
+        self.nothing: Posterior | None = None
+        self._way_m = 0.0
+        self._symptom_m: dict[int, tuple[float, float]] = {}
+        self.now_s = 0.0
+        self._turn = self._blocks = self._looks = self._unfit = 0
+
+    # ---- in ----------------------------------------------------------------------------------------------------
+
+    def gyro(self, sample: GyroSample) -> None:
+        """A calibrated sample of the gyro."""
+        self._rows.gyro(sample)
+        self._work()
+
+    def wheels(self, sample: WheelSample) -> None:
+        """A sample of the wheels."""
+        self._rows.wheels(sample)
+        self._work()
+
+    def _work(self) -> None:
+        rows = self._rows.take()
+        if rows is not None:
+            self._add(rows)
+            self._judge()
+
+    def _add(self, rows: Rows) -> None:
+        """A block of rows: their sensitivities, weighted, into the sums. (95), (96)"""
+        h, inner = rows.interval_s, rows.inner
+        if self._theta is None:
+            still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
+            self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
+        ways = np.abs(rows.left_m) + np.abs(rows.right_m)
+        # A wheel that creeps may stand by its counts.
+        moves = np.convolve(ways > STANDS_M, np.ones(2 * CREEP_ROWS + 1), "same") > 0.5
+        wheel_var = (self._wheel_noise**2 * ways + moves * self._count_m**2 / 3.0) / self._tread_m**2
+        gyro_var = self._walk**2 * h
+        if self._skids:
+            turned, changed = rows.gyro_rad - self._bias_rad_s * h, np.gradient(rows.gyro_rad / h)
+            wheel_var += SKID_M_PER_SQRT_M**2 * ways / self._tread_m**2
+            wheel_var += moves * (SKID_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
+        tread = self._turned[0] / self._turned[1]
+        share = gyro_var / (gyro_var + wheel_var + 1e-30)
+        by_wheels, turn = self._library.turns(rows, self._bias_rad_s, share, tread)
+        useless = self._symptoms.look(
+            rows, by_wheels, tread, self._bias_rad_s, wheel_var, self._walk * float(np.median(h)) ** 0.5
+        )
+        self._forget_what_symptoms_spoilt()
+        first = self._first.add((by_wheels / h)[inner], (rows.gyro_rad / h)[inner] - self._bias_rad_s)
+        if first is not None:
+            self._begin_anew(first)
+        x = self._library.columns(rows, turn)
+        good = rows.is_good[inner] & ~useless
+        y = (by_wheels - rows.gyro_rad)[inner]
+        x[:, BIAS] *= -1.0
+        kind = np.where(~moves[inner], 0, np.where(np.abs(turn / h)[inner] < TURNING_RAD_S, 1, 2))
+        variance = (gyro_var + wheel_var)[inner]
+        if self._theta is None:
+            self._theta = np.zeros(x.shape[1])
+            self._theta[BIAS] = self._bias_rad_s
+        weights = self._noise.weights(x, y - x @ self._theta, variance, kind, good)
+        z = np.column_stack([x, y]) * np.sqrt(weights)[:, None]
+        self._tread_of(by_wheels[inner][good], turn[inner][good])
+        end_s = float(rows.end_s[inner][-1])
+        begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
+        pinned = {t for k in self.known for t in (k.begin_s, k.end_s) if t is not None}
+        self._segments.add(begin_s, end_s, self._way_m, z.T @ z, pinned)
+        self._way_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
+        self.now_s = end_s
+
+    def _forget_what_symptoms_spoilt(self) -> None:
+        """Once a symptom is sure, the sums since its begin, which have it in them, and what was named upon them."""
+        for seen in self._symptoms.seen.values():
+            if seen.sure and not seen.is_told:
+                seen.is_told, seen.named_s = True, self.now_s
+                self._segments.drop_since(seen.begin_s)
+                self.known = [k for k in self.known if k.named_s < seen.begin_s and (k.end_s or 0.0) < seen.begin_s]
+
+    def _begin_anew(self, first: Turns) -> None:
+        """Stamps are put right by a lag, a robot that skids has its noise; sums without that are forgotten. (99)"""
+        self._turned = TREAD_RAD2 * np.array([first.tread, 1.0])
+        skids = abs(first.tread - 1.0) > SKIDS and self._drive == "auto"
+        if not first.lag_s and not skids:
+            return
+        self._skids |= skids
+        self.lag_s, self._lag_named_s = first.lag_s, self.now_s
+        if first.lag_s:
+            self._rows.put_right(first.lag_s)
+        self._segments.all.clear()
+        self.known.clear()
+        self._theta, self._noise = None, RowNoise()
+
+    def _tread_of(self, by_wheels: Array, turn: Array) -> None:
+        self._turned += (by_wheels @ turn, turn @ turn)
+        if self._turned[1] > 100.0 * TREAD_RAD2:
+            self._turned *= 0.5
+
+    # ---- judged ------------------------------------------------------------------------------------------------
+
+    def _judge(self) -> None:
+        segments = self._segments.all
+        self._blocks += 1
+        if len(segments) < 3 or self._blocks % EVERY:
+            return
+        sums = self._sums(self.known)
+        self._theta = sums.theta[-1].copy()
+        self._bias_rad_s = float(self._theta[BIAS])
+        bank = Bank(sums, self._library.hypotheses)
+        found = posterior(bank, self._skids)
+        self.nothing = found
+        self._unfit = 0 if self._noise.is_fit else self._unfit + 1
+        if not self.is_judging:
+            self.known.clear()
+            return
+        strongest = max((k.estimate.nats for k in self.known), default=0.0)
+        least = NAMED_NATS + SKID_NATS * self._skids
+        if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
+            self._looks += 1
+            # Another name for what is known already may explain this, too.
+            if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
+                self._name(bank.estimate(found.best[found.first]), found)
+            return
+        self._looks = 0
+        if self.known:  # one at a time, in turn
+            self._turn += 1
+            self._again(self.known[self._turn % len(self.known)])
+
+    def _sums(self, known: Sequence[Known]) -> Sums:
+        begins = [s.begin_s for s in self._segments.all]
+        parts: list[Component] = []
+        for k in known:
+            h, n = self._library.hypotheses[k.hypothesis], len(begins)
+            b = begins.index(k.begin_s) if k.begin_s in begins else 0
+            e = begins.index(k.end_s) if k.end_s is not None and k.end_s in begins else n
+            for c, g, limit in zip(h.columns, h.growth or (-1,) * len(h.columns), h.limits, strict=True):
+                weights = {c: 1.0} if g < 0 else {c: 1.0, g: -begins[b]}
+                parts.append(Component(weights, limit, b, e))
+                if g < 0:  # it began within a segment
+                    slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
+                    edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
+                    parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
+        return Sums(self._segments.all, self._bias_walk * self._noise.at_rest, self._skids, parts)
+
+    def _again(self, k: Known, at_once: bool = False) -> bool:
+        """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
+        sums = self._sums([other for other in self.known if other is not k])
+        bank = Bank(sums, self._library.hypotheses)
+        found = posterior(bank, self._skids)
+        k.doubts = k.doubts + 1 if found.odds_nats < DROPPED_NATS else 0
+        if k.doubts >= PATIENCE or found.odds_nats < -NAMED_NATS or not found.best:
+            self.known.remove(k)
+            return False
+        k.others, k.probabilities = found, found.probabilities()
+        name = self._library.hypotheses[k.hypothesis].id
+        best = found.first
+        leads = found.nats[best] - found.nats.get(name, -math.inf)
+        k.rivalry = k.rivalry + 1 if best != name and leads > CLASS_NATS else 0
+        is_lost = k.probabilities.get(name, 0.0) < LOST and found.odds_nats > NAMED_NATS
+        if k.rivalry >= PATIENCE or (leads > 0.0 and (at_once or is_lost)):
+            name, k.rivalry = best, PATIENCE
+        if name not in found.best:
+            return False
+        before = k.hypothesis, k.end_s
+        estimate = bank.estimate(found.best[name])
+        if k.rivalry >= PATIENCE or self.now_s - k.named_s < SETTLES_S or k.end_s != self._end(estimate):
+            self._place(k, estimate, found)
+        else:
+            begins = sums.begins_s.tolist()
+            b = begins.index(k.begin_s) if k.begin_s in begins else 0
+            e = begins.index(k.end_s) if k.end_s in begins else len(begins)
+            k.estimate = bank.estimate(Form(k.hypothesis, b, e, found.nats[name]))
+        return before != (k.hypothesis, k.end_s)
+
+    def _end(self, estimate: Estimate) -> float | None:
+        segments = self._segments.all
+        return segments[estimate.end].begin_s if estimate.end < len(segments) else None
+
+    def _place(self, k: Known, estimate: Estimate, found: Posterior) -> None:
+        segments = self._segments.all
+        k.hypothesis = next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
+        k.estimate, k.rivalry = estimate, 0
+        k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
+        k.begin_m = segments[estimate.begin].way_m
+        at = found.begins[estimate.hypothesis.id]
+        p = np.exp(at - at.max())
+        middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
+        p /= p.sum()
+        mean = float(p @ middle)
+        k.begin_std_s = math.sqrt(
+            float(p @ (middle - mean) ** 2) + (segments[estimate.begin].end_s - k.begin_s) ** 2 / 12.0
+        )
+
+    def _name(self, estimate: Estimate, found: Posterior) -> None:
+        k = Known(0, 0.0, None, estimate, self.now_s, 0.0, found)
+        k.probabilities = found.probabilities()
+        self._place(k, estimate, found)
+        self.known.append(k)
+
+    # ---- out ---------------------------------------------------------------------------------------------------
+
+    def findings(self) -> list[Finding]:
+        """What is known by now, what was named first comes first."""
+        teller = self._teller()
+        told = [teller.told(k) for k in self.known]
+        told += [teller.of_lag(self.lag_s, self._lag_named_s)] if self.lag_s else []
+        for seen in self._symptoms.seen.values():
+            if seen.is_told:
+                before = [g.way_m for g in self._segments.all if g.begin_s <= seen.begin_s]
+                told.append(teller.of_symptom(seen, before[-1] if before else self._way_m))
+        return sorted(told, key=lambda f: f.named_ns)
+
+    @property
+    def is_judging(self) -> bool:
+        """False while the robot is so unlike its configuration that no name means anything. (99)"""
+        return self._unfit < UNFIT_LOOKS
+
+    def not_observable(self) -> list[NotObservable]:
+        """Effects that need the position."""
+        return [NotObservable(e.id, e.needs_position) for e in catalogue().values() if e.needs_position]
+
+    def alike(self, k: Known) -> list[str]:
+        """Names that fit as well as a finding's own."""
+        return self._teller().alike(k)
+
+    def _teller(self) -> Teller:
+        return Teller(self._library.hypotheses, self._rows.zero_ns or 0, self.now_s)
+
+    @property
+    def hypotheses(self) -> list[Hypothesis]:
+        """What is looked for; none before the first block."""
+        return self._library.hypotheses
+
+    @property
+    def zero_ns(self) -> int | None:
+        """Time of the first sample, from which `now_s` counts."""
+        return self._rows.zero_ns

@@ -1,0 +1,91 @@
+"""The noise of the rows, learned on the way: of a single one, and how they hang together over seconds. (95)"""
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array
+from drd.monitor.library import BIAS, OWN, TURN
+
+Kinds = npt.NDArray[np.integer]
+Flags = npt.NDArray[np.bool_]
+
+KINDS: Final = 3  # at rest, ahead, turning
+TAIL_SIGMAS: Final = 3.0  # rows beyond count as if they were here: slip comes in bursts
+SHEET_ROWS: Final = 30.0  # what a data sheet's noise weighs
+MOST_ROWS: Final = 600.0  # so many rows are remembered: a minute's
+SHEET_BLOCKS: Final = 8.0  # what it weighs that rows are independent
+MOST_BLOCKS: Final = 200.0
+LARGEST_SQUARE: Final = 9.0
+UNFIT: Final = 10.0  # times the stated variance, with what has been allowed for slip
+FEWEST_ROWS: Final = 6  # of a kind in a block
+
+
+class RowNoise:
+    """`scale` (KINDS,): variance of a row over that of the data sheets. `together` (KINDS,): over a block, besides."""
+
+    def __init__(self) -> None:
+        self.scale, self._rows = np.ones(KINDS), np.full(KINDS, SHEET_ROWS)
+        self._squares, self._blocks = np.full((KINDS, 2), SHEET_BLOCKS), np.full((KINDS, 2), SHEET_BLOCKS)
+        self._before: Array = np.full((KINDS, 2, 2), np.nan)
+
+    @property
+    def together(self) -> Array:
+        """Of blocks one after the other that differ by more than their rows say. (78)"""
+        return np.asarray(np.maximum((self._squares / self._blocks).max(1), 1.0))
+
+    @property
+    def at_rest(self) -> float:
+        """The gyro's noise over that of its data sheet, at least 1: its bias then walks by so much more, too."""
+        return math.sqrt(max(1.0, float(self.scale[0] * self.together[0])))
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the robot, while it moves, is the one that its configuration states: else no name means anything."""
+        return float((self.scale * self.together)[1:].max()) < UNFIT
+
+    def weights(self, x: Array, rest: Array, variance: Array, kind: Kinds, good: Flags) -> Array:
+        """One over the variance of each row, (n,), but for outliers; learns from them.
+
+        `x` (n, columns), `rest` (n,): what the model leaves of the data; `variance`: by the data sheets.
+        """
+        sigma = np.sqrt(variance * self.scale[kind])
+        w = good / sigma
+        # What is slow is no outlier: a few columns of this block alone take it off.
+        own = x[:, :OWN] * w[:, None]
+        gram = own.T @ own
+        ridge = 1e-3 * np.diag(np.diagonal(gram)) + 1e-12 * np.eye(OWN)
+        r = rest * w - own @ np.linalg.solve(gram + ridge, own.T @ (rest * w))
+        weight = np.minimum(1.0, (TAIL_SIGMAS / np.maximum(np.abs(r), 1e-9)) ** 2)
+        found = good * weight / (sigma**2 * self.together[kind])
+        for k in range(KINDS):
+            mine = good & (kind == k)
+            n = float(mine.sum())
+            if n < FEWEST_ROWS:
+                continue
+            now = float((weight * r * r)[mine].sum()) / (n - 0.5 * OWN)
+            weighs = self._rows[k]
+            self.scale[k] *= (weighs + now * n) / (weighs + n)
+            self._rows[k] = min(weighs + n, MOST_ROWS)
+            self._compare(k, x[mine], rest[mine], (weight / sigma**2)[mine])
+        return np.asarray(found)
+
+    def _compare(self, kind: int, x: Array, rest: Array, w: Array) -> None:
+        """Bias and turn of a block with those of the one before: an effect that lasts is in both."""
+        for i, column in enumerate((BIAS, TURN)):
+            information = float(w @ x[:, column] ** 2)
+            if information <= 0.0:
+                continue
+            value, variance = float(w @ (x[:, column] * rest)) / information, 1.0 / information
+            before, its = self._before[kind, i]
+            self._before[kind, i] = value, variance
+            if not np.isnan(before):
+                square = (value - before) ** 2 / (variance + its) / self._squares[kind, i] * self._blocks[kind, i]
+                ratio = self._squares[kind, i] / self._blocks[kind, i]
+                self._squares[kind, i] += min(square, LARGEST_SQUARE) * ratio
+                self._blocks[kind, i] += 1.0
+                if self._blocks[kind, i] > MOST_BLOCKS:
+                    self._squares[kind, i] *= MOST_BLOCKS / self._blocks[kind, i]
+                    self._blocks[kind, i] = MOST_BLOCKS

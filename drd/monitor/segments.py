@@ -1,0 +1,61 @@
+"""Products of the rows, summed up over segments of time that grow longer with age: a bounded memory. (96)"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+
+# So many segments of each length, the shortest first; the next are twice as long.
+COUNTS: Final = (20, 10, 8, 6, 6, 6, 6, 6)
+FADES: Final = 0.5  # of the oldest, each time that it takes one in: what was an hour ago fades
+
+
+@dataclass
+class Segment:
+    """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks."""
+
+    begin_s: float
+    end_s: float
+    way_m: float  # when it began
+    level: int
+    products: Array
+
+
+class Segments:
+    """Segments in order of time, the newest last."""
+
+    def __init__(self) -> None:
+        self.all: list[Segment] = []
+
+    def add(self, begin_s: float, end_s: float, way_m: float, products: Array, pinned: set[float]) -> None:
+        """A block. No segment is merged across a time that is pinned."""
+        self.all.append(Segment(begin_s, end_s, way_m, 0, products))
+        for level, most in enumerate(COUNTS):
+            mine = [i for i, s in enumerate(self.all) if s.level == level]
+            if len(mine) <= most:
+                return
+            self._merge(mine[0], pinned)
+
+    def _merge(self, i: int, pinned: set[float]) -> None:
+        first = self.all[i]
+        follows = i + 1 < len(self.all) and self.all[i + 1].level == first.level
+        if first.level == len(COUNTS) - 1 and follows:
+            second = self.all.pop(i + 1)
+            first.products, first.end_s = FADES * first.products + second.products, second.end_s
+        elif not follows or self.all[i + 1].begin_s in pinned:
+            first.level += 1  # alone, it moves on
+        else:
+            second = self.all.pop(i + 1)
+            first.products = first.products + second.products
+            first.end_s, first.level = second.end_s, first.level + 1
+
+    def drop_since(self, begin_s: float) -> None:
+        """What was summed up since a time."""
+        self.all = [s for s in self.all if s.end_s <= begin_s]
+
+    @property
+    def begins_s(self) -> Array:
+        """(n,)"""
+        return np.array([s.begin_s for s in self.all])

@@ -1,0 +1,154 @@
+"""What a look at the readings shows by logic, before any regression: clipped and muted rates, stopped counters. (99)"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array
+from drd.effects.effect import SIDES, Symptom
+from drd.monitor.rows import STANDS_M, Rows
+
+Flags = npt.NDArray[np.bool_]
+
+SAME, SAME_SHARE = 1e-6, 0.6  # a turn at a constant rate scatters below its largest reading, a limit does not
+ALIKE: Final = 3e-4  # relative: two readings at a limit, of a gyro that rounds
+FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
+FEWEST_HERE: Final = 4  # of them in one block
+FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
+SIGMAS: Final = 8.0  # nearly certain: no regression asks again
+MISSED_SHARE: Final = 0.5  # of the other wheel's way, that a stopped wheel must have missed
+MISSED_M: Final = 0.15
+STOPPED_S: Final = 0.5
+ZERO_RAD_S: Final = 1e-6  # no gyro has so small a digit
+FEWEST_ZEROS: Final = 30
+MUTED_SIGMAS: Final = 6.0  # of the gyro's noise, below which no rate is seen though there should be some
+BLOCKS: Final = 30  # in which muted rates are counted: a minute
+
+
+@dataclass
+class Seen:
+    """A symptom of a side (or none), from when until when (s), and how large it is, SI. `sure`: enough was seen."""
+
+    symptom: Symptom
+    side: str
+    begin_s: float
+    end_s: float
+    size: float
+    count: float = 0.0
+    sure: bool = False
+    is_told: bool = False
+    named_s: float = 0.0
+
+
+class Symptoms:
+    """Looks at each block; `seen` has what it found. `look` returns which rows say nothing of use, (n,)."""
+
+    def __init__(self, tread_m: float):
+        self._tread_m = tread_m
+        self.seen: dict[tuple[Symptom, str], Seen] = {}
+        self._small: deque[tuple[float, int, int, float]] = deque(maxlen=BLOCKS)
+        self._stops: dict[str, tuple[float, float, float]] = {}
+
+    def look(
+        self, rows: Rows, by_wheels: Array, tread: float, bias_rad_s: float, wheel_var: Array, gyro_s: float
+    ) -> Flags:
+        """`by_wheels`, `wheel_var`: turn over the nominal tread and its variance, all rows; `tread`: relative to it.
+
+        `gyro_s`: standard deviation of the gyro's turn in a row.
+        """
+        inner = rows.inner
+        wheels = by_wheels[inner] / tread
+        useless = self._clipped(rows, wheels, wheel_var[inner], gyro_s)
+        useless |= self._muted(rows, gyro_s)
+        for side, mine, its, sign in (
+            (SIDES[0], rows.left_m, rows.right_m, -1.0),
+            (SIDES[1], rows.right_m, rows.left_m, 1.0),
+        ):
+            turned = rows.gyro_rad - bias_rad_s * rows.interval_s
+            should_m = its + sign * tread * self._tread_m * turned
+            useless |= self._stopped(rows, side, mine[inner], its[inner], should_m[inner])
+        return useless
+
+    def _clipped(self, rows: Rows, wheels: Array, variance: Array, gyro_s: float) -> Flags:
+        inner = rows.inner
+        h, turned = rows.interval_s[inner], rows.gyro_rad[inner]
+        rate = turned / h
+        limit = float(np.abs(rate).max())
+        at = (np.abs(rate) > limit * (1.0 - ALIKE)) & rows.is_good[inner]
+        none = np.zeros(len(rate), bool)
+        known = self.seen.get((Symptom.CLIPPED, ""))
+        if known is not None and known.sure:
+            none = _beside(np.abs(rate) > known.size * (1.0 - ALIKE))
+        same = np.abs(rate) > limit * (1.0 - SAME)
+        near = np.abs(rate) > min(limit * (1.0 - ALIKE), limit - MUTED_SIGMAS * gyro_s / float(np.median(h)))
+        if at.sum() < FEWEST_HERE or same.sum() < SAME_SHARE * near.sum() or limit <= 0.0:
+            return none
+        excess = (np.sign(turned) * wheels - np.abs(turned))[at]
+        if excess.mean() < FASTER_SHARE * limit * float(h[at].mean()):
+            return none
+        key = (Symptom.CLIPPED, "")
+        end_s = rows.end_s[inner]
+        found = self.seen.get(key)
+        if found is None or abs(found.size - limit) > ALIKE * limit:
+            found = self.seen[key] = Seen(Symptom.CLIPPED, "", float((end_s - h)[at][0]), 0.0, limit)
+        found.end_s, found.count = float(end_s[at][-1]), found.count + float(at.sum())
+        found.sure |= found.count >= FEWEST_CLIPPED and float(excess.sum()) > SIGMAS * float(variance[at].sum()) ** 0.5
+        return _beside(at) | none
+
+    def _muted(self, rows: Rows, gyro_s: float) -> Flags:
+        inner = rows.inner
+        good = rows.is_good[inner]
+        rate = np.abs(rows.gyro_rad[inner] / rows.interval_s[inner])[good]
+        if not len(rate):
+            return ~good
+        begin_s = float(rows.end_s[inner][0] - rows.interval_s[inner][0])
+        others = rate[rate > ZERO_RAD_S]
+        self._small.append(
+            (begin_s, int((rate <= ZERO_RAD_S).sum()), len(others), float(others.min()) if len(others) else np.inf)
+        )
+        typical_s = float(np.median(rows.interval_s[inner]))
+        # From the newest block backwards: no small rate, and zeros.
+        zeros = seen = 0
+        band, since_s = np.inf, begin_s
+        for start_s, none, some, least in reversed(self._small):
+            if least < MUTED_SIGMAS * gyro_s / typical_s:
+                break
+            zeros, seen, band = zeros + none, seen + some, min(band, least)
+            if none:
+                since_s = start_s
+        key = (Symptom.MUTED, "")
+        if zeros >= FEWEST_ZEROS and seen >= FEWEST_ZEROS:
+            found = self.seen.setdefault(key, Seen(Symptom.MUTED, "", since_s, 0.0, band, sure=True))
+            found.size, found.end_s = min(found.size, band), begin_s
+            return np.asarray(np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * rows.interval_s[inner])
+        return np.zeros(len(good), bool)
+
+    def _stopped(self, rows: Rows, side: str, mine: Array, its: Array, should_m: Array) -> Flags:
+        inner = rows.inner
+        h, end_s = rows.interval_s[inner], rows.end_s[inner]
+        missing = (np.abs(mine) < STANDS_M) & (np.abs(should_m) > MISSED_SHARE * np.abs(its)) & (np.abs(its) > STANDS_M)
+        missing &= rows.is_good[inner]
+        begin, way, other = self._stops.get(side, (-1.0, 0.0, 0.0))
+        for k in range(len(h)):
+            if not missing[k]:
+                begin, way, other = -1.0, 0.0, 0.0
+                continue
+            begin = float(end_s[k] - h[k]) if begin < 0.0 else begin
+            way, other = way + float(should_m[k]), other + abs(float(its[k]))
+            if end_s[k] - begin >= STOPPED_S and abs(way) > max(MISSED_M, MISSED_SHARE * other):
+                key = (Symptom.STOPPED, side)
+                found = self.seen.setdefault(key, Seen(Symptom.STOPPED, side, begin, 0.0, 0.0, sure=True))
+                found.end_s = float(end_s[k])
+        self._stops[side] = begin, way, other
+        return _beside(missing)
+
+
+def _beside(flags: Flags) -> Flags:
+    """These rows and their neighbours: what begins or ends within a row is in it."""
+    found = flags.copy()
+    found[1:] |= flags[:-1]
+    found[:-1] |= flags[1:]
+    return found

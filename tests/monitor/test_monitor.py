@@ -1,0 +1,145 @@
+"""The monitor on simulated drives: what it names, when, and that it is silent where nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drd.batch.monitored import monitor_logs
+from drd.batch.samples import gyro_samples, wheel_samples, zero_of
+from drd.config.schema import ConfigError
+from drd.monitor.findings import Finding, Size
+from drd.monitor.monitor import Monitor
+from drd.monitor.segments import COUNTS, Segments
+from drd.units import NS_PER_S
+from drd_tools.recordings.folder import Recording
+from drd_tools.replay.nominal import configuration
+from drd_tools.simulate.conditions import Conditions, Reference
+from drd_tools.simulate.missions import make_drive
+from drd_tools.simulate.robot import DEFAULT
+from drd_tools.simulate.simulator import simulate
+from drd_tools.simulate.truth import make_truth
+
+BEGIN_S = 120.0
+
+
+def drive(seed: int, seconds: float = 240.0) -> Recording:
+    truth = make_truth(make_drive("warehouse", seconds, 10.0), "constant")
+    return simulate(truth, DEFAULT, (), Conditions(reference=Reference(is_there=False)), seed).recording
+
+
+def with_left_tyre(recording: Recording, share: float) -> Recording:
+    """From BEGIN_S on the left counter tells more by a share."""
+    log = recording.encoders
+    assert log.left_counts is not None
+    steps = np.diff(log.left_counts, prepend=log.left_counts[0]) * (1.0 + share * (log.time_s >= BEGIN_S))
+    return replace(recording, wheels=replace(log, left_counts=np.round(np.cumsum(steps))))
+
+
+def with_stop(recording: Recording, seconds: float) -> Recording:
+    """The right counter stands still for some time, in which the robot drives straight on."""
+    log = recording.encoders
+    assert log.right_counts is not None
+    steps = np.diff(log.right_counts, prepend=log.right_counts[0])
+    begin = int(np.flatnonzero((log.time_s > BEGIN_S) & (steps > 0.8 * steps.max()))[0])
+    begin_s = float(log.time_s[begin])
+    steps[(log.time_s >= begin_s) & (log.time_s < begin_s + seconds)] = 0.0
+    return replace(recording, wheels=replace(log, right_counts=np.cumsum(steps)))
+
+
+def with_bias(recording: Recording, rad_s: float) -> Recording:
+    fog = recording.fog
+    assert fog is not None
+    return replace(recording, fog=replace(fog, rate_rad_s=fog.rate_rad_s + rad_s * (fog.time_s >= BEGIN_S)))
+
+
+def found(recording: Recording) -> tuple[list[Finding], int]:
+    """Findings, and the time in ns at which the recording's time is 0."""
+    made = monitor_logs(recording.fog, recording.encoders, configuration(recording))
+    return made.findings, made.zero_ns
+
+
+def names(finding: Finding) -> set[str]:
+    return {finding.effect, *(name for name, _ in finding.also_fits)}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_named_where_nothing_is(seed: int) -> None:
+    findings, _ = found(drive(seed, 180.0))
+    assert findings == []
+
+
+def test_a_tyre_that_is_smaller_is_named_with_its_begin_and_size() -> None:
+    findings, zero_ns = found(with_left_tyre(drive(2), 0.01))
+    assert len(findings) == 1
+    assert "wheel_radius_error" in names(findings[0])
+    assert abs((findings[0].since_ns - zero_ns) / NS_PER_S - BEGIN_S) < 15.0
+    assert (findings[0].named_ns - zero_ns) / NS_PER_S < BEGIN_S + 60.0
+    told = next(p for p in findings[0].parameters.values() if isinstance(p, Size) and p.std > 0.0)
+    assert told.low < told.value < told.high
+    assert 0.5 < sum(p for _, p in findings[0].also_fits) + findings[0].probability <= 1.0 + 1e-9
+
+
+def test_a_bias_that_jumps_is_named_and_no_wheel_is() -> None:
+    findings, zero_ns = found(with_bias(drive(3), 5e-4))
+    assert [f.effect for f in findings] == ["gyro_bias_step"]
+    told = findings[0].parameters["b"]
+    assert isinstance(told, Size)
+    assert abs(told.value - np.degrees(5e-4)) < 4.0 * told.std + 0.002
+    assert abs((findings[0].since_ns - zero_ns) / NS_PER_S - BEGIN_S) < 30.0
+    assert "wheel_radius_error" not in names(findings[0])
+
+
+def test_a_counter_that_stops_is_named_at_once_and_nothing_else() -> None:
+    findings, _ = found(with_stop(drive(4), 4.0))
+    assert [f.effect for f in findings] == ["encoder_dropout"]
+    assert findings[0].parameters["side"] == "right"
+
+
+def test_the_same_samples_give_the_same_findings_in_whatever_order_the_sensors_come() -> None:
+    recording = with_left_tyre(drive(5), 0.01)
+    config, zero_ns = configuration(recording), zero_of(recording.fog, recording.encoders)
+    wheels, _, _ = wheel_samples(recording.encoders, config, zero_ns)
+    gyro, _ = gyro_samples(recording.fog, config, zero_ns)
+    monitor = Monitor(config)
+    # The wheels half a second late, as after a busy moment.
+    monitor.wheels(wheels[0])
+    at = 1
+    for sample in gyro:
+        monitor.gyro(sample)
+        while at < len(wheels) and wheels[at].t_ns < sample.t_ns - NS_PER_S // 2:
+            monitor.wheels(wheels[at])
+            at += 1
+    for rest in wheels[at:]:
+        monitor.wheels(rest)
+    assert monitor.findings() == monitor_logs(recording.fog, recording.encoders, config).findings
+    assert monitor.findings()
+
+
+def test_what_needs_the_position_is_said() -> None:
+    monitor = Monitor(configuration(drive(0, 60.0)))
+    told = {n.effect: n.because for n in monitor.not_observable()}
+    assert {"lateral_slip_turning", "wheel_radius_speed"} <= told.keys()
+    assert all(told.values())
+
+
+def test_a_log_without_a_gyro_is_refused() -> None:
+    recording = drive(0, 60.0)
+    with pytest.raises(ConfigError, match="gyro"):
+        monitor_logs(None, recording.encoders, configuration(recording))
+
+
+def test_a_day_is_held_in_few_segments_and_the_newest_are_short() -> None:
+    segments = Segments()
+    for k in range(43_200):
+        segments.add(2.0 * k, 2.0 * k + 2.0, float(k), np.ones((2, 2)), {600.0 * 60.0})
+    assert len(segments.all) <= sum(COUNTS) + len(COUNTS)
+    assert segments.all[-1].end_s - segments.all[-1].begin_s == 2.0
+    assert all(a.end_s == b.begin_s for a, b in zip(segments.all, segments.all[1:], strict=False))
+
+
+def test_no_segment_is_merged_across_the_begin_of_what_was_found() -> None:
+    segments = Segments()
+    for k in range(600):
+        segments.add(2.0 * k, 2.0 * k + 2.0, 0.0, np.ones((2, 2)), {402.0})
+    assert 402.0 in segments.begins_s
