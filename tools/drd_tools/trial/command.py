@@ -11,7 +11,7 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts, distances, plant, sbmi
+from drd_tools.trial import baselines, contacts, distances, live, live_cases, plant, sbmi
 from drd_tools.trial.figures import Figures
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.planted import not_visible, planted_table, reported
@@ -19,6 +19,8 @@ from drd_tools.trial.results import Head, Row, Store, read_answers
 from drd_tools.trial.run import Others, calls
 from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
+
+NULLS_TIMES = 4  # nulls of each kind, for each case of an effect
 
 DESCRIPTION = """\
 Run the diagnosis blind on recordings whose answer is known, and score it: share of recordings in which nothing is
@@ -46,6 +48,10 @@ as it is: named first, in its class, its size within 3 sigma, its window, the 90
 --distances simulates the drives that `drd diagnose` advises instead, 3 minutes each, and tells how far each sets each
 effect, seen with d = 12, apart from each of the others: distances.csv and .json, and heat maps in distances.html.
 
+--live takes the monitor (drd/monitor) instead: drives of 8 minutes without a reference on which an effect begins in
+mid-run with d = 8, 12 and 25 per 100 m, N of each, and four times as many with nothing missing, with stressed noise, on
+asphalt, and on ground that changes; scored are the right class within 60 s or 100 m, its onset, and false names.
+
 A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
 diagnosis are moved aside, to results.old.jsonl.
 """
@@ -57,6 +63,7 @@ examples:
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
   {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)
+  {PROGRAM} --live 1 --output out/live                            (the monitor; five minutes)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
@@ -69,6 +76,8 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
+    if chosen.live:
+        return _live(parser, chosen)
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
     if chosen.output is None or not (drawn or instead):
         parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
@@ -79,6 +88,31 @@ def main(argv: list[str]) -> int:
     with writing(chosen.output):
         (_plant if chosen.plant else _run)(chosen)
         return _drawn(chosen.output, chosen.quote)
+
+
+def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
+    others = chosen.folder or chosen.each or chosen.large or chosen.plant or chosen.distances
+    if chosen.output is None or others:
+        parser.error("--live goes with --output DIR, and without --each, --large, --folder, --plant and --distances")
+    from drd_tools.trial import live_figures  # noqa: PLC0415  # the page's template engine is slow
+
+    todo = [
+        case
+        for case in live_cases.cases(chosen.live, NULLS_TIMES * chosen.live, chosen.seed)
+        if any(fnmatchcase(case.name, pattern) for pattern in chosen.only)
+    ]
+    if not todo:
+        raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(chosen.only))
+    with writing(chosen.output):
+        rows = list(live.run(todo, chosen.jobs))
+        files = [live.save(chosen.output, rows), chosen.output / "live.html"]
+        origin = f"Made by `drd trial --live {chosen.live}`, seed {chosen.seed}: {len(rows)} cases."
+        live_figures.write_page(rows, origin, files[1])
+    for table in live_figures.tables(rows):
+        print("\n".join([table.caption, *columns([table.header, *table.rows]), ""]))
+    print("\n".join(live_figures.lines(rows)))
+    print(f"\nwrote {', '.join(str(f) for f in files)}")
+    return 0
 
 
 def _run(chosen: argparse.Namespace) -> None:
@@ -188,6 +222,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--folder", type=Path, metavar="DIR", help="recordings with answers.json, too")
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
     add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
+    add("--live", type=whole(0), default=0, metavar="N", help="N cases of each effect and d for the monitor, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")

@@ -1,0 +1,67 @@
+"""The blind trial of the monitor: drawn again to the bit, sized as asked, scored and written."""
+
+from pathlib import Path
+
+import pytest
+
+from drd_tools.trial import live, live_cases, live_figures
+from drd_tools.trial.command import main
+from drd_tools.trial.live import LiveRow, Said
+
+
+def row(kind: str, said: list[Said], d: float = 12.0) -> LiveRow:
+    case = live_cases.Case(f"{kind}-d12-000", kind, d, 0)
+    return LiveRow(case=case, begin_s=100.0, limit_s=180.0, hours=0.1, said=said)
+
+
+def test_each_effect_is_drawn_at_each_distance_and_each_null_as_often_as_asked() -> None:
+    cases = live_cases.cases(2, 3, 0)
+    assert sum(c.kind == "plain" for c in cases) == 3
+    assert [c.d for c in cases if c.kind == "tread_error"] == [8.0, 12.0, 25.0] * 2
+    assert not any(c.kind in ("lateral_slip_turning", "gyro_warmup") for c in cases)
+    assert len({c.name for c in cases}) == len(cases)
+
+
+def test_a_case_is_drawn_again_to_the_bit_and_has_the_distance_that_is_asked_for() -> None:
+    case = live_cases.Case("wheel_radius_error-d25-000", "wheel_radius_error", 25.0, 7)
+    one, two = live_cases.drawn(case), live_cases.drawn(case)
+    assert one is not None
+    assert two is not None
+    assert one.values == two.values
+    assert one.recording.encoders.left_counts is not None
+    assert two.recording.encoders.left_counts is not None
+    assert (one.recording.encoders.left_counts == two.recording.encoders.left_counts).all()
+    assert one.begin_s is not None
+    assert one.begin_s < one.limit_s
+
+
+def test_only_what_was_right_all_the_time_counts_and_only_in_time() -> None:
+    right = Said("tread_error", (), 0.9, 150.0, 102.0, False)
+    late = Said("terrain_tread", ("tread_error",), 0.6, 300.0, 110.0, False)
+    wrong = Said("gyro_lag", (), 0.9, 150.0, 102.0, True)
+    rows = [
+        row("tread_error", [right]),
+        row("tread_error", [late]),
+        row("tread_error", [wrong]),
+        row("tread_error", []),
+    ]
+    by_d = live_figures.tables(rows)[0].rows[0]
+    assert by_d[:3] == ["d=12", "4", "0.25"]
+    assert by_d[4] == "0.50"
+    assert by_d[6] == "1"
+    assert len(live_figures.lines(rows)) == 3
+
+
+def test_the_command_writes_results_that_are_read_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--live", "1", "--only", "encoder_dropout-*", "--seed", "3", "--jobs", "1", "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    (told,) = live.load(tmp_path)
+    assert told.right is not None
+    assert told.right.effect == "encoder_dropout"
+    assert "events" in capsys.readouterr().out
+    assert (tmp_path / "live.html").exists()
+
+
+def test_the_modes_of_the_trial_do_not_mix(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit):
+        main(["--live", "1", "--each", "1", "--output", str(tmp_path)])

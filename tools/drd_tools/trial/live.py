@@ -1,0 +1,165 @@
+"""`drd trial --live`: how often the monitor is right while a robot drives.
+
+`judged` simulates and monitors a case, blind; `run` all of them; `live_cases` draws them, `live_figures` counts.
+"""
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from msgspec import Struct
+
+from drd.batch.monitored import monitor_logs
+from drd.config.schema import ConfigError
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect, Values
+from drd.monitor.findings import Size
+from drd.monitor.library import UNKNOWN
+from drd.monitor.monitor import Monitor
+from drd.monitor.telling import Known
+from drd.units import NS_PER_S
+from drd_tools.replay.nominal import configuration
+from drd_tools.trial.live_cases import Case, drawn
+from drd_tools.trial.workers import completed
+
+RESULTS: Final = "live.jsonl"
+# Names of one and the same thing where there is no reference: scale times tread, whenever and wherever it begins.
+ALIKE: Final = frozenset({"tread_error", "gyro_scale_error", "terrain_tread"})
+
+
+class Said(Struct, frozen=True):
+    """A finding as it came: when it was named, since when, what fits, and how likely its first name was in the end.
+
+    `is_wrong`: for some time neither its name nor one of its look-alikes was right, or nothing had begun.
+    """
+
+    effect: str
+    alike: tuple[str, ...]
+    probability: float
+    named_s: float
+    since_s: float
+    is_wrong: bool
+
+
+class LiveRow(Struct, frozen=True, kw_only=True):
+    """What the monitor said of a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
+
+    `sigmas`: errors of its parameters in their own deviations, of the finding that has its name.
+    """
+
+    case: Case
+    begin_s: float | None = None
+    limit_s: float = 0.0
+    hours: float = 0.0
+    parameters: dict[str, float | str] = {}
+    said: list[Said] = []
+    sigmas: list[float] = []
+    cost_ms_per_s: float = 0.0
+    is_made: bool = True
+
+    @property
+    def right(self) -> Said | None:
+        """The first finding whose class has the name."""
+        return next((s for s in self.said if not s.is_wrong and s.effect != UNKNOWN), None)
+
+
+class Watch:
+    """Keeps what the monitor tells, as it comes."""
+
+    def __init__(self, right: frozenset[str], begin_s: float):
+        self._right, self._begin_s = right, begin_s
+        self.said: dict[int, Said] = {}
+        self._known: dict[int, Known] = {}  # kept, so that no identity is used twice
+        self._now_s = -1.0
+
+    def __call__(self, monitor: Monitor) -> None:
+        """After each sample."""
+        if monitor.now_s == self._now_s:
+            return
+        self._now_s = monitor.now_s
+        for known in monitor.known:
+            name, near = monitor.hypotheses[known.hypothesis].id, monitor.alike(known)
+            self._known[id(known)], before = known, self.said.get(id(known))
+            is_wrong = name != UNKNOWN and (self._right.isdisjoint({name, *near}) or known.named_s < self._begin_s)
+            is_wrong |= before is not None and before.is_wrong
+            p = known.probabilities.get(name, 0.0)
+            self.said[id(known)] = Said(name, tuple(near), p, known.named_s, known.begin_s, is_wrong)
+
+
+def run(cases: Sequence[Case], jobs: int) -> Iterator[LiveRow]:
+    """Rows as they are ready."""
+    return completed([partial(judged, case) for case in cases], jobs)
+
+
+def judged(case: Case) -> LiveRow:
+    """Simulate a case and monitor it."""
+    one = drawn(case)
+    if one is None:
+        return LiveRow(case=case, is_made=False)
+    recording, right = one.recording, _names(one.effect)
+    watch = Watch(right, one.begin_s or 0.0)
+    began_s = time.process_time()
+    made = monitor_logs(recording.fog, recording.encoders, configuration(recording), watch)
+    took_s = time.process_time() - began_s
+    zero_s, first_s = made.zero_ns / NS_PER_S, (made.monitor.zero_ns or made.zero_ns) / NS_PER_S
+    later_s = first_s - zero_s
+    said = [
+        msgspec.structs.replace(s, named_s=s.named_s + later_s, since_s=s.since_s + later_s)
+        for s in watch.said.values()
+    ]
+    said += [
+        Said(f.effect, (), f.probability, f.named_ns / NS_PER_S - zero_s, f.since_ns / NS_PER_S - zero_s,
+             f.effect not in right)
+        for f in made.findings if f.effect in catalogue() and catalogue()[f.effect].symptom is not None
+    ]  # fmt: skip
+    told = next((f for f in made.findings if one.effect is not None and f.effect == one.effect.id), None)
+    seconds = float(recording.encoders.time_s[-1])
+    return LiveRow(
+        case=case,
+        begin_s=one.begin_s,
+        limit_s=one.limit_s,
+        hours=seconds / 3600.0,
+        parameters=dict(one.values or {}),
+        said=sorted(said, key=lambda s: s.named_s),
+        sigmas=[] if told is None or one.effect is None else _sigmas(one.effect, one.values or {}, told.parameters),
+        cost_ms_per_s=1e3 * took_s / seconds,
+    )
+
+
+def _names(effect: Effect | None) -> frozenset[str]:
+    if effect is None:
+        return frozenset()
+    return ALIKE if effect.id in ALIKE else frozenset({effect.id})
+
+
+def _sigmas(effect: Effect, values: Values, told: dict[str, Size | str]) -> list[float]:
+    found: list[float] = []
+    if any(q.fixed for q in effect.parameters):  # what it counts from is another
+        return found
+    for q in effect.parameters:
+        size = told.get(q.name)
+        # An angle counts from where the monitor began.
+        if isinstance(size, Size) and size.std > 0.0 and q.name in values and not (q.moment or q.is_angle):
+            found.append((size.value - float(values[q.name]) / q.si) / size.std)
+    return found
+
+
+def save(folder: Path, rows: Sequence[LiveRow]) -> Path:
+    """Write the rows, one JSON a line. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / RESULTS
+    file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
+    return file
+
+
+def load(folder: Path) -> list[LiveRow]:
+    """Read what `save` has written. Raises ConfigError."""
+    file = folder / RESULTS
+    try:
+        return [msgspec.convert(json.loads(line), LiveRow) for line in file.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        raise ConfigError(str(file), "", "results of drd trial --live", str(error)) from error

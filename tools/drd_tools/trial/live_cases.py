@@ -1,0 +1,208 @@
+"""Drives on which an effect begins in mid-run, or the ground changes, or nothing does: drawn by name and seed."""
+
+import math
+import zlib
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from msgspec import Struct
+
+from drd.arrays import Array
+from drd.config.robot import Robot
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Begins, Chance, Effect, Errors, Parameter, Values
+from drd.effects.motion import Motion
+from drd.units import RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+from drd_tools.diagnose.regression.marginal import Marginal
+from drd_tools.recordings.folder import Recording
+from drd_tools.simulate.conditions import GROUNDS, Conditions, Random, Reference
+from drd_tools.simulate.missions import MISSIONS, make_drive
+from drd_tools.simulate.robot import DEFAULT
+from drd_tools.simulate.route import STEP_S
+from drd_tools.simulate.simulator import simulate
+from drd_tools.simulate.temperature import PROFILES
+from drd_tools.simulate.truth import make_truth
+from drd_tools.trial.overlay import overlaid, planted
+from drd_tools.trial.size import eventful
+
+DISTANCES: Final = (8.0, 12.0, 25.0)  # of WAY_M
+WAY_M, TIME_S = 100.0, 60.0  # within one of which a name is in time
+MINUTES: Final = 8.0
+TRIES: Final = 25
+BEGINS: Final = (0.25, 0.5)  # share of the steps in motion
+NULLS: Final = ("plain", "stressed", "asphalt", "floors")
+FLOOR_S, FLOOR_TREAD = (20.0, 90.0), (0.05, 0.3)  # other ground: for how long, and by how much
+STRESS: Final = (0.7, 1.3)
+TAILS: Final = 4.0
+GOING_M_S: Final = 0.1
+ROW_S: Final = 0.1
+SIZED, ROUNDS, SMALL = 0.02, 12, 1e-3
+# What is never quite as calibrated, as columns beside an effect: bias (rad/s), turn, way over tread.
+NUISANCES: Final = (3.5e-4, 0.003, 0.0003)
+
+
+class Case(Struct, frozen=True):
+    """A case that can be drawn again from this. `kind`: an effect's name, or one of NULLS; `d`: of 100 m."""
+
+    name: str
+    kind: str
+    d: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A recording and its answer. `begin_s`: None: nothing begins; `limit_s`: until when a name is in time."""
+
+    recording: Recording
+    effect: Effect | None = None
+    values: Values | None = None
+    begin_s: float | None = None
+    limit_s: float = 0.0
+
+
+def seen_live() -> list[Effect]:
+    """Effects that begin in mid-run and that a monitor can see."""
+    return [e for e in catalogue().values() if not e.needs_position and e.begins is not Begins.POWER_ON]
+
+
+def cases(each: int, nulls: int, seed: int) -> list[Case]:
+    """So many of each effect and d, and so many nulls of each kind; the nulls first."""
+    found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed) for n in range(nulls) for kind in NULLS]
+    for n in range(each):
+        for effect in seen_live():
+            sizes = (0.0,) if effect.irreversible else DISTANCES
+            found += [Case(f"{effect.id}-d{d:g}-{n:03}", effect.id, d, seed) for d in sizes]
+    return found
+
+
+def drawn(case: Case) -> Drawn | None:
+    """The case, simulated; None where no drive shows it at a plausible size."""
+    random = np.random.default_rng([case.seed, zlib.crc32(case.name.encode())])
+    tries = (_drawn(case, random) for _ in range(TRIES))
+    return next((found for found in tries if found is not None), None)
+
+
+def _drawn(case: Case, random: Random) -> Drawn | None:
+    missions = [m for m in MISSIONS if m != "stand"]
+    mission = missions[int(random.integers(len(missions)))]
+    profile = list(PROFILES)[int(random.integers(len(PROFILES)))]
+    conditions = Conditions(reference=Reference(is_there=False))
+    seed = int(random.integers(2**31))
+    if case.kind == "stressed":
+        gyro, wheels = random.uniform(*STRESS, 2).tolist()
+        conditions = replace(conditions, gyro_noise=gyro, wheel_noise=wheels, tails=TAILS)
+    elif case.kind == "asphalt":
+        conditions = replace(conditions, ground=GROUNDS["asphalt"])
+    truth = make_truth(make_drive(mission, 60.0 * MINUTES, DEFAULT.standstill_at_start_s), profile)
+    made = simulate(truth, DEFAULT, (), conditions, seed, case.name)
+    if case.kind in ("plain", "stressed", "asphalt"):
+        return Drawn(made.recording)
+    begin, after, limit = _onset(made.motion, random)
+    begin_s, limit_s = float(made.motion.time_s[begin]), float(made.motion.time_s[limit])
+    if case.kind == "floors":
+        floor = catalogue()["terrain_tread"]
+        tread = float(random.uniform(*FLOOR_TREAD) * random.choice((-1, 1)))
+        values: Values = {"t0": begin_s, "t1": begin_s + float(random.uniform(*FLOOR_S)), "tread": tread, "gain": 0.0}
+        recording = overlaid(made.recording, made.motion, [floor.error(made.motion, values)])
+        return Drawn(recording, floor, values, begin_s, limit_s)
+    effect = catalogue()[case.kind]
+    if effect.irreversible:
+        return _destroying(made.recording, made.motion, effect, (begin_s, limit_s), random)
+    sized = _sized(effect, case.d, made.motion, (begin, after), random)
+    if sized is None:
+        return None
+    recording = overlaid(made.recording, made.motion, [_since(effect, sized, made.motion, begin)])
+    return Drawn(recording, effect, sized, begin_s, limit_s)
+
+
+def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
+    """Steps: where it begins, after WAY_M from there, and until when a name is in time."""
+    way = np.cumsum(np.abs(m.speed_m_s)) * STEP_S
+    going = np.flatnonzero(np.abs(m.speed_m_s) + 0.5 * m.tread_m * np.abs(m.rate_rad_s) > GOING_M_S)
+    begin, last = int(going[int(random.uniform(*BEGINS) * len(going))]), len(way) - 1
+    after = min(int(np.searchsorted(way, way[begin] + WAY_M)), last)
+    return begin, after, min(max(after, begin + round(TIME_S / STEP_S)), last)
+
+
+def _destroying(
+    recording: Recording, m: Motion, effect: Effect, times_s: tuple[float, float], random: Random
+) -> Drawn | None:
+    """An effect that destroys readings, since the time when it begins."""
+    values = eventful(m, effect, random)
+    if values is None:
+        return None
+    begin_s, limit_s = times_s
+    has_window = "t0" in values
+    if has_window:
+        begin_s = float(values["t0"])
+        limit_s = begin_s + TIME_S
+    made, before, after = recording, recording.fog, planted(recording, effect, values)
+    if after.fog is not None and before is not None:
+        rate = np.where(before.time_s < (0.0 if has_window else begin_s), before.rate_rad_s, after.fog.rate_rad_s)
+        made = replace(after, fog=replace(before, rate_rad_s=rate))
+    return Drawn(made, effect, values, begin_s, limit_s)
+
+
+def _since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors:
+    """The effect's errors, which begin at a step of the motion."""
+    t0 = float(motion.time_s[begin]) if effect.begins is Begins.GROWING else 0.0
+    moved = replace(motion, time_s=motion.time_s - t0, end_s=motion.end_s - t0)
+    on = (np.arange(len(motion.time_s)) >= begin).astype(float)
+    return Errors(*(on * e for e in effect.error(moved, values)))
+
+
+def _sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: Random) -> Values | None:
+    """Values (SI) whose whitened distance is d by the last of two steps, begun at the first; None: not plausible."""
+    begin, limit = steps
+    side = "left" if random.random() < 0.5 else "right"
+    chance = Chance(side, float(m.time_s[begin]), m.end_s, *map(float, random.random(6)))
+    values: dict[str, Any] = {**effect.variants(m)[0], **effect.drawn(m, chance)}
+    chosen = _sizes(effect)
+    values |= {q.name: q.neutral for q in effect.parameters if q.linear and not q.choices}
+    if len(chosen) > 1 and not chosen[0].signed:  # of two of which only the difference shows, one
+        chosen = [chosen[int(random.integers(2))]]
+    for q in chosen:
+        share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
+        values[q.name] = q.neutral + float(share) * SMALL * (1.0 if q.neutral else q.high * q.si)
+    if effect.opposed:
+        values[chosen[1].name] = -values[chosen[0].name]
+    for _ in range(ROUNDS):
+        norm = visibility(_since(effect, values, m, begin), m, limit)
+        if norm <= 0.0:
+            return None
+        for q in chosen:
+            values[q.name] = q.neutral + (values[q.name] - q.neutral) * d / norm
+            if not abs(values[q.name]) <= q.high * q.si:
+                return None
+        if abs(norm / d - 1.0) < SIZED:
+            return values
+    return None
+
+
+def _sizes(effect: Effect) -> list[Parameter]:
+    """Parameters that say how large an effect is, as far as it shows without a reference."""
+    found = [q for q in effect.parameters if not (q.choices or q.moment or q.fixed)]
+    found = [q for q in found if q.linear or not effect.linear()]
+    return [q for q in found if q.name == effect.essential] if effect.essential else found
+
+
+def visibility(errors: Errors, motion: Motion, limit: int, robot: Robot = DEFAULT) -> float:
+    """Whitened norm of the errors in rows of the wheels' turn less the gyro's until a step, beside nuisances."""
+    size = round(ROW_S / STEP_S)
+    n = limit // size
+
+    def rows(values: Array | float) -> Array:
+        full = np.zeros_like(motion.time_s) + values
+        return np.asarray(full[: n * size].reshape(n, size).sum(1) * STEP_S)
+
+    seen = (rows(errors.right_m_s) - rows(errors.left_m_s)) / robot.tread_m - rows(errors.gyro_rad_s)
+    ways = rows(np.abs(motion.left_m_s)) + rows(np.abs(motion.right_m_s))
+    walk = (robot.gyro_angle_random_walk_deg_per_sqrt_h or 0.0) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+    slip = robot.slip_noise_m_per_sqrt_m or 0.0
+    sigma = np.sqrt(walk**2 * ROW_S + slip**2 * ways / robot.tread_m**2)
+    columns = (np.full(n, ROW_S), rows(motion.rate_rad_s), rows(motion.speed_m_s) / robot.tread_m)
+    beside = np.column_stack([s * c / sigma for s, c in zip(NUISANCES, columns, strict=True)])
+    z = seen / sigma
+    return math.sqrt(max(float(z @ Marginal(beside).projected(z)), 0.0))

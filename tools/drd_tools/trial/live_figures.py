@@ -1,0 +1,108 @@
+"""The figures of `drd trial --live`, and their page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from drd.monitor.library import UNKNOWN
+from drd_tools.report.page import Page
+from drd_tools.trial.figures import Table
+from drd_tools.trial.live import LiveRow
+from drd_tools.trial.live_cases import DISTANCES, NULLS, WAY_M, seen_live
+from drd_tools.trial.score import Z_90, calibration_error, wilson
+
+HEADER: Final = ["", "n", "in time", "95 %", "ever", "unknown", "wrong too", "onset off, s", "named after, s"]
+TURN_S: Final = 4.0  # the monitor judges every so often
+
+
+def tables(rows: Sequence[LiveRow]) -> list[Table]:
+    """By d, by effect, of what is not there, and how honest probabilities and intervals are."""
+    made = [r for r in rows if r.is_made]
+    effects = [r for r in made if r.case.kind not in NULLS]
+    by_d = [_line(f"d={d:g}" if d else "events", [r for r in effects if r.case.d == d]) for d in (*DISTANCES, 0.0)]
+    by_effect = [_line(e.id, [r for r in effects if r.case.kind == e.id]) for e in seen_live()]
+    return [
+        Table(f"By whitened distance (of {WAY_M:g} m)", HEADER, [x for x in by_d if x]),
+        Table("By effect", HEADER, [x for x in by_effect if x]),
+        _nulls(made),
+        _honesty(rows, made, effects),
+    ]
+
+
+def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
+    if not rows:
+        return []
+    rights = [(r, s) for r in rows if (s := r.right) is not None]
+    timely = sum(s.named_s <= r.limit_s + TURN_S for r, s in rights)
+    low, high = wilson(timely, len(rows))
+    off = [abs(s.since_s - (r.begin_s or 0.0)) for r, s in rights]
+    late = [s.named_s - (r.begin_s or 0.0) for r, s in rights]
+    return [
+        name,
+        str(len(rows)),
+        f"{timely / len(rows):.2f}",
+        f"{low:.2f}..{high:.2f}",
+        f"{len(rights) / len(rows):.2f}",
+        str(sum(any(s.effect == UNKNOWN for s in r.said) for r in rows)),
+        str(sum(s.is_wrong for r in rows for s in r.said)),
+        f"{np.median(off):.1f}" if off else "",
+        f"{np.median(late):.0f}" if late else "",
+    ]
+
+
+def _nulls(made: Sequence[LiveRow]) -> Table:
+    lines = []
+    for kind in NULLS:
+        own = [r for r in made if r.case.kind == kind]
+        hours, wrong = sum(r.hours for r in own), sum(s.is_wrong for r in own for s in r.said)
+        unknown = sum(s.effect == UNKNOWN for r in own for s in r.said)
+        if own:
+            lines.append([kind, str(len(own)), f"{hours:.1f}", str(wrong), f"{1e3 * wrong / hours:.0f}", str(unknown)])
+    header = ["kind", "n", "hours", "false names", "in 1,000 hours", "unknown"]
+    return Table("Nothing to be named (or, on floors, other ground only)", header, lines)
+
+
+def _honesty(rows: Sequence[LiveRow], made: Sequence[LiveRow], effects: Sequence[LiveRow]) -> Table:
+    sigmas = [x for r in effects for x in r.sigmas]
+    pairs = [(s.probability, s.effect == r.case.kind) for r in effects if (s := r.right) is not None]
+    pairs += [(s.probability, False) for r in made for s in r.said if s.is_wrong]
+    inside = sum(abs(x) <= Z_90 for x in sigmas) / max(len(sigmas), 1)
+    cost = float(np.mean([r.cost_ms_per_s for r in made])) if made else 0.0
+    lines = [
+        ["truth within the 90 % intervals", f"{inside:.2f} of {len(sigmas)}"],
+        ["expected calibration error of the names' probabilities", f"{calibration_error(pairs):.3f} of {len(pairs)}"],
+        ["cost, ms of a core per second of data", f"{cost:.1f}"],
+        ["not made: at no plausible size it shows so well", str(len(rows) - len(made))],
+    ]
+    return Table("Honesty, and cost", ["figure", ""], lines)
+
+
+def lines(rows: Sequence[LiveRow]) -> list[str]:
+    """Each case with something wrong, or not named in time."""
+    found = []
+    for r in rows:
+        right = r.right
+        is_late = r.case.kind not in NULLS and (right is None or right.named_s > r.limit_s + TURN_S)
+        if r.is_made and (is_late or any(s.is_wrong for s in r.said)):
+            said = "; ".join(
+                f"{s.named_s:.0f} s {s.effect} {s.probability:.2f}{' (' + ', '.join(s.alike) + ')' if s.alike else ''}"
+                f"{' WRONG' if s.is_wrong else ''}"
+                for s in r.said
+            )
+            found.append(
+                f"{r.case.name}: from {r.begin_s or 0.0:.0f} s, in time until {r.limit_s:.0f} s: {said or '-'}"
+            )
+    return found
+
+
+def write_page(rows: Sequence[LiveRow], origin: str, file: Path) -> None:
+    """The page of the figures. Raises OSError."""
+    page = Page("Trial of the monitor", [origin])
+    for table in tables(rows):
+        page.heading(table.caption)
+        page.table(table.header, table.rows)
+    page.heading("Wrong, late or missed")
+    page.code("\n".join(lines(rows)) or "none")
+    page.save(file)
