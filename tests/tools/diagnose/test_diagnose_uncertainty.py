@@ -10,6 +10,7 @@ from diagnosis_drives import WAREHOUSE, problem, selected
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates, shrunk
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
+from drd_tools.diagnose.select.search import Search
 from drd_tools.diagnose.selected import Selected
 
 Z_90 = 1.645
@@ -45,6 +46,29 @@ def test_a_windows_edges_and_sizes_are_covered() -> None:
             assert found.sigma(name) >= fit.selection[0].sigma(name)
     assert np.mean(inside) > 0.8
     assert np.mean(inside) > np.mean(curved)
+
+
+def test_an_intervals_sizes_are_as_unsure_as_the_ground_elsewhere_makes_them() -> None:
+    """Where each stretch of ground has a slip of its own, none of which is worth a name, a size is known no better."""
+    p, ground = null(), np.random.default_rng(7)
+    slip = replace(selected("surface_slip", t0=45.0, t1=60.0, left=0.004, right=0.004), free=("left", "right"))
+    begins_s = np.arange(p.evidence.edges_s[0], p.evidence.edges_s[-1], 7.5)
+    pieces = [
+        replace(slip, values={"t0": t, "t1": t + 7.5, "left": left, "right": right})
+        for t, left, right in zip(begins_s, *ground.normal(0.0, 0.004, (2, len(begins_s))), strict=True)
+    ]
+    white = ground.standard_normal(len(p.data)) + p.effect_rows([slip])
+    found = []
+    for data in (white, white + p.effect_rows(pieces)):
+        q = p.with_data(data)
+        fit = refine(q, [slip])
+        found.append(Search(q).scatter(fit, fit.selection[0]))
+        (reported,) = reported_estimates(q, fit, scatter=lambda _: found[-1])
+        assert reported.sigma("left") == pytest.approx(
+            found[-1] * reported_estimates(q, fit)[0].sigma("left"), rel=1e-6
+        )
+    assert found[0] == 1.0
+    assert found[1] > 2.0
 
 
 def test_a_parameter_that_was_left_out_is_told_with_its_deviation() -> None:

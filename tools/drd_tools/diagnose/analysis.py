@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import observe
@@ -57,7 +59,7 @@ def analyse(recording: Recording) -> Analysis:
         noise, fix_inflation = fitted(near, fit, searched=False)
         # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
         # only the reference tells, is larger than that.
-        inflation = Inflation(inflated(near, fit.left).wheels) if start else problem.inflation
+        inflation = Inflation(inflated(near, fit.left, searched=False).wheels) if start else problem.inflation
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
     problem = problem if start else converged(problem, known)
     found = coarse_search(problem, known, start)
@@ -66,7 +68,7 @@ def analyse(recording: Recording) -> Analysis:
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
             break
         noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
-        inflation = inflated(found.problem, found.fit.left)
+        inflation = inflated(found.problem, found.fit.left, searched=True)
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
@@ -99,7 +101,8 @@ def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:
         (noise.slip_m_per_sqrt_m, before.slip_m_per_sqrt_m),
         (noise.position_m, before.position_m),
         (noise.heading_rad, before.heading_rad),
-        (inflation.wheels, was.wheels),
         *zip(inflation.fixes, was.fixes, strict=True),
     )
-    return all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)
+    wheels = np.ndim(inflation.wheels) == np.ndim(was.wheels)
+    wheels = wheels and float(np.mean(np.abs(inflation.wheels / was.wheels - 1.0))) < NOISE_CHANGED
+    return wheels and all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)

@@ -157,11 +157,14 @@ def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tup
     return shared, scores
 
 
-def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None, mounted: Mounting | None = None) -> WheelFit:
+def fit_wheels(
+    drives: Sequence[Drive], start: WheelFit | None = None, mounted: Mounting | None = None, limit: Array = LIMIT
+) -> WheelFit:
     """Wheels from one or more drives of one robot, by robust least squares over windows.
 
     `start` is a fit of nearly the same drives, from which the search sets out. `mounted`: how the reference sits on the
-    robot, where that is known. Raises ConfigError where the drives are not of one robot.
+    robot, where that is known. `limit`: standard deviations of mean scale, difference and tread beyond which they stay
+    at their nominal. Raises ConfigError where the drives are not of one robot.
     """
     check_one_robot(drives)
     nominal, parts = drives[0].nominal, [_new_part(drive) for drive in drives]
@@ -176,7 +179,7 @@ def fit_wheels(drives: Sequence[Drive], start: WheelFit | None = None, mounted: 
     free_sigma = _sigmas(scores, free)[0][:3] if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
     while True:
-        excess = np.where(free[:3], _sigmas(scores, free)[0][:3] / LIMIT, 0.0)
+        excess = np.where(free[:3], _sigmas(scores, free)[0][:3] / limit, 0.0)
         if excess.max() <= 1.0:
             break
         free[int(excess.argmax())] = False

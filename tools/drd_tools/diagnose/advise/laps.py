@@ -86,7 +86,7 @@ class Laps:
         knows_temperature = bool(np.isfinite(recorded.evidence.temperature_c).any())
         has_wheels = recorded.evidence.has_wheels
         evidence, path = driven((part,), self._robot, self._reference, knows_temperature, has_wheels)
-        problem = Problem(evidence, path, self._noise, inflation=recorded.inflation)
+        problem = Problem(evidence, path, self._noise, inflation=recorded.inflation.of_another_drive())
         columns, self.layout = columns_of(problem, self._causes)
         lap = np.ceil((problem.row_time_s - self.stand_s) / lap_s(part.manoeuvre))
         rows = [columns[np.clip(lap, 0, part.laps) == i] for i in range(part.laps + 1)]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -71,7 +72,9 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     periodic = ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)
     total += sum(ripple.gain for ripple in periodic)
     for selected, reported in zip(
-        found.fit.selection, reported_estimates(found.problem, found.fit, search.known), strict=True
+        found.fit.selection,
+        reported_estimates(found.problem, found.fit, search.known, partial(search.scatter, found.fit)),
+        strict=True,
     ):
         event = by_logic.get(selected.id)
         if event is not None:

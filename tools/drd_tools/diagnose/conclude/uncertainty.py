@@ -1,11 +1,12 @@
 """Reported estimates of the selected effects' parameters: all of them, with deviations that cover.
 
-A curvature at the best fit is too sure of three things: a parameter that was left out, since it was worth less than
-its cost, is not zero; an edge of a window may lie anywhere in a time that tells nothing of it; and no form is exact.
+A curvature at the best fit is too sure of four things: a parameter that was left out, since it was worth less than
+its cost, is not zero; an edge of a window may lie anywhere in a time that tells nothing of it; no form is exact; and
+the ground of an interval differs from that of others by more than white noise.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -26,8 +27,14 @@ USUAL: Final = 3.0  # times the middle of a parameter's range, on a scale of rat
 FEWEST_PLACES: Final = 3  # a profile of fewer points has no width
 
 
-def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) -> tuple[Selected, ...]:
-    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay. (87)"""
+def reported_estimates(
+    problem: Problem, fit: Fit, known: Collection[str] = (), scatter: Callable[[Selected], float] = lambda _: 1.0
+) -> tuple[Selected, ...]:
+    """Reported estimates of a fit's effects, in its order; those that are `known` from logic stay. (87)
+
+    `scatter`: how much more the sizes of an effect vary from interval to interval than their deviations say.
+    """
+    scatters = [scatter(selected) for selected in fit.selection]
     fit = _widened(problem, fit, known)
     uncertain = response(problem, fit)
     covariance = (
@@ -45,6 +52,7 @@ def reported_estimates(problem: Problem, fit: Fit, known: Collection[str] = ()) 
         deviation = np.sqrt(np.maximum(np.diag(own), 0.0))
         profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
+        widths *= [scatters[i] if selected.parameter(name).linear else 1.0 for name in selected.free]
         widths = np.hypot(widths, [_unknown_delay_s(problem, selected, name) for name in selected.free])
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
         selection.append(replace(shrunken[i], covariance=own * scale[:, None] * scale))

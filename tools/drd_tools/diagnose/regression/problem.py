@@ -36,11 +36,16 @@ class Inflation(NamedTuple):
     """Inflation of the innovations' slow part over white noise, in sigmas: of the wheels, and of x, y, heading.
 
     Real slip and real references hang together over seconds. What is whitened as if they did not would find something
-    everywhere; divided by this, a slow sensitivity has the weight that it deserves.
+    everywhere; divided by this, a slow sensitivity has the weight that it deserves. Where the wheels' tails are heavy
+    each of their rows has its own, (n,).
     """
 
-    wheels: float = 1.0
+    wheels: float | Array = 1.0
     fixes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def of_another_drive(self) -> "Inflation":
+        """The same for other rows: one for all of the wheels', with the mean of their information."""
+        return self._replace(wheels=float(np.mean(np.square(self.wheels, dtype=float) ** -1.0) ** -0.5))
 
 
 NOT_INFLATED: Final = Inflation()
@@ -170,7 +175,7 @@ class Problem:
         first all but those at standstill.
         """
         rows, n = self.linear.rows(sensitivities, dtype), len(self.evidence.step_s)
-        rows[:n] /= self.inflation.wheels
+        rows[:n] /= np.reshape(self.inflation.wheels, (-1, 1))
         rows[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))[:, None]
         return rows[self.evidence.observed]
 

@@ -14,10 +14,13 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected, Values
 
 Columns = npt.NDArray[np.float32]
+Pieces = npt.NDArray[np.intp]
 
 PIECES: Final = 32  # a multiple of the pieces that the catalogue's own variants are made of
 LONGEST: Final = PIECES // 2  # what acts for longer is found so, and then grows; what acts always is no interval
 MEET_S: Final = 5.0  # a hole that the grid of pieces leaves between two finds of one interval
+FEWEST_SIZES: Final = 6  # their scatter is known to 30 %
+LEAST_SCATTER: Final = 1.5  # less may be chance: intervals overlap
 LEFT_SHARE: Final = 1e-2  # of an interval's square that what is held beside it must leave
 
 
@@ -58,14 +61,10 @@ class Intervals:
         """The interval in which some sizes explain most. `G`, `b`: products of the columns among themselves and with
         the data, beside what is held. Sizes have the signs that the effect asks for.
         """
-        index = np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
-        k, (i, j) = len(names), np.triu_indices(PIECES + 1, 1)
-        sums = np.pad(np.cumsum(b[index].reshape(k, PIECES), axis=1), ((0, 0), (1, 0)))
-        b_of = (sums[:, j] - sums[:, i]).T
-        G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
-        diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
-        known = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1) & (j - i <= LONGEST)
-        known &= np.linalg.det(G_of) > LEFT_SHARE * diagonal.prod(axis=1)
+        i, j = np.triu_indices(PIECES + 1, 1)
+        b_of, G_of, known = self._sums(names, G, b, i, j)
+        known &= j - i <= LONGEST
+        known &= np.linalg.det(G_of) > LEFT_SHARE * np.einsum("wii->wi", G_of).prod(axis=1)
         x = np.zeros_like(b_of)
         x[known] = np.linalg.solve(G_of[known], b_of[known][:, :, None])[:, :, 0]
         unsigned = [i for i, name in enumerate(names) if not self._is_signed(name)]
@@ -76,11 +75,43 @@ class Intervals:
         shape: dict[str, float | str] = {START.name: float(edges_s[i[w]]), END.name: float(edges_s[j[w]])}
         return Best(float(nats[w]), shape, x[w]) if nats[w] > 0.0 else None
 
+    def scatter(self, selected: Selected, G: Array, b: Array) -> float:
+        """Root mean square of the sizes that a fit leaves to intervals as long as the selected effect's, elsewhere, in
+        their own deviations; 1 where that is as it should be, or few are there. `G`, `b`: as for `best`. (87)
+        """
+        begin_s, end_s = selected.interval_s or (0.0, 0.0)
+        names = [name for name in self.names if name in selected.free]
+        if end_s <= begin_s or not names:
+            return 1.0
+        length = min(max(1, round((end_s - begin_s) / float(self._edges_s[1] - self._edges_s[0]))), PIECES)
+        i = np.arange(PIECES - length + 1)
+        b_of, G_of, seen = self._sums(names, G, b, i, i + length)
+        seen &= (self._edges_s[i + length] <= begin_s) | (self._edges_s[i] >= end_s)
+        if len(names) * int(seen.sum()) < FEWEST_SIZES:
+            return 1.0
+        inverse = np.linalg.pinv(G_of[seen], hermitian=True)
+        sizes = np.einsum("wij,wj->wi", inverse, b_of[seen])
+        found = float(np.sqrt(np.mean(sizes**2 / np.einsum("wii->wi", inverse))))
+        return found if found > LEAST_SCATTER else 1.0
+
+    def _sums(
+        self, names: Sequence[str], G: Array, b: Array, i: Pieces, j: Pieces
+    ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+        """Products of sizes with the data (w, k) and among themselves (w, k, k) in the intervals from i to j, and
+        whether what is held leaves something of each size.
+        """
+        k, index = len(names), np.concatenate([self.names.index(n) * PIECES + np.arange(PIECES) for n in names])
+        sums = np.pad(np.cumsum(b[index].reshape(k, PIECES), axis=1), ((0, 0), (1, 0)))
+        G_of, own = (_squares(M[np.ix_(index, index)].astype(float), k, i, j) for M in (G, self.products))
+        diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
+        seen = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1)
+        return (sums[:, j] - sums[:, i]).T, G_of, seen
+
     def _is_signed(self, name: str) -> bool:
         return next(q.signed for q in self.effect.parameters if q.name == name)
 
 
-def _squares(G: Array, k: int, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]) -> Array:
+def _squares(G: Array, k: int, i: Pieces, j: Pieces) -> Array:
     """Sums of products (k p, k p) over the pieces i to j, both ways: (w, k, k)."""
     pieces = G.reshape(k, PIECES, k, PIECES).transpose(0, 2, 1, 3)
     total = np.pad(pieces.cumsum(axis=2).cumsum(axis=3), ((0, 0), (0, 0), (1, 0), (1, 0)))

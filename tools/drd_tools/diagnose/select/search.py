@@ -282,6 +282,13 @@ class Search:
                 found.setdefault((single[i].effect.id, single[j].effect.id), (pair[0], pair[1]))
         return list(found.values())
 
+    def scatter(self, fit: Fit, selected: Selected) -> float:
+        """How much more an effect of an interval scatters over this drive than its deviations say; 1 of any other."""
+        for intervals, products in zip(self.library.intervals, self._beside(fit)[1:], strict=True):
+            if intervals.effect.id == selected.id:
+                return intervals.scatter(selected, *products)
+        return 1.0
+
     def _beside(self, fit: Fit) -> list[_Products]:
         """Products beside a fit: of the library's columns, and of those of each effect of an interval."""
         if self._last is None or self._last[0] is not fit:

@@ -58,7 +58,9 @@ class _HeldOut:
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
             noise, inflation = fitted(near, fit, searched=True)
-            problem = Problem(problem.evidence, problem.path, noise, inflation, inflation=inflated(near, fit.left))
+            problem = Problem(
+                problem.evidence, problem.path, noise, inflation, inflation=inflated(near, fit.left, searched=False)
+            )
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}
