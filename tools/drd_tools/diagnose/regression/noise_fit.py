@@ -40,7 +40,8 @@ FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 def inflated(problem: Problem, left: Array, searched: bool) -> Inflation:
     """Variance inflation, at its worst scale, of what selected effects leave (r,) of the whitened data. (78)
 
-    Before the search for effects, heavy tails may be an effect's.
+    Before the search for effects, heavy tails may be an effect's, and so may those of a robot that is as robot.yaml
+    has it: where it starts and stops, a delay that is not yet found exactly leaves some.
     """
     e = problem.evidence
     step_s = float(np.median(e.step_s))
@@ -50,7 +51,8 @@ def inflated(problem: Problem, left: Array, searched: bool) -> Inflation:
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
     both = max(sizes[:2])
-    return Inflation(slow * tails(wheels, moving) if searched else slow, (both, both, sizes[2]))
+    has_tails = searched and e.is_far
+    return Inflation(slow * tails(wheels, moving) if has_tails else slow, (both, both, sizes[2]))
 
 
 def tails(rows: Array, moving: npt.NDArray[np.bool_]) -> float | Array:
