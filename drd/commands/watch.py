@@ -142,6 +142,7 @@ class View:
         self._first_s = time.monotonic()
         self._counts: dict[str, int] = {}
         self._changed: dict[str, int] = {}
+        self._found: list[str] = []
         self.heard = False
         self.unreadable = 0
 
@@ -167,11 +168,12 @@ class View:
             times.popleft()
 
     def take_health(self, payload: bytes) -> None:
-        """A message of `prefix/health`; what is looked at are the whole numbers under `counters`."""
+        """A message of `prefix/health`; what is looked at are the findings, and the whole numbers under `counters`."""
         if (health := self._object(payload)) is not None:
             counts = dict(_counters(health.get("counters"), ""))
             self._changed = {k: n - self._counts[k] for k, n in counts.items() if n != self._counts.get(k, n)}
             self._counts = counts
+            self._found = _findings(health.get("findings"))
             self.heard = True
 
     def line(self, now_s: float) -> str:
@@ -179,7 +181,7 @@ class View:
         if self._heard_s is None:
             return self._silence(now_s)
         changed = " ".join(f"{k}{n:+d}" for k, n in list(self._changed.items())[:8])
-        return "  ".join(part for part in (*self._pose_lines(now_s), *self._reasons(), changed) if part)
+        return "  ".join(part for part in (*self._pose_lines(now_s), *self._reasons(), *self._found, changed) if part)
 
     def lines(self, now_s: float) -> list[str]:
         """The same on several lines, with the changed counters one by one."""
@@ -187,7 +189,7 @@ class View:
             return [self._silence(now_s)]
         counters = [f"  {k:<40} {self._counts[k]:>12} ({n:+d})" for k, n in self._changed.items()]
         heading = ["counters that changed:"] if counters else []
-        return [*self._pose_lines(now_s), *(f"  {r}" for r in self._reasons()), *heading, *counters]
+        return [*self._pose_lines(now_s), *(f"  {r}" for r in (*self._reasons(), *self._found)), *heading, *counters]
 
     def _silence(self, now_s: float) -> str:
         waited_s = now_s - self._first_s
@@ -235,6 +237,16 @@ def _counters(value: Any, path: str, depth: int = 4) -> list[tuple[str, int]]:
     if isinstance(value, dict) and depth:
         return [c for k, v in value.items() for c in _counters(v, f"{path}.{_text(k)}".lstrip("."), depth - 1)]
     return [(path, value)] if isinstance(value, int) and not isinstance(value, bool) else []
+
+
+def _findings(value: Any) -> list[str]:
+    """What the monitor has found and has not ended."""
+    found = [f for f in value if isinstance(f, dict)] if isinstance(value, list) else []
+    return [
+        f"monitor: {_text(f.get('text'))} (probability {_number(f.get('probability'), digits=2).strip()})"
+        for f in found
+        if f.get("until_ns") is None
+    ]
 
 
 def _sigma(covariance: Any, i: int) -> float | None:

@@ -431,6 +431,15 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Monitor:
+    """A process of its own that names what has changed in the robot. It changes no pose."""
+
+    enabled: bool = False
+    """Run it. How often it names what is not there has not been shown over 1,000 hours: look at what it says, but let
+    nothing depend on it"""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Realtime:
     """Scheduling; each is refused with a message, not an error, where the system does not permit it."""
 
@@ -455,4 +464,5 @@ class Config:
     output: Output = Output()
     recording: Recording = Recording()
     state: State = State()
+    monitor: Monitor = Monitor()
     realtime: Realtime = Realtime()

@@ -18,7 +18,7 @@ LEVELS: Final = {
 
 
 def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
-    """The pose's validity with its reasons and, where there is a recorder, the recording."""
+    """The pose's validity with its reasons and, where there are a recorder and a monitor, theirs."""
     validity, robot = Validity(health["validity"]), health["robot"]
     reasons = {reason["source"]: reason["text"] for reason in health["reasons"]}
     message = "; ".join([validity.value, *(f"{source}: {text}" for source, text in reasons.items())])
@@ -27,6 +27,10 @@ def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
         trouble = recording["reason"]
         level = OK if trouble is None else WARN
         found.append(Diagnostic(level, "drd: recording", trouble or "recording", robot, _scalars(recording)))
+    if (monitor := health.get("monitor")) is not None:
+        texts = [finding["text"] for finding in health["findings"] if finding["until_ns"] is None]
+        message = "; ".join(texts) or monitor["reason"] or monitor["state"]
+        found.append(Diagnostic(WARN if texts else OK, "drd: monitor", message, robot, _scalars(monitor)))
     return found
 
 

@@ -11,7 +11,7 @@ from drd.output.cdr import CdrReader, encode_empty, encode_trigger
 from drd.output.messages import Refused, decode_request, encode
 
 COMMANDS = ("set_pose", "reset", "calibrate_bias")
-QUESTIONS = ("pose", "health", "config")
+QUESTIONS = ("pose", "health", "findings", "config")
 
 
 class Reply(NamedTuple):

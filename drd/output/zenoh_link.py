@@ -13,7 +13,7 @@ from drd.config.keys import Output
 from drd.config.schema import ConfigError
 from drd.output.cdr import OdometryEncoder
 from drd.output.exposure import exposure
-from drd.output.messages import health_json, pose_json
+from drd.output.messages import encode, health_json, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.ros2_publishers import ODOMETRY, Ros2Publishers
 from drd.output.session import limits, open_session, tidy
@@ -25,10 +25,10 @@ log = logging.getLogger(__name__)
 class ZenohLink:
     """One session with its publishers, queryables and liveliness tokens, under `output.prefix`.
 
-    Published: `pose` (JSON), `odom` (CDR nav_msgs/Odometry, the form the ROS 2 DDS bridge takes), `health` (JSON),
-    liveliness `alive`; with `ros2` also what Ros2Publishers has. Queryables: the names of `handlers` (pose, health,
-    config, set_pose, reset, calibrate_bias), each called in `loop` with the query's JSON object; it returns the
-    answer or raises messages.Refused.
+    Published: `pose` (JSON), `odom` (CDR nav_msgs/Odometry, the form the ROS 2 DDS bridge takes), `health` and
+    `findings` (JSON), liveliness `alive`; with `ros2` also what Ros2Publishers has. Queryables: the names of `handlers`
+    (pose, health, findings, config, set_pose, reset, calibrate_bias), each called in `loop` with the query's JSON
+    object; it returns the answer or raises messages.Refused.
 
     Zenoh does not say which messages it dropped. Counted is what can be seen (`full_queues`): the puts that took as
     long as Zenoh waits for room in a neighbour's queue before it drops.
@@ -38,7 +38,7 @@ class ZenohLink:
     """
 
     def __init__(self, output: Output, handlers: Mapping[str, Handler], loop: asyncio.AbstractEventLoop):
-        self.counters = dict.fromkeys(("poses", "health", "put_errors", "full_queues"), 0)
+        self.counters = dict.fromkeys(("poses", "health", "findings", "put_errors", "full_queues"), 0)
         self._neighbours = 0
         self._encoder = OdometryEncoder(output.frame_id, output.child_frame_id)
         self._ros2: Ros2Publishers | None = None
@@ -67,9 +67,9 @@ class ZenohLink:
         self._pose = session.declare_publisher(f"{prefix}/pose", encoding=json, **swift)
         odometry = cdr.with_schema(ODOMETRY)
         self._odom = session.declare_publisher(f"{prefix}/odom", encoding=odometry, **swift)
-        self._health = session.declare_publisher(
-            f"{prefix}/health", encoding=json, congestion_control=zenoh.CongestionControl.DROP
-        )
+        patient = {"encoding": json, "congestion_control": zenoh.CongestionControl.DROP}
+        self._health = session.declare_publisher(f"{prefix}/health", **patient)
+        self._findings = session.declare_publisher(f"{prefix}/findings", **patient)
         self._ros2 = Ros2Publishers(session, output) if output.ros2 else None
         self._desk.declare(session, prefix, self._ros2.services if self._ros2 else ())
         tokens = [f"{prefix}/alive", *(self._ros2.tokens if self._ros2 else ())]
@@ -100,6 +100,10 @@ class ZenohLink:
         if self._ros2 is not None:
             sent &= self._tried(self._ros2.publish_health, payload)
         self.counters["health"] += sent
+
+    def publish_findings(self, payload: Mapping[str, Any]) -> None:
+        """What the monitor says as JSON. Never raises for the network."""
+        self.counters["findings"] += self._tried(self._findings.put, encode(payload))
 
     def neighbours(self) -> int:
         """How many sessions are connected now; 0 once it is closed.

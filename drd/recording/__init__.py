@@ -13,6 +13,7 @@
 | `/scene` | Protobuf, `foxglove.SceneUpdate` | every 2 s: the path so far, thinned, and the 99 % bound as a disc |
 | `/odom` | CDR, `nav_msgs/msg/Odometry` | the same as published for ROS 2 |
 | `/health` | JSON | the health as published |
+| `/findings` | JSON | what the monitor says, as published |
 
 Attachments: `configuration.yaml` (as written), `configuration-in-force.yaml` (every key), and where the configuration
 names them `calibration.yaml` and `encoders.dbc`. Metadata `drd`: version, run, part, robot, the clocks at the start,

@@ -111,6 +111,10 @@ class Recorder:
         """The health as published."""
         self._put("health", health)
 
+    def findings_report(self, findings: Mapping[str, Any]) -> None:
+        """What the monitor says, as published."""
+        self._put("findings", findings)
+
     def _put(self, kind: str, *arguments: Any) -> None:
         self._number += 1
         if len(self._queue) < QUEUE_ENTRIES:

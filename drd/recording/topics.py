@@ -45,6 +45,7 @@ _POSE = _object(
     validity=_TEXT,
     reasons=_array(_REASON),
 )
+_FINDING = _object(effect=_TEXT, text=_TEXT, probability=_NUMBER, since_ns=_WHOLE, named_ns=_WHOLE)
 _FRAME = _object(monotonic_ns=_WHOLE, can_id=_WHOLE, extended=_TRUTH, data=_BYTES)
 _SAMPLE = {"monotonic_ns": _WHOLE, "interval_s": _NUMBER}
 # Definitions of ROS 2's common_interfaces, without their comments, one after another as MCAP's registry has it.
@@ -124,6 +125,7 @@ CHANNELS: Final = (
     _foxglove("/pose", "PoseInFrame"),
     Channel("/odom", "cdr", "nav_msgs/msg/Odometry", "ros2msg", _ODOMETRY.encode()),
     _json("/health", "drd.Health", _object(validity=_TEXT, reasons=_array(_REASON), wall_ns=_WHOLE)),
+    _json("/findings", "drd.Findings", _object(state=_TEXT, findings=_array(_FINDING), wall_ns=_WHOLE)),
     _foxglove("/tf", "FrameTransform"),
     _foxglove("/scene", "SceneUpdate"),
 )
@@ -177,6 +179,7 @@ class Encoder:
             "wheels": self._wheels,
             "pose": self._pose,
             "health": self._health,
+            "findings": self._findings,
         }
 
     def _fog_bytes(self, data: bytes, arrival_ns: int) -> list[Message]:
@@ -209,6 +212,9 @@ class Encoder:
 
     def _health(self, health: Mapping[str, Any]) -> list[Message]:
         return [Message("/health", health["monotonic_ns"], encode(health))]
+
+    def _findings(self, findings: Mapping[str, Any]) -> list[Message]:
+        return [Message("/findings", findings["monotonic_ns"], encode(findings))]
 
 
 def _text(data: bytes) -> str:

@@ -23,6 +23,8 @@ from drd.ports.clock import TICK_S
 from drd.samples import Pose
 from drd.service import realtime
 from drd.service.inputs import Inputs
+from drd.service.monitoring import Monitoring
+from drd.service.observers import Observers
 from drd.service.reload import Prepared, prepare
 from drd.service.systemd import Notifier
 from drd.service.tasks import Tasks
@@ -48,7 +50,10 @@ class Daemon:
         self._loaded, self._config = loaded, loaded.value
         self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
-        self.pipeline = Pipeline(self._config, base, self._on_pose, self._recorder)
+        self._monitoring = Monitoring(self._on_findings)
+        observers = (self._recorder, self._monitoring) if self._recorder is not None else (self._monitoring,)
+        self.pipeline = Pipeline(self._config, base, self._on_pose, Observers(*observers))
+        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
         self._state = StateKeeper(self._config, self.pipeline)
         self._notifier = Notifier()
         self._link: ZenohLink | None = None
@@ -71,6 +76,7 @@ class Daemon:
         handlers = {
             "pose": self._answer_pose,
             "health": lambda _: self._health(),
+            "findings": self._answer_findings,
             "config": self._answer_config,
             "set_pose": self._set_pose,
             "reset": self._reset,
@@ -82,7 +88,7 @@ class Daemon:
         self._state.begin(time.monotonic_ns())
         self._tasks = Tasks()
         self._open_inputs()
-        for work in (self._keep_time(), self._reload_when_asked()):
+        for work in (self._keep_time(), self._reload_when_asked(), self._monitoring.run()):
             self._tasks.start(work)
         try:
             for message in realtime.apply(self._config.realtime):
@@ -167,6 +173,7 @@ class Daemon:
             await self._tasks.cancel(self._input_tasks)
         anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
         self._loaded, self._config = prepared.loaded, prepared.loaded.value
+        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
         if reopen:
             self._open_inputs()
         self._reloads["done"] += 1
@@ -201,6 +208,17 @@ class Daemon:
         if self._ready:
             self._notifier.status(self._status())
 
+    def _on_findings(self) -> None:
+        if self._link is None or not self._monitoring.is_enabled:
+            return
+        findings = self._findings()
+        self._link.publish_findings(findings)
+        if self._recorder is not None:
+            self._recorder.findings_report(findings)
+
+    def _findings(self) -> dict[str, Any]:
+        return {"monotonic_ns": time.monotonic_ns(), "wall_ns": time.time_ns()} | self._monitoring.findings()
+
     def _health(self) -> dict[str, Any]:
         now_ns = time.monotonic_ns()
         health = self.pipeline.health(now_ns)
@@ -217,6 +235,7 @@ class Daemon:
         health["recording"] = self._recorder.health() if self._recorder is not None else None
         health["state"] = self._state.health()
         health["reload"] = dict(self._reloads)
+        health["monitor"], health["findings"] = self._monitoring.health(), self._monitoring.summary()
         return health
 
     def _status(self) -> str:
@@ -229,6 +248,7 @@ class Daemon:
             status += f"; reload refused: {self._reloads['error']}"
         if self._reloads["waiting"]:
             status += f"; restart for {', '.join(self._reloads['waiting'])}"
+        status += f"; {self._monitoring.status}" if self._monitoring.status else ""
         status += f"; state not kept: {self._state.trouble}" if self._state.trouble else ""
         return f"{status}; {self._state.start_text}" if self._state.is_told else status
 
@@ -238,6 +258,11 @@ class Daemon:
         if self._pose is None:
             raise Refused("no pose yet")
         return pose_dict(self._pose, self._pose_wall_ns)
+
+    def _answer_findings(self, _: dict[str, Any]) -> dict[str, Any]:
+        if not self._monitoring.is_enabled:
+            raise Refused("there is no monitor: monitor.enabled is false")
+        return self._findings()
 
     def _answer_config(self, _: dict[str, Any]) -> dict[str, Any]:
         calibration = self.pipeline.calibration

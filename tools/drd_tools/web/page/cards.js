@@ -69,6 +69,9 @@ function healthFindings(health) {
     }
   }
   if (health.recording?.reason) found.push(["warn", `recording: ${health.recording.reason}`, ""]);
+  for (const finding of health.findings ?? []) {
+    if (finding.until_ns === null) found.push(["warn", `monitor: ${finding.text}`, ""]);
+  }
   if (health.recording?.lost) found.push(["warn", `recording: ${health.recording.lost} messages lost`, ""]);
   if (health.reload?.error) found.push(["warn", `reload refused: ${health.reload.error}`, ""]);
   if (health.reload?.waiting?.length) found.push(["wait", `restart drd for ${health.reload.waiting.join(", ")}`, ""]);

@@ -1,0 +1,129 @@
+"""The monitor as a process of its own: samples come in on standard input, a socket, and reports go out on it.
+
+It ends when the daemon closes the socket, and on any error, which it reports; the daemon starts it again.
+"""
+
+import contextlib
+import gc
+import os
+import resource
+import signal
+import socket
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from drd.monitor.monitor import Monitor
+from drd.samples import GyroSample, WheelSample
+from drd.service.monitor_channel import GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
+from drd.units import S_PER_NS
+
+# Private memory, of which it has 60 MiB at the start and what Python and numpy take for a moment on top.
+MEMORY_BYTES: Final = 192 << 20
+KIB_PER_MB: Final = 1e6 / 1024.0
+LAST_PRIORITY: Final = 19
+POLICY_FIELD: Final = 38  # of /proc/self/stat, behind the name; proc(5) has it as number 41
+# Marks a wheel sample as the first after unseen motion; how long that was does not matter to the monitor.
+UNSEEN_S: Final = 1e-9
+
+
+class Feed:
+    """Hands records to a monitor, as samples; `take` returns whether the monitor has got on by a block."""
+
+    def __init__(self, setup: Setup):
+        self.monitor = Monitor(setup.config)
+        self._calibration = setup.calibration
+        self._is_new = False
+        self._now_s = 0.0
+        self.samples = self.gaps = 0
+
+    def take(self, packet: bytes) -> bool:
+        """The records of one packet. Raises whatever the monitor does."""
+        for kind, t_ns, a, b, c, d in RECORD.iter_unpack(packet):
+            if kind == GAP:
+                self.gaps += 1
+                self._is_new = True
+            elif kind == GYRO:
+                self.samples += 1
+                if self._calibration is not None:
+                    b = self._calibration.correct(GyroSample(t_ns, a, b, c)).rate_rad_s  # noqa: PLW2901
+                self.monitor.gyro(GyroSample(t_ns, a, b, c))
+            else:
+                self.samples += 1
+                # The monitor sees a gap of the gyro by the stamps; one of the wheels must be said.
+                self.monitor.wheels(WheelSample(t_ns, a, b, c, max(d, UNSEEN_S) if self._is_new else d))
+                self._is_new = False
+        before_s, self._now_s = self._now_s, self.monitor.now_s
+        return self._now_s != before_s
+
+    def report(self, notes: list[str]) -> Report:
+        """What is known by now."""
+        return Report(
+            findings=self.monitor.findings(),
+            not_observable=self.monitor.not_observable(),
+            is_judging=self.monitor.is_judging,
+            samples=self.samples,
+            gaps=self.gaps,
+            cpu_s=time.process_time_ns() * S_PER_NS,
+            memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIB_PER_MB,
+            notes=notes,
+        )
+
+
+def step_back() -> list[str]:
+    """Take the last place for the processor and for memory; returns what the system refused.
+
+    Raises PermissionError where it has the daemon's real-time priority and cannot give it up.
+    """
+    notes = []
+    # Read from a file: the sandbox lets no program ask for it.
+    policy = int(Path("/proc/self/stat").read_text().rpartition(")")[2].split()[POLICY_FIELD])
+    if policy & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, LAST_PRIORITY)  # os.nice asks for the old one, which the sandbox refuses
+    except OSError as error:
+        notes.append(f"low priority refused: {error.strerror}; the unit of this version of drd allows it")
+    with contextlib.suppress(OSError, ValueError):  # ValueError: a lower limit is in force
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    with contextlib.suppress(OSError):  # before any other process of the machine
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    return notes
+
+
+def serve(channel: socket.socket) -> None:
+    """Until the other end is closed. Raises whatever goes wrong."""
+    notes = step_back()
+    feed = Feed(msgspec.json.decode(channel.recv(LARGEST_PACKET_BYTES), type=Setup))
+    gc.freeze()
+    channel.send(msgspec.json.encode(feed.report(notes)))
+    while packet := channel.recv(LARGEST_PACKET_BYTES):
+        if feed.take(packet):
+            channel.send(msgspec.json.encode(feed.report(notes)))
+
+
+def main() -> int:
+    """Exit code 0 where the daemon has left, 1 after an error."""
+    # It ends when the daemon does, and not before: a terminal and systemd signal both at once.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with socket.socket(fileno=os.dup(0)) as channel:
+        try:
+            serve(channel)
+        except (BrokenPipeError, ConnectionResetError):
+            return 0
+        except Exception as error:
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            text = f"{type(error).__name__}: {str(error)[:200]} ({Path(at.filename).name}:{at.lineno})"
+            with contextlib.suppress(OSError):
+                channel.send(msgspec.json.encode(Report(error=text)))
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

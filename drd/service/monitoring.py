@@ -1,0 +1,313 @@
+"""The daemon's side of the monitor: samples go out to its process, findings come back, and nothing is waited for."""
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from drd.config.keys import Config
+from drd.estimation.calibration import Calibration
+from drd.samples import CanFrame, GyroSample, WheelSample
+from drd.service.monitor_channel import (
+    BATCH_RECORDS,
+    GAP,
+    GYRO,
+    LARGEST_PACKET_BYTES,
+    RECORD,
+    WHEELS,
+    Report,
+    Setup,
+    arguments,
+)
+from drd.units import S_PER_NS
+
+log = logging.getLogger(__name__)
+
+# How often samples are handed over and reports fetched.
+PERIOD_S: Final = 0.1
+# What waits for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
+BUFFER_BYTES: Final = 1 << 16
+FIRST_PAUSE_S: Final = 1.0
+LONGEST_PAUSE_S: Final = 300.0
+# One that has run so long has earned the short pause again.
+GOOD_S: Final = 60.0
+# One that takes nothing for so long is given up: on a machine that starves it, it would be of no use either.
+HUNG_S: Final = 60.0
+# It ends by itself when the channel is closed; one that is stopped or stuck does not.
+GRACE_S: Final = 0.5
+END_S: Final = 2.0
+
+
+class _Ended(Exception):  # noqa: N818  # an outcome
+    """The process is of no use any more; the text says why."""
+
+
+class _Process:
+    """One run of the process, with a batch of records on the way to it. Raises OSError where it cannot start."""
+
+    def __init__(self, setup: Setup):
+        self.channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            try:
+                self.channel.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+                self.channel.setblocking(False)
+                self.channel.send(msgspec.json.encode(setup))
+                self.child = subprocess.Popen(
+                    [sys.executable, *arguments()],
+                    stdin=theirs,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    env=_environment(),
+                )
+            except BaseException:
+                self.channel.close()
+                raise
+        self.began_ns = self.taken_ns = time.monotonic_ns()
+        self._batch = bytearray((1 + BATCH_RECORDS) * RECORD.size)
+        self._count = 1  # the first record has room for a gap
+        self._has_gap = False
+        self.dropped = 0
+
+    def put(self, kind: int, sample: GyroSample | WheelSample, last: float = 0.0) -> None:
+        """A sample into the batch, which is handed over when it is full."""
+        if self._count > BATCH_RECORDS:
+            self.flush()
+        RECORD.pack_into(self._batch, self._count * RECORD.size, kind, *sample[:4], last)
+        self._count += 1
+
+    def flush(self) -> None:
+        """Hand the batch over, or drop and count it where there is no room."""
+        count, self._count = self._count - 1, 1
+        if not count:
+            return
+        first = RECORD.size
+        if self._has_gap:
+            first = 0
+            RECORD.pack_into(self._batch, 0, GAP, 0, 0.0, 0.0, 0.0, 0.0)
+        try:
+            self.channel.send(memoryview(self._batch)[first : (1 + count) * RECORD.size])
+        except BlockingIOError:
+            self.dropped += count
+            self._has_gap = True
+        except OSError:  # it has ended, which is noticed soon
+            self.dropped += count
+        else:
+            self._has_gap, self.taken_ns = False, time.monotonic_ns()
+
+    def report(self) -> Report | None:
+        """The next report that is there. Raises _Ended."""
+        try:
+            packet = self.channel.recv(LARGEST_PACKET_BYTES)
+        except BlockingIOError:
+            return None
+        except OSError as error:
+            raise _Ended(error.strerror or str(error)) from None
+        if not packet:
+            raise _Ended("")
+        report = msgspec.json.decode(packet, type=Report)
+        if report.error is not None:
+            raise _Ended(report.error)
+        return report
+
+    def end(self) -> str:
+        """End it at once; how it had ended already, in words. Waits for the kernel."""
+        self.channel.close()
+        code = self.child.poll()
+        if code is None:  # it closes its end just before
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self.child.wait(GRACE_S)
+        self.child.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.child.wait(END_S)
+        if code is None:
+            return "ended by drd"
+        return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+
+
+def _environment() -> dict[str, str]:
+    """The daemon's own, but what systemd tells the daemon; modules are found where the daemon finds them."""
+    found = {name: value for name, value in os.environ.items() if name not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
+    return found | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OPENBLAS_NUM_THREADS": "1"}
+
+
+class Monitoring:
+    """An Observer of the pipeline that has a monitor look at the samples, in a process of its own.
+
+    Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
+    is started again, after pauses that double. `on_change` is called when the findings are others than before.
+    `is_enabled`: whether the configuration asks for it.
+    """
+
+    def __init__(self, on_change: Callable[[], None]):
+        self._on_change = on_change
+        self._setup: Setup | None = None
+        self._process: _Process | None = None
+        self._changed = asyncio.Event()
+        self._report = Report()
+        self._pause_s = FIRST_PAUSE_S
+        self._state, self._reason = "off", ""
+        self._told: set[str] = set()
+        self._dropped = self.restarts = 0
+        self.is_enabled = False
+
+    # ---- the pipeline's observer -------------------------------------------------------------------------------
+
+    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
+        """See Observer; not looked at."""
+
+    def frames(self, frames: Sequence[CanFrame]) -> None:
+        """See Observer; not looked at."""
+
+    def event(self, name: str, now_ns: int, **values: Any) -> None:
+        """See Observer; not looked at."""
+
+    def gyro(self, sample: GyroSample) -> None:
+        """A decoded gyro sample."""
+        if self._process is not None:
+            self._process.put(GYRO, sample)
+
+    def wheels(self, sample: WheelSample) -> None:
+        """A decoded wheel sample."""
+        if self._process is not None:
+            self._process.put(WHEELS, sample, sample.lost_s)
+
+    # ---- what is wanted ----------------------------------------------------------------------------------------
+
+    def put_in_force(self, config: Config, calibration: Calibration | None) -> None:
+        """Watch a robot of this configuration from now on; with another one than before, from the beginning."""
+        setup, self._reason = None, ""
+        if config.monitor.enabled:
+            if config.fog.protocol == "none":
+                self._reason = "no gyro: the monitor compares it with the wheels"
+            elif config.model.file is not None:
+                self._reason = "model.file: the monitor would find the model's effects"
+            else:
+                setup = Setup(config, calibration)
+        self.is_enabled = config.monitor.enabled
+        if setup != self._setup:
+            self._setup = setup
+            self._changed.set()
+
+    # ---- what it says ------------------------------------------------------------------------------------------
+
+    def findings(self) -> dict[str, Any]:
+        """What is published: state, findings, and the effects that gyro and wheels do not show."""
+        report = self._report
+        return {
+            "state": self._state,
+            "findings": msgspec.to_builtins(report.findings),
+            "not_observable": msgspec.to_builtins(report.not_observable),
+        }
+
+    def summary(self) -> list[dict[str, Any]]:
+        """The findings in brief."""
+        return [
+            {"effect": f.effect, "text": f.text, "probability": f.probability, "since_ns": f.since_ns,
+             "until_ns": f.until_ns}
+            for f in self._report.findings
+        ]  # fmt: skip
+
+    def health(self) -> dict[str, Any] | None:
+        """State, reason, and counts of samples and restarts; None where it is not asked for."""
+        if not self.is_enabled:
+            return None
+        process, report = self._process, self._report
+        return {
+            "state": self._state,
+            "reason": self._reason or None,
+            "samples": report.samples,
+            "dropped": self._dropped + (process.dropped if process is not None else 0),
+            "restarts": self.restarts,
+            "cpu_s": report.cpu_s,
+            "memory_mb": report.memory_mb,
+            "pid": process.child.pid if process is not None else None,
+        }
+
+    @property
+    def status(self) -> str:
+        """A phrase for systemd's status; empty where there is nothing to say."""
+        texts = [f.text for f in self._report.findings if f.until_ns is None]
+        found = f"monitor: {'; '.join(texts)}" if texts else ""
+        return found or (f"monitor {self._state}: {self._reason}" if self.is_enabled and self._reason else "")
+
+    # ---- the process -------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Keep the process running as it is wanted, until cancelled."""
+        while True:
+            self._changed.clear()
+            if self._setup is None:
+                self._tell("off", Report())
+                await self._changed.wait()
+                continue
+            self._tell("starting", Report())
+            process, text = None, ""
+            try:
+                process = await asyncio.to_thread(_Process, self._setup)
+                await self._serve(process)
+            except _Ended as ended:
+                text = str(ended)
+            except Exception as error:
+                # No bug of ours here is worth the pose.
+                text = f"internal error: {error!r}"
+            finally:
+                how = await self._end(process) if process is not None else ""
+            if not self._changed.is_set():
+                await self._pause(text or how)
+
+    async def _serve(self, process: _Process) -> None:
+        """Until another set-up is wanted. Raises _Ended."""
+        self._process = process
+        while not self._changed.is_set():
+            await asyncio.sleep(PERIOD_S)
+            self._exchange(process)
+
+    async def _end(self, process: _Process) -> str:
+        """End it; how it had ended by itself."""
+        self._process = None
+        self._dropped += process.dropped
+        if (time.monotonic_ns() - process.began_ns) * S_PER_NS > GOOD_S:
+            self._pause_s = FIRST_PAUSE_S
+        return await asyncio.to_thread(process.end)
+
+    def _exchange(self, process: _Process) -> None:
+        """Samples out, reports in."""
+        process.flush()
+        while (report := process.report()) is not None:
+            for note in report.notes:
+                self._warn(note)
+            self._reason = "; ".join(report.notes)
+            self._tell("running" if report.is_judging else "not judging", report)
+        if (time.monotonic_ns() - process.taken_ns) * S_PER_NS > HUNG_S and process.dropped:
+            raise _Ended(f"it has taken no samples for {HUNG_S:g} s")
+
+    async def _pause(self, text: str) -> None:
+        """After the process has ended by itself."""
+        self._reason = text
+        self.restarts += 1
+        self._warn(f"{self._reason}; started again in {self._pause_s:g} s")
+        self._tell("waiting", Report())
+        pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), pause_s)
+
+    def _warn(self, text: str) -> None:
+        """Once for each text: one that ends again and again must not fill the log."""
+        if text not in self._told:
+            self._told.add(text)
+            log.warning("monitor: %s", text)
+
+    def _tell(self, state: str, report: Report) -> None:
+        before = self._state, self._report.findings
+        self._state, self._report = state, report
+        if (state, report.findings) != before:
+            self._on_change()
