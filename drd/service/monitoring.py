@@ -71,10 +71,10 @@ class _Process:
             except BaseException:
                 self.channel.close()
                 raise
-        self.began_ns = self.taken_ns = time.monotonic_ns()
+        self.began_ns = time.monotonic_ns()
         self._batch = bytearray((1 + BATCH_RECORDS) * RECORD.size)
         self._count = 1  # the first record has room for a gap
-        self._has_gap = False
+        self._gap_ns: int | None = None  # since when it takes nothing
         self.dropped = 0
 
     def put(self, kind: int, sample: GyroSample | WheelSample, last: float = 0.0) -> None:
@@ -87,21 +87,25 @@ class _Process:
     def flush(self) -> None:
         """Hand the batch over, or drop and count it where there is no room."""
         count, self._count = self._count - 1, 1
-        if not count:
-            return
         first = RECORD.size
-        if self._has_gap:
+        if self._gap_ns is not None:
             first = 0
             RECORD.pack_into(self._batch, 0, GAP, 0, 0.0, 0.0, 0.0, 0.0)
+        elif not count:
+            return
         try:
             self.channel.send(memoryview(self._batch)[first : (1 + count) * RECORD.size])
         except BlockingIOError:
             self.dropped += count
-            self._has_gap = True
+            self._gap_ns = self._gap_ns or time.monotonic_ns()
         except OSError:  # it has ended, which is noticed soon
             self.dropped += count
         else:
-            self._has_gap, self.taken_ns = False, time.monotonic_ns()
+            self._gap_ns = None
+
+    def is_hung(self) -> bool:
+        """Whether it has taken nothing for too long."""
+        return self._gap_ns is not None and (time.monotonic_ns() - self._gap_ns) * S_PER_NS > HUNG_S
 
     def report(self) -> Report | None:
         """The next report that is there. Raises _Ended."""
@@ -217,7 +221,7 @@ class Monitoring:
         ]  # fmt: skip
 
     def health(self) -> dict[str, Any] | None:
-        """State, reason, and counts of samples and restarts; None where it is not asked for."""
+        """State, reason, counts of samples and restarts, and what it costs; None where it is not asked for."""
         if not self.is_enabled:
             return None
         process, report = self._process, self._report
@@ -226,6 +230,7 @@ class Monitoring:
             "reason": self._reason or None,
             "samples": report.samples,
             "dropped": self._dropped + (process.dropped if process is not None else 0),
+            "gaps": report.gaps,
             "restarts": self.restarts,
             "cpu_s": report.cpu_s,
             "memory_mb": report.memory_mb,
@@ -287,7 +292,7 @@ class Monitoring:
                 self._warn(note)
             self._reason = "; ".join(report.notes)
             self._tell("running" if report.is_judging else "not judging", report)
-        if (time.monotonic_ns() - process.taken_ns) * S_PER_NS > HUNG_S and process.dropped:
+        if process.is_hung():
             raise _Ended(f"it has taken no samples for {HUNG_S:g} s")
 
     async def _pause(self, text: str) -> None:

@@ -1,0 +1,341 @@
+"""The monitor's process beside the daemon: fed, killed, stopped and reloaded, and the pose goes on as without it."""
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from bench.robot import Circle
+from harness import Robot
+
+from drd.config.keys import Config
+from drd.config.schema import loads
+from drd.estimation.calibration import Calibration
+from drd.monitor.findings import Finding
+from drd.monitor.monitor import Monitor
+from drd.pipeline import Observer, Pipeline
+from drd.samples import GyroSample, WheelSample
+from drd.service.monitor_channel import (
+    BATCH_RECORDS,
+    GAP,
+    GYRO,
+    LARGEST_PACKET_BYTES,
+    RECORD,
+    WHEELS,
+    Report,
+    Setup,
+    arguments,
+)
+from drd.service.monitor_process import Feed
+from drd.service.monitoring import Monitoring
+from drd.service.observers import Observers
+
+# The process has the last place for the processor: on a loaded machine it waits long.
+PATIENCE_S = 60.0
+ON = "\nmonitor: {enabled: true}\n"
+ROBOT = """
+fog: {protocol: ecore, port: /nowhere/fog}
+encoders: {layout: cia406, interface: slcan, channel: /nowhere/can, counts_per_revolution: 20000, modulus_counts: 65536}
+estimation: {static_bias: {duration_s: 2, minimum_s: 0.5}}
+"""
+
+
+def config_of(text: str = ON) -> Config:
+    return loads("robot: {wheel_radius_m: 0.11, tread_m: 0.6}\n" + text, Config).value
+
+
+def gyro(i: int) -> GyroSample:
+    return GyroSample(1_000_000_000 + i * 50_000_000, 0.05, 0.1, 20.0)
+
+
+def wheels(i: int, lost_s: float = 0.0) -> WheelSample:
+    return WheelSample(1_000_000_000 + i * 50_000_000, 0.05, 0.047, 0.053, lost_s)
+
+
+class Heard:
+    """A monitor that only remembers."""
+
+    now_s, is_judging = 0.0, True
+
+    def __init__(self) -> None:
+        self.samples: list[Any] = []
+        self.gyro = self.wheels = self.samples.append
+
+
+def packet(*records: tuple[int, Any]) -> bytes:
+    return b"".join(
+        RECORD.pack(kind, *((s.t_ns, *s[1:4], s.lost_s if kind == WHEELS else 0.0) if s else (0, 0.0, 0.0, 0.0, 0.0)))
+        for kind, s in records
+    )
+
+
+def test_samples_go_through_the_channel_to_the_bit() -> None:
+    feed, heard = Feed(Setup(config_of(), None)), Heard()
+    feed.monitor = heard  # type: ignore[assignment]
+    odd = WheelSample(2**62, 1 / 3, -1e-300, 0.1 + 0.2, 0.7)
+    cold = GyroSample(7, 0.1, -0.0, float("nan"))
+    assert not feed.take(packet((GYRO, cold), (WHEELS, odd)))
+    assert repr(heard.samples) == repr([cold, odd])
+
+
+def test_the_monitor_is_told_of_a_gap() -> None:
+    feed, heard = Feed(Setup(config_of(), None)), Heard()
+    feed.monitor = heard  # type: ignore[assignment]
+    feed.take(packet((WHEELS, wheels(0)), (GAP, None), (GYRO, gyro(9)), (WHEELS, wheels(9)), (WHEELS, wheels(10))))
+    assert [s.lost_s > 0.0 for s in heard.samples if isinstance(s, WheelSample)] == [False, True, False]
+    assert (feed.gaps, feed.samples) == (1, 4)
+
+
+def test_the_gyro_is_calibrated_before_the_monitor_has_it() -> None:
+    flat = ((0.1, 0.0, 0.0), *((0.0, 0.0, 0.0),) * 3)
+    calibration = Calibration(flat, (-90.0, 90.0), (-10.0, 50.0), 0.01, {"who": "a test"})
+    setup = msgspec.json.decode(msgspec.json.encode(Setup(config_of(), calibration)), type=Setup)
+    assert setup == Setup(config_of(), calibration)
+    feed, heard = Feed(setup), Heard()
+    feed.monitor = heard  # type: ignore[assignment]
+    feed.take(packet((GYRO, gyro(0))))
+    assert heard.samples[0].rate_rad_s == pytest.approx(0.1 - np.deg2rad(0.1))
+
+
+def test_what_a_monitor_tells_arrives_as_it_was() -> None:
+    monitor = Monitor(config_of())
+    report = Report(not_observable=monitor.not_observable(), notes=["x"], memory_mb=1.5)
+    assert msgspec.json.decode(msgspec.json.encode(report), type=Report) == report
+    assert report.not_observable
+
+
+# ---- a process, without a daemon -------------------------------------------------------------------------------------
+
+
+def with_monitoring(work: Callable[[Monitoring, list[str]], Awaitable[None]], config: Config) -> None:
+    """Run `work` beside a Monitoring and the list of the states that it told."""
+
+    async def main() -> None:
+        states: list[str] = []
+        monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]))
+        monitoring.put_in_force(config, None)
+        task = asyncio.create_task(monitoring.run())
+        try:
+            await work(monitoring, states)
+            assert not task.done()
+        finally:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(main())
+
+
+async def until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.02)
+
+
+def health(monitoring: Monitoring) -> dict[str, Any]:
+    found = monitoring.health()
+    assert found is not None
+    return found
+
+
+@pytest.mark.process
+def test_a_stopped_process_drops_samples_and_is_told_of_the_gap_when_it_goes_on() -> None:
+    async def work(monitoring: Monitoring, states: list[str]) -> None:
+        await until(lambda: health(monitoring)["state"] == "running")
+        os.kill(health(monitoring)["pid"], signal.SIGSTOP)
+        sent = 0
+        while not health(monitoring)["dropped"]:
+            for _ in range(BATCH_RECORDS + 1):  # the batch goes out when one more comes
+                monitoring.gyro(gyro(sent))
+                monitoring.wheels(wheels(sent))
+                sent += 1
+            assert sent < 1_000_000
+        os.kill(health(monitoring)["pid"], signal.SIGCONT)
+        first = sent
+
+        def more() -> bool:
+            nonlocal sent
+            for _ in range(20):
+                monitoring.gyro(gyro(sent))
+                monitoring.wheels(wheels(sent))
+                sent += 1
+            return bool(health(monitoring)["gaps"])
+
+        await until(more)
+        assert sent > first
+        told = health(monitoring)
+        assert (told["restarts"], told["reason"]) == (0, None)
+        assert set(states) == {"starting", "running"}
+
+    with_monitoring(work, config_of())
+
+
+@pytest.mark.process
+def test_one_that_takes_nothing_for_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drd.service.monitoring.HUNG_S", 0.2)
+
+    async def work(monitoring: Monitoring, _: list[str]) -> None:
+        await until(lambda: health(monitoring)["state"] == "running")
+        os.kill(health(monitoring)["pid"], signal.SIGSTOP)
+
+        def more() -> bool:
+            for i in range(20 * BATCH_RECORDS):
+                monitoring.gyro(gyro(i))
+            return bool(health(monitoring)["restarts"])
+
+        await until(more)
+        assert health(monitoring)["dropped"] > 0
+        assert health(monitoring)["reason"] == "it has taken no samples for 0.2 s"
+        await until(lambda: health(monitoring)["state"] == "running")
+
+    with_monitoring(work, config_of())
+
+
+@pytest.mark.process
+def test_the_findings_are_those_of_a_monitor_with_the_same_samples() -> None:
+    alone = Monitor(config_of())
+
+    async def work(monitoring: Monitoring, _: list[str]) -> None:
+        await until(lambda: health(monitoring)["state"] == "running")
+        for i in range(1200):  # a minute, in which the wheels turn twice as fast as the gyro says
+            for monitor in (alone, monitoring):
+                monitor.gyro(gyro(i))
+                monitor.wheels(wheels(i))
+            if i % 100 == 99:
+                await asyncio.sleep(0.02)
+        await until(lambda: health(monitoring)["samples"] > 2400 - 80)  # the last block's report
+        found = monitoring.findings()["findings"]
+        assert msgspec.convert(found, list[Finding]) == alone.findings()
+        assert [f["effect"] for f in monitoring.summary()] == [f.effect for f in alone.findings()] != []
+        assert monitoring.status.startswith("monitor: ")
+
+    with_monitoring(work, config_of())
+
+
+@pytest.mark.process
+def test_it_runs_as_the_configuration_says_and_begins_anew_with_another_robot() -> None:
+    async def work(monitoring: Monitoring, states: list[str]) -> None:
+        assert monitoring.health() is None
+        monitoring.gyro(gyro(0))
+        monitoring.put_in_force(config_of(), None)
+        await until(lambda: health(monitoring)["state"] == "running")
+        first = health(monitoring)["pid"]
+        assert os.getpriority(os.PRIO_PROCESS, first) == 19
+        monitoring.put_in_force(config_of(), None)
+        await asyncio.sleep(0.3)
+        assert health(monitoring)["pid"] == first
+        larger = loads("robot: {wheel_radius_m: 0.12, tread_m: 0.6}" + ON, Config).value
+        monitoring.put_in_force(larger, None)
+        await until(lambda: health(monitoring)["pid"] not in (None, first))
+        second = health(monitoring)["pid"]
+        monitoring.put_in_force(config_of(""), None)
+        await until(lambda: states[-1] == "off")
+        for pid in (first, second):
+            assert not Path(f"/proc/{pid}").exists()
+        assert monitoring.restarts == 0
+
+    with_monitoring(work, config_of(""))
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(("sent", "code"), [(b"no record", 1), (b"", 0)], ids=["an error", "the daemon's end"])
+def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code: int) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        ours.settimeout(PATIENCE_S)
+        ours.send(msgspec.json.encode(Setup(config_of(), None)))
+        with theirs:
+            child = subprocess.Popen([sys.executable, *arguments()], stdin=theirs)
+        assert msgspec.json.decode(ours.recv(LARGEST_PACKET_BYTES), type=Report).error is None
+        if sent:
+            ours.send(sent)
+            error = msgspec.json.decode(ours.recv(LARGEST_PACKET_BYTES), type=Report).error
+            assert error is not None
+            assert "multiple of" in error
+        else:
+            ours.shutdown(socket.SHUT_WR)
+        assert child.wait(PATIENCE_S) == code
+
+
+def poses_of(config: Config, observer: Observer | None) -> list[str]:
+    poses: list[str] = []
+    pipeline = Pipeline(config, Path("/"), lambda pose, _: poses.append(repr(pose)), observer)
+    for t_ns, data in Circle(config).arrivals(20.0):
+        pipeline.tick(t_ns)
+        if isinstance(data, bytes):
+            pipeline.on_fog_bytes(data, t_ns)
+        else:
+            pipeline.on_frames(data)
+    return poses
+
+
+@pytest.mark.process
+def test_the_poses_are_the_same_to_the_bit_with_it_and_without() -> None:
+    config = config_of(ROBOT + ON)
+
+    async def work(monitoring: Monitoring, _: list[str]) -> None:
+        await until(lambda: health(monitoring)["state"] == "running")
+        poses = poses_of(config, Observers(monitoring))
+        assert poses == poses_of(config, None)
+        assert len(poses) > 350
+        await until(lambda: health(monitoring)["samples"] > 300)
+        assert health(monitoring)["dropped"] == 0
+
+    with_monitoring(work, config)
+
+
+# ---- the daemon ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def watched(robot: Robot) -> Iterator[Robot]:
+    with robot.file.open("a") as file:
+        file.write(ON)
+    robot.emulator.start()
+    command = [sys.executable, "-W", "error", "-m", "drd", "run", str(robot.file)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        robot.listen()
+        yield robot
+    finally:
+        process.send_signal(signal.SIGTERM)
+        _, log = process.communicate(timeout=15.0)
+    assert process.returncode == 0, log
+    assert log.count("monitor: killed by SIGKILL") == 1, log
+
+
+def told(robot: Robot, what: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    """The health, once its monitor's part fulfils a condition."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not (robot.health and what(robot.health["monitor"])):
+        assert time.monotonic() < deadline, robot.health
+        time.sleep(0.05)
+    return robot.health
+
+
+@pytest.mark.process
+def test_a_monitor_that_is_killed_is_started_again_and_no_pose_is_missed(watched: Robot) -> None:
+    first = told(watched, lambda m: m["state"] == "running")
+    assert first["findings"] == []
+    findings = watched.get("findings")
+    assert (findings["state"], findings["findings"]) == ("running", [])
+    assert {e["effect"] for e in findings["not_observable"]} >= {"wheel_radius_speed"}
+    watched.wait("a pose", lambda p: p["validity"] == "valid", 20.0)
+    os.kill(first["monitor"]["pid"], signal.SIGKILL)
+    told(watched, lambda m: m["state"] == "waiting" and m["reason"] == "killed by SIGKILL")
+    again = told(watched, lambda m: m["state"] == "running")
+    assert again["monitor"]["restarts"] == 1
+    assert again["monitor"]["pid"] != first["monitor"]["pid"]
+    numbers = [pose["sequence"] for pose in watched.poses]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert {again["counters"]["estimator"][name] for name in ("wheel_gaps", "gyro_gaps", "late_wheels")} == {0}
+    assert again["counters"]["zenoh"]["findings"] >= 4
