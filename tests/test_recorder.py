@@ -57,7 +57,7 @@ def test_a_recording_holds_what_came_in_went_out_and_was_in_force(tmp_path: Path
     assert sum(len(m.value()["frames"]) for m in found.messages(RAW_CAN)) == counters["encoders"]["frames"]
     names = [m.value()["event"] for m in found.messages(RAW_EVENTS)]
     assert [n for n in names if n != "tick"] == ["port_state", "port_state", "set_pose", "calibrate_bias", "reset"]
-    assert counts == {RAW_FOG: 400, RAW_CAN: 400, RAW_EVENTS: len(names), "/health": 1}
+    assert counts == {RAW_FOG: 400, RAW_CAN: 400, RAW_EVENTS: len(names), "/health": 1, "/findings": 0}
 
 
 def test_what_only_viewers_need_can_be_left_out(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ class Setup(Struct, frozen=True):
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the process tells: after each block of samples, and why it ends (`error`) where it can.
 
-    `notes`: what the system refused it. `cpu_s`, `memory_mb`: processor time so far, largest resident memory.
+    `notes`: what the system refused it. `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """
 
     findings: list[Finding] = []

@@ -24,7 +24,7 @@ from drd.units import S_PER_NS
 
 # Private memory, of which it has 60 MiB at the start and what Python and numpy take for a moment on top.
 MEMORY_BYTES: Final = 192 << 20
-KIB_PER_MB: Final = 1e6 / 1024.0
+BYTES_PER_MB: Final = 1e6
 LAST_PRIORITY: Final = 19
 POLICY_FIELD: Final = 38  # of /proc/self/stat, behind the name; proc(5) has it as number 41
 # Marks a wheel sample as the first after unseen motion; how long that was does not matter to the monitor.
@@ -69,9 +69,14 @@ class Feed:
             samples=self.samples,
             gaps=self.gaps,
             cpu_s=time.process_time_ns() * S_PER_NS,
-            memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIB_PER_MB,
+            memory_mb=resident_bytes() / BYTES_PER_MB,
             notes=notes,
         )
+
+
+def resident_bytes() -> int:
+    """The memory that it takes; the largest that getrusage tells is that of the daemon, which started it."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def step_back() -> list[str]:
@@ -87,7 +92,7 @@ def step_back() -> list[str]:
     try:
         os.setpriority(os.PRIO_PROCESS, 0, LAST_PRIORITY)  # os.nice asks for the old one, which the sandbox refuses
     except OSError as error:
-        notes.append(f"low priority refused: {error.strerror}; the unit of this version of drd allows it")
+        notes.append(f"low priority refused: {error.strerror}; SystemCallFilter=setpriority in a drop-in allows it")
     with contextlib.suppress(OSError, ValueError):  # ValueError: a lower limit is in force
         resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     with contextlib.suppress(OSError):  # before any other process of the machine

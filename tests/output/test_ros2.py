@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drd.config.keys import Ros2Topics
 from drd.output import ros2
+from drd.output.diagnostics import OK, WARN, diagnostics
 from drd.output.messages import Refused
 from drd.samples import WheelTurns
 
@@ -96,6 +97,15 @@ def test_node_publishers_and_services_are_visible() -> None:
     ]
     expected = {(kind, f"%{topic.replace('/', '%')}", dds(name)) for kind, topic, name in publishers + services}
     assert {(parts[1], parts[5], parts[6]) for parts in seen if len(parts) > 5} == expected
+
+
+def test_a_finding_is_a_warning_of_the_monitors_own() -> None:
+    monitor = {"state": "running", "reason": None, "dropped": 0}
+    found = {"text": "The left tyre loses air.", "until_ns": None}
+    for findings, level, text in (([], OK, "running"), ([found], WARN, found["text"])):
+        pose, told = diagnostics(HEALTH | {"monitor": monitor, "findings": findings})
+        assert (told.level, told.name, told.message) == (level, "drd: monitor", text)
+        assert pose == diagnostics(HEALTH)[0]
 
 
 def test_the_sequence_of_ros_2_starts_at_1() -> None:

@@ -182,6 +182,17 @@ def test_counters_show_their_change_since_the_message_before() -> None:
     assert line.split() == ["b.c", "3", "(-2)"]
 
 
+def test_findings_that_last_are_shown() -> None:
+    view = View("drd", "here")
+    view.take_pose(b"{}", 0.0)
+    lasting = {"text": "The left tyre loses air.", "probability": 0.9, "until_ns": None}
+    view.take_health(encode({"findings": [lasting, lasting | {"text": "It is over.", "until_ns": 7}]}))
+    assert "monitor: The left tyre loses air. (probability 0.90)" in view.line(0.0)
+    assert not any("over" in line for line in view.lines(0.0))
+    view.take_health(encode({"findings": ["no finding", {"until_ns": None}]}))
+    assert "monitor: - (probability -)" in view.line(0.0)
+
+
 def test_text_from_the_network_cannot_steer_the_terminal() -> None:
     view = View("drd", "here")
     message = {"validity": "\x1b[2J", "reasons": [{"source": "a\nb", "text": "\x07", "since_s": 1}]}

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from drd.service.monitor_channel import (
 from drd.service.monitor_process import Feed
 from drd.service.monitoring import Monitoring
 from drd.service.observers import Observers
+from drd_tools.recordings.mcap_file import open_mcap
 
 # The process has the last place for the processor: on a loaded machine it waits long.
 PATIENCE_S = 60.0
@@ -297,26 +299,34 @@ def test_the_poses_are_the_same_to_the_bit_with_it_and_without() -> None:
 
 
 @pytest.fixture
-def watched(robot: Robot) -> Iterator[Robot]:
+def watched(robot: Robot, tmp_path: Path) -> Iterator[Robot]:
+    """A robot whose daemon records, and has a monitor once it has read its configuration again."""
     with robot.file.open("a") as file:
-        file.write(ON)
+        file.write(f"recording: {{enabled: true, folder: {tmp_path}}}\n")
     robot.emulator.start()
     command = [sys.executable, "-W", "error", "-m", "drd", "run", str(robot.file)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:
         robot.listen()
+        assert robot.get("findings") == {"error": "there is no monitor: monitor.enabled is false"}
+        with robot.file.open("a") as file:
+            file.write(ON)
+        process.send_signal(signal.SIGHUP)
         yield robot
     finally:
         process.send_signal(signal.SIGTERM)
         _, log = process.communicate(timeout=15.0)
     assert process.returncode == 0, log
     assert log.count("monitor: killed by SIGKILL") == 1, log
+    (file,) = tmp_path.glob("*.mcap")
+    states = [s for s, _ in groupby(message.value()["state"] for message in open_mcap(file).messages("/findings"))]
+    assert states[:5] == ["starting", "running", "waiting", "starting", "running"]
 
 
 def told(robot: Robot, what: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
     """The health, once its monitor's part fulfils a condition."""
     deadline = time.monotonic() + PATIENCE_S
-    while not (robot.health and what(robot.health["monitor"])):
+    while not (robot.health and robot.health["monitor"] and what(robot.health["monitor"])):
         assert time.monotonic() < deadline, robot.health
         time.sleep(0.05)
     return robot.health
