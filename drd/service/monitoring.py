@@ -63,7 +63,7 @@ class _Process:
                 self.channel.send(msgspec.json.encode(setup))
                 self.child = subprocess.Popen(
                     [sys.executable, *arguments()],
-                    stdin=theirs,
+                    stdin=theirs.fileno(),
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
                     env=_environment(),
@@ -195,7 +195,9 @@ class Monitoring:
             elif config.model.file is not None:
                 self._reason = "model.file: the monitor would find the model's effects"
             else:
-                setup = Setup(config, calibration)
+                # Only what it looks at: with another output period it need not begin anew.
+                parts = {name: getattr(config, name) for name in ("robot", "fog", "encoders", "estimation")}
+                setup = Setup(Config(**parts), calibration)
         self.is_enabled = config.monitor.enabled
         if setup != self._setup:
             self._setup = setup

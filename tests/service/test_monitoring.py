@@ -232,7 +232,7 @@ def test_it_runs_as_the_configuration_says_and_begins_anew_with_another_robot() 
         await until(lambda: health(monitoring)["state"] == "running")
         first = health(monitoring)["pid"]
         assert os.getpriority(os.PRIO_PROCESS, first) == 19
-        monitoring.put_in_force(config_of(), None)
+        monitoring.put_in_force(config_of(ON + "output: {health_period_s: 2}"), None)
         await asyncio.sleep(0.3)
         assert health(monitoring)["pid"] == first
         larger = loads("robot: {wheel_radius_m: 0.12, tread_m: 0.6}" + ON, Config).value
@@ -256,7 +256,7 @@ def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code
         ours.settimeout(PATIENCE_S)
         ours.send(msgspec.json.encode(Setup(config_of(), None)))
         with theirs:
-            child = subprocess.Popen([sys.executable, *arguments()], stdin=theirs)
+            child = subprocess.Popen([sys.executable, *arguments()], stdin=theirs.fileno())
         assert msgspec.json.decode(ours.recv(LARGEST_PACKET_BYTES), type=Report).error is None
         if sent:
             ours.send(sent)
@@ -318,8 +318,8 @@ def watched(robot: Robot, tmp_path: Path) -> Iterator[Robot]:
         _, log = process.communicate(timeout=15.0)
     assert process.returncode == 0, log
     assert log.count("monitor: killed by SIGKILL") == 1, log
-    (file,) = tmp_path.glob("*.mcap")
-    states = [s for s, _ in groupby(message.value()["state"] for message in open_mcap(file).messages("/findings"))]
+    (recording,) = tmp_path.glob("*.mcap")
+    states = [s for s, _ in groupby(message.value()["state"] for message in open_mcap(recording).messages("/findings"))]
     assert states[:5] == ["starting", "running", "waiting", "starting", "running"]
 
 
