@@ -209,8 +209,7 @@ class Daemon:
             self._notifier.status(self._status())
 
     def _on_findings(self) -> None:
-        if self._link is None or not self._monitoring.is_enabled:
-            return
+        assert self._link is not None
         findings = self._findings()
         self._link.publish_findings(findings)
         if self._recorder is not None:

@@ -301,7 +301,7 @@ class Monitoring:
         """After the process has ended by itself."""
         self._reason = text
         self.restarts += 1
-        self._warn(f"{self._reason}; started again in {self._pause_s:g} s")
+        self._warn(f"{self._reason}; it is started again")
         self._tell("waiting", Report())
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         with contextlib.suppress(TimeoutError):
