@@ -49,9 +49,9 @@ def _lock_memory() -> str:
 
 def _fifo(priority: int) -> str:
     """Why the priority could not be had; empty: it is in force, for this thread and none started by it later."""
-    # Where the service manager has given SCHED_FIFO to all threads, the ports' workers keep it: one sends SYNC.
-    for_later_threads = 0 if os.sched_getscheduler(0) == os.SCHED_FIFO else os.SCHED_RESET_ON_FORK
     try:
+        # Where the service manager has given SCHED_FIFO to all threads, the ports' workers keep it: one sends SYNC.
+        for_later_threads = 0 if os.sched_getscheduler(0) == os.SCHED_FIFO else os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(0, os.SCHED_FIFO | for_later_threads, os.sched_param(priority))
     except OSError as error:
         return error.strerror or str(error)

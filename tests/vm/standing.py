@@ -60,7 +60,7 @@ def out_of_memory(robot: Robot) -> Seen:
     sh(f"systemctl set-property --runtime {robot.unit} MemoryMax=512M")
     until("poses again", lambda: robot.since(lifted_s), 60)
     recovered_s = time.monotonic() - lifted_s
-    return Seen(*noticed(robot, began_s, "Failed with result 'oom-kill'"), recovered_s)
+    return Seen(*noticed(robot, began_s, "killed by the OOM killer"), recovered_s)
 
 
 @check("standing", recover_s=14)
