@@ -39,6 +39,8 @@ EXAMPLE: Final = Path(drd.__file__).parent / "data/config/canopen.yaml"
 PROGRAM: Final = "/opt/drd/bin/drd"
 # The daemon listens at both; the second can be reached from outside the machine.
 ENDPOINTS: Final = (f"tcp/127.0.0.1:{PORT}", f"tcp/{GUEST_ADDRESS}:{PORT}")
+# The heading may be hardly known for so long: the gyro, whose rate is 10 Hz, is late by as much where the host is busy.
+MOMENT_S: Final = 0.5
 # In which the gyro outside finds out when to begin and whether it is plugged in.
 ORDERS: Final = "gyro.json"
 
@@ -188,7 +190,10 @@ class Robot:
 
     def is_well(self) -> bool:
         """Poses come, and nothing is wrong with them."""
-        return self.talks() and not troubles([self.poses[-1][1]])
+        if not self.talks():
+            return False
+        newest = self.poses[-1][1]
+        return not troubles([newest]) and all(r["source"] != "heading" for r in newest["reasons"])
 
     def reasons(self) -> str:
         """What the daemon says is wrong, in one line; it may be empty."""
@@ -217,10 +222,17 @@ def troubles(poses: list[dict[str, Any]]) -> set[str]:
     """What is wrong with these poses.
 
     That the two headings disagree for a moment is not the daemon's: where other programs keep this machine's processor,
-    wheels and gyro come late, and not equally.
+    wheels and gyro come late, and not equally. Nor is a heading that is hardly known while the gyro's sample is on its
+    way, and the wheels' stamps make them jump: but the next sample must end that.
     """
     reasons = [reason for pose in poses for reason in pose["reasons"]]
-    return {f"{r['source']}: {r['text']}" for r in reasons if r["source"] != "agreement"}
+    found = {f"{r['source']}: {r['text']}" for r in reasons if r["source"] not in {"agreement", "heading"}}
+    lasts_s = last_s = 0.0
+    for before, after in pairwise([poses[0], *poses]):
+        is_lost = any(r["source"] == "heading" for r in after["reasons"])
+        last_s = last_s + (after["monotonic_ns"] - before["monotonic_ns"]) * S_PER_NS if is_lost else 0.0
+        lasts_s = max(lasts_s, last_s)
+    return found | ({f"the heading was hardly known for {lasts_s:.2f} s"} if lasts_s > MOMENT_S else set())
 
 
 def steps(poses: list[dict[str, Any]]) -> tuple[float, float]:
