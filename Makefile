@@ -22,7 +22,7 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-daemon test-workshop lowest ros2-test vm-test lint bench soak honesty clean
+.PHONY: help setup demo test lowest ros2-test vm-test lint bench soak honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -52,20 +52,15 @@ demo: $(STAMP) ## emulated robot, daemon and watcher together; draws out/demo.pn
 	@mkdir -p out
 	$(BIN)/drd demo --seconds $(DEMO_SECONDS) --output out/demo.png
 
-# The workshop's tests compute; the daemon's keep time, and mostly wait: beside the others they have the right of way.
-# Chromium looks at the page of `drd web`: without root, or where it cannot be had, those tests say so and are skipped.
+# The workshop's tests compute; the daemon's keep time, and have the machine to themselves. Chromium looks at the page of
+# `drd web`: without root, or where it cannot be had, those tests say so and are skipped.
 test: $(STAMP) ## run all tests but those of the virtual machine
 	-@test "$$(id -u)" = 0 || exit 0; missing=; \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
 		missing="$$missing chromium"; \
 	$(INSTALL_MISSING)
-	$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-daemon test-workshop
-
-test-daemon: $(STAMP)
 	$(BIN)/python -m pytest --ignore=tests/tools
-
-test-workshop: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 nice -n 19 $(BIN)/python -m pytest tests/tools --numprocesses=auto --dist=loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/tools --numprocesses=auto --dist=loadfile
 
 # rclpy's wheels start each Python process of their environment a second time: they have one of their own.
 $(ROS2)/installed: pyproject.toml

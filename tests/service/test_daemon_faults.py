@@ -10,6 +10,7 @@ from harness import Robot
 
 Pose = dict[str, Any]
 SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
+LATE_S = 0.1  # by which a busy machine may delay a frame of a line without time stamps
 
 
 def is_valid(pose: Pose) -> bool:
@@ -30,7 +31,8 @@ def assert_no_jump(poses: list[Pose]) -> None:
         assert dt_s >= 0.0
         step_m = math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"])
         # After a silence the first sample brings the travel of its own 50 ms, however short ago the last pose was.
-        assert step_m <= SPEED_M_S * max(dt_s, 0.05) + 0.03, f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
+        most_m = SPEED_M_S * (max(dt_s, 0.05) + LATE_S) + 0.03
+        assert step_m <= most_m, f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
         assert abs(b["heading_rad"] - a["heading_rad"]) <= 1.5 * dt_s + 0.05
 
 
