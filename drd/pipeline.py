@@ -96,7 +96,6 @@ class Pipeline:
         self.reasons = self.estimator.reasons
         self.basis = basis_of(config, self.calibration, self.model, self.estimator.estimates_gyro_scale)
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
-        self._has_ticked = False
 
     def _make_compensation(self, recording: str | None) -> Compensation | None:
         """What takes off the model's effects that hold in this run."""
@@ -173,7 +172,6 @@ class Pipeline:
         """Time passes, whether or not anything arrives."""
         self._record("tick", now_ns)
         self._notice_stall(now_ns)
-        self._has_ticked = True
         last = self.encoders.last_ns
         for side, other_side, source, text in SILENT_SIDES:
             mine, other = last[side], last[other_side]
@@ -188,7 +186,7 @@ class Pipeline:
 
     def _notice_stall(self, now_ns: int) -> None:
         """Before what arrives at a time is used: the rest of what waited for the host may come later."""
-        if self.fog is not None and self._has_ticked and self.estimator.is_stall(now_ns):
+        if self.fog is not None and self.estimator.is_stall(now_ns):
             self.fog.stalled()
             self.estimator.stalled()
 

@@ -240,7 +240,7 @@ def _counters(value: Any, path: str, depth: int = 4) -> list[tuple[str, int]]:
 
 
 def _findings(value: Any) -> list[str]:
-    """What the monitor has found and has not ended."""
+    """Findings of the monitor that have not ended."""
     found = [f for f in value if isinstance(f, dict)] if isinstance(value, list) else []
     return [
         f"monitor: {_text(f.get('text'))} (probability {_number(f.get('probability'), digits=2).strip()})"

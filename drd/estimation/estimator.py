@@ -150,7 +150,7 @@ class Estimator:
         late, since the whole host stood still, does nothing: the samples of that time may wait in its buffers.
         """
         self._silence.begin(now_ns)
-        self._is_stalled, self._tick_ns = self.is_stall(now_ns), now_ns
+        self._is_stalled, self._tick_ns = not self._tick_ns or self.is_stall(now_ns), now_ns
         if self._is_stalled:
             return None
         now_ns -= self._corrections.late_ns
@@ -164,8 +164,8 @@ class Estimator:
         return self._pose(now_ns)
 
     def is_stall(self, now_ns: int) -> bool:
-        """Whether the host stood still since the last tick."""
-        return now_ns - self._tick_ns > STALL_NS
+        """Whether the host stood still since the last tick; unknown, and so not, before the first."""
+        return self._tick_ns > 0 and now_ns - self._tick_ns > STALL_NS
 
     def stalled(self) -> None:
         """The host stood still: until ticks come in time again, nothing that waits in its buffers is given up."""

@@ -1,4 +1,4 @@
-"""What changed on the robot while it drives, said with probabilities, from gyro, wheels, temperature and clocks alone.
+"""Changes of the robot named while it drives, with probabilities, from gyro, wheels, temperature and clocks alone.
 
 `monitor.Monitor` is fed with samples and answers with `findings.Finding`s. Its parts, in the order of the data:
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,8 +14,8 @@ from drd.effects.effect import ActsOn, Begins
 from drd.monitor.library import BIAS, CHANGE, TURN, WAY, Hypothesis
 from drd.monitor.segments import Segment
 
-# What effects come at, all of them together, per second of driving: one in 50 hours. A prior for robots that are looked
-# after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
+# Rate at which effects begin, all of them together, per second of driving: one in 50 hours. A prior for robots that are
+# looked after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
 HAZARD_PER_S: Final = 1.0 / (50.0 * 3600.0)
 START_S: Final = 60.0  # a start is worth so many seconds more of it
 WINDOW_S: Final = 120.0  # mean length of what comes and goes
@@ -90,13 +91,12 @@ class Sums:
                 columns[key] = sum((w * self.since[:, c] for c, w in key), np.zeros((n + 1, width)))
             own = columns[key]
             rows.append(part.sigma * (own[np.maximum(s, part.begin)] - own[np.maximum(s, part.end)]))
-        self.beside: Array = np.stack(
-            rows
-        )  # (components, onsets, columns): products with each column from each onset on
+        # (components, onsets, columns): products with each column from each onset on.
+        self.beside: Array = np.stack(rows)
         m = len(parts)
         gram = np.eye(m)
         for j, part in enumerate(parts):
-            # Of what both have in common.
+            # Products over the segments that both have in common.
             of_all = sum((w * self.beside[:, part.begin, c] for c, w in part.weights.items()), np.zeros(m))
             after = sum((w * self.beside[:, part.end, c] for c, w in part.weights.items()), np.zeros(m))
             gram[:, j] += part.sigma * (of_all - after)
@@ -114,7 +114,7 @@ class Sums:
         return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
 
     def scatter(self) -> tuple[Array, Array]:
-        """Of each column: the sum of its segments' squared normalised scores, and how many segments tell. (97)"""
+        """Sum of the segments' squared normalised scores by column, and how many segments tell. (97)"""
         scores = self.each[:, :-1, -1] - (self.each[:, :-1, :-1] @ self.theta[:, :, None])[:, :, 0]
         information = np.diagonal(self.each, axis1=1, axis2=2)[:, :-1]
         tells = information > np.maximum(LEAST_SHARE * information.max(0), LEAST)
@@ -140,7 +140,7 @@ class Bank:
         raw = [(c, g) for h in hypotheses for c, g in zip(h.columns, h.growth or (-1,) * len(h.columns), strict=True)]
         self._at = at = np.array([c for c, _ in raw])
         self._grows = grows = np.array([max(g, 0) for _, g in raw])
-        # What grows is its column less its growth times the onset's time.
+        # The column of an effect that grows is its own less its growth times the onset's time.
         since_s = np.append(sums.begins_s, 0.0)
         self._old = old = np.where(np.array([g for _, g in raw]) >= 0, -since_s[:, None], 0.0)  # (onsets, tested)
         full = sums.since
@@ -151,7 +151,7 @@ class Bank:
         ends = np.cumsum([len(h.columns) for h in hypotheses])
         self._places = [slice(int(e) - len(h.columns), int(e)) for h, e in zip(hypotheses, ends, strict=True)]
         q, j = sums.scatter()
-        # Of what grows, its growth's.
+        # An effect that grows scatters as its growth does.
         self._q, self._j = (np.array([x[list(h.growth or h.columns)].mean() for h in hypotheses]) for x in (q, j))
         self._most = float(self._j.max())
         self._limit = np.array([h.limits[0] for h in hypotheses])
@@ -170,7 +170,7 @@ class Bank:
         return found
 
     def _together(self, i: int, onsets: slice) -> Array:
-        """Of several columns, which do not grow."""
+        """The same of a hypothesis of several columns, which do not grow."""
         place, h = self._places[i], self.hypotheses[i]
         c, v = self._at[place], self._v[:, onsets, place].transpose(1, 0, 2)
         information = self.sums.since[onsets, c[0] : c[-1] + 1, c[0] : c[-1] + 1] - v.transpose(0, 2, 1) @ v
@@ -198,7 +198,7 @@ class Bank:
         return np.where(np.arange(n)[None, :] > np.arange(n)[:, None], nats.reshape(n, n), -np.inf)
 
     def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array) -> Array:
-        """Of hypotheses i with one column, (..., hypotheses)."""
+        """The same of hypotheses i of one column each, (..., hypotheses)."""
         tells = information > LEAST
         safe = np.where(tells, information, 1.0)
         prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
@@ -257,7 +257,7 @@ class Posterior:
         return max(self.nats, key=lambda name: self.nats[name])
 
     def probabilities(self) -> dict[str, float]:
-        """Of each name; the rest is nothing's. The likeliest first."""
+        """Probability of each name, the likeliest first; the rest is nothing's."""
         total = float(np.logaddexp(0.0, self.odds_nats))
         found = {name: math.exp(x - total) for name, x in self.nats.items()}
         return dict(sorted(found.items(), key=lambda pair: -pair[1]))
@@ -281,11 +281,11 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
             own = since[:, i]
             if effect is not None and effect.begins is Begins.POWER_ON:
                 own = np.where(np.arange(n) == 0, own, -np.inf)
-            most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=_nats_of)
+            most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=attrgetter("nats"))
             if bank.hypotheses[i].has_end:
                 spans = bank.windows(i) + prior[:, None] + np.log(length_s / WINDOW_S)[None, :]
                 b, e = divmod(int(spans.argmax()), n)
-                most = max(most, Form(i, b, e, float(spans[b, e])), key=_nats_of)
+                most = max(most, Form(i, b, e, float(spans[b, e])), key=attrgetter("nats"))
                 own = np.logaddexp(own, np.logaddexp.reduce(spans, axis=1))
             at = np.logaddexp(at, own)
         if math.isfinite(most.nats):
@@ -293,10 +293,6 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
             found.nats[name], found.best[name] = float(np.logaddexp.reduce(at)), most
             found.begins[name] = at
     return found
-
-
-def _nats_of(form: Form) -> float:
-    return form.nats
 
 
 def _plausible(size: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What the monitor tells."""
+"""Findings of the monitor, for those who read them."""
 
 from typing import Final
 
@@ -50,15 +50,13 @@ class NotObservable(Struct, frozen=True):
 
 
 def size(value: float, std: float, si: float, unit: str) -> Size:
-    """Of a value and its deviation in SI."""
+    """A value and its deviation in SI, in another unit."""
     value, std = value / si, std / abs(si)
     return Size(value, std, value - Z_90 * std, value + Z_90 * std, unit)
 
 
-def settling(effect: Effect | None, rivals: tuple[str, ...], channels: set[str]) -> str:
+def settling(effect: Effect | None, channels: set[str]) -> str:
     """The manoeuvre that tells more of an effect, in words."""
     if len(channels) > 1:
         return "stand still for a minute: a gyro's error goes on, one of the wheels does not"
-    if effect is None or not rivals:
-        return effect.manoeuvre if effect is not None else "the same drive again"
-    return effect.manoeuvre
+    return effect.manoeuvre if effect is not None else "the same drive again"

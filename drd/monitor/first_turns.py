@@ -1,4 +1,4 @@
-"""What the first turns show: a lag too large for straight lines, and a robot whose wheels slip in each turn. (99)"""
+"""The first turns show a lag too large for straight lines, and a robot whose wheels slip in each turn. (99)"""
 
 from typing import Final, NamedTuple
 

@@ -137,7 +137,7 @@ class Library:
         return m
 
     def _row_means(self, rows: Rows, values: Array) -> Array:
-        """Of rates in the parts, times the rows' lengths: shape (n of the block,)."""
+        """Means of rates over the parts of each row, times its length: shape (n of the block,)."""
         means = values.reshape(-1, PARTS).mean(axis=1)
         return np.asarray((means * rows.interval_s)[rows.inner])
 
@@ -187,7 +187,7 @@ class Library:
 
     @staticmethod
     def _seen(e: Errors, m: Motion) -> Array:
-        """What an effect adds to the wheels' turn less the gyro's, rad/s. (94)"""
+        """Share of an effect in the wheels' turn less the gyro's, rad/s. (94)"""
         return np.zeros_like(m.time_s) + (e.right_m_s - e.left_m_s) / m.tread_m - e.gyro_rad_s
 
 

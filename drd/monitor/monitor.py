@@ -37,7 +37,7 @@ TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
 # More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
 SKID_NATS: Final = 12.0
 SKIDS: Final = 0.15  # relative: a tread so far off is that of wheels that slip sideways, (34)
-# What their turning and way are worth on common ground, and for how long a drive holds its speeds. (31), (33)
+# Noise of their turning and way on common ground, and for how long a drive holds its speeds. (31), (33)
 SKID_RAD_PER_SQRT_RAD, SKID_M_PER_SQRT_M, SKID_JITTER_S = 0.05, 0.01, 0.1
 TURNING_RAD_S: Final = 0.05
 
@@ -193,7 +193,7 @@ class Monitor:
             self._again(self.known[self._turn % len(self.known)])
 
     def _sums(self, known: Sequence[Known]) -> Sums:
-        begins = [s.begin_s for s in self._segments.all]
+        begins = self._segments.begins_s
         parts: list[Component] = []
         for k in known:
             h, n = self._library.hypotheses[k.hypothesis], len(begins)
@@ -266,7 +266,7 @@ class Monitor:
     # ---- out ---------------------------------------------------------------------------------------------------
 
     def findings(self) -> list[Finding]:
-        """What is known by now, what was named first comes first."""
+        """All that is known by now, in the order in which it was named."""
         teller = self._teller()
         told = [teller.told(k) for k in self.known]
         told += [teller.of_lag(self.lag_s, self._lag_named_s)] if self.lag_s else []
@@ -294,7 +294,7 @@ class Monitor:
 
     @property
     def hypotheses(self) -> list[Hypothesis]:
-        """What is looked for; none before the first block."""
+        """Everything that is looked for; nothing before the first block."""
         return self._library.hypotheses
 
     @property

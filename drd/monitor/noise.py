@@ -33,7 +33,7 @@ class RowNoise:
 
     @property
     def together(self) -> Array:
-        """Of blocks one after the other that differ by more than their rows say. (78)"""
+        """Inflation where blocks one after the other differ by more than their rows say. (78)"""
         return np.asarray(np.maximum((self._squares / self._blocks).max(1), 1.0))
 
     @property
@@ -53,7 +53,7 @@ class RowNoise:
         """
         sigma = np.sqrt(variance * self.scale[kind])
         w = good / sigma
-        # What is slow is no outlier: a few columns of this block alone take it off.
+        # A slow error is no outlier: a few columns of this block alone take it off.
         own = x[:, :OWN] * w[:, None]
         gram = own.T @ own
         ridge = 1e-3 * np.diag(np.diagonal(gram)) + 1e-12 * np.eye(OWN)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from drd.arrays import Array
 
 # So many segments of each length, the shortest first; the next are twice as long.
@@ -52,10 +50,10 @@ class Segments:
             first.end_s, first.level = second.end_s, first.level + 1
 
     def drop_since(self, begin_s: float) -> None:
-        """What was summed up since a time."""
+        """Forget the sums since a time."""
         self.all = [s for s in self.all if s.end_s <= begin_s]
 
     @property
-    def begins_s(self) -> Array:
-        """(n,)"""
-        return np.array([s.begin_s for s in self.all])
+    def begins_s(self) -> list[float]:
+        """Begins of all segments."""
+        return [s.begin_s for s in self.all]

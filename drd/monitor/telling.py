@@ -66,10 +66,10 @@ class Teller:
         return nats - CLASS_NATS - FORM_SHARE * max(nats, 0.0)
 
     def _ns(self, at_s: float) -> int:
-        return (self._zero_ns) + round(at_s * NS_PER_S)
+        return self._zero_ns + round(at_s * NS_PER_S)
 
     def told(self, k: Known) -> Finding:
-        """What evidence shows."""
+        """A finding of the regression."""
         h, found = self._hypotheses[k.hypothesis], k.others
         assert found is not None
         own = found.nats[h.id]
@@ -89,7 +89,7 @@ class Teller:
             until_ns=None if k.end_s is None else self._ns(k.end_s),
             named_ns=self._ns(k.named_s),
             ruled_out=out,
-            settle=settling(h.effect, tuple(n for n, _ in alike), channels),
+            settle=settling(h.effect, channels),
         )
 
     def _parameters(self, h: Hypothesis, k: Known) -> dict[str, Size | str]:
@@ -124,7 +124,7 @@ class Teller:
         return found
 
     def of_symptom(self, s: Seen, way_m: float) -> Finding:
-        """What the readings show by logic."""
+        """A finding of a symptom."""
         effect = showing(s.symptom)
         units = {q.name: q for q in effect.parameters}
         shown = effect.shown(s.side, s.begin_s, s.end_s, s.size)

@@ -6,12 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from drd.monitor.findings import Z_90
 from drd.monitor.library import UNKNOWN
 from drd_tools.report.page import Page
 from drd_tools.trial.figures import Table
 from drd_tools.trial.live import LiveRow
 from drd_tools.trial.live_cases import DISTANCES, NULLS, WAY_M, seen_live
-from drd_tools.trial.score import Z_90, calibration_error, wilson
+from drd_tools.trial.score import calibration_error, wilson
 
 HEADER: Final = ["", "n", "in time", "95 %", "ever", "unknown", "wrong too", "onset off, s", "named after, s"]
 TURN_S: Final = 4.0  # the monitor judges every so often

@@ -10,6 +10,7 @@ from scipy.stats import binomtest
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START
+from drd.monitor.findings import Z_90
 from drd_tools.diagnose.results import NOTHING, UNNAMED, Finding, Status, Support, Verdict
 from drd_tools.trial.ceiling import ceiling_of
 from drd_tools.trial.results import FAILED, OtherDrive, Record, TrueEffect
@@ -19,7 +20,6 @@ LEAST_GAIN: Final = 25.0  # squared sigmas that the oracle takes off another dri
 NOT_LINEAR: Final = 2.0  # of the residual's expectation
 WORSE: Final = 0.02
 BINS: Final = 10  # of probabilities: the usual number
-Z_90: Final = 1.6448536269514722  # two-sided 90 %
 
 
 class Interval(Struct, frozen=True):
