@@ -1,4 +1,4 @@
-"""Search for effects: forward, delete and swap, each choice with its parameters fitted."""
+"""Search for effects: the best of all small sets, refined and linearised around, and so on while that gains."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""All sets of up to four effects, scored by one Gram matrix: each effect in the variant that is best beside the others."""
+"""All sets of up to four effects, scored by one Gram matrix, each effect in the variant that is best there. (80)"""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ LEAST_SQUARE: Final = 1e-300  # of a column that is nothing
 
 
 class _Group(NamedTuple):
-    """Candidates of one width w: which (c,), their columns (c, w), products of these (c, w, w), and penalties (c,), nats.
+    """Candidates of one width w: which (c,), their columns (c, w) and these' products (c, w, w), penalties (c,), nats.
 
     `least` (c, w): of a coefficient.
     """
@@ -50,7 +50,7 @@ class _Set(NamedTuple):
 
 
 class Sets:
-    """Sets of effects beside those of `held`, which stay. `near`: effects whose own shapes are variants, too. (83)"""
+    """Sets of effects beside those of `held`, which stay. `near`: effects whose own shapes are variants, too. (80)"""
 
     def __init__(self, problem: Problem, held: Sequence[Selected], near: Sequence[Selected] = ()):
         self._problem, self._library = problem, library_of(problem)
@@ -177,9 +177,7 @@ class Sets:
         return _Set((*one.chosen, i), score, np.concatenate([one.D, D]), b, one.own - np.einsum("mi,mi->i", D, D))
 
     def _gains(self, one: "_Set") -> Array:
-        """Gain of each candidate beside a set less its penalty, nats; -inf where that leaves nothing of it, or it has the
-        wrong sign.
-        """
+        """Gain of each candidate beside a set less its cost, nats; -inf where nothing is left, or its sign is wrong."""
         gains = np.full(len(self.candidates), -np.inf)
         enough = one.own > LEFT_SHARE
         for group in self._groups:
