@@ -9,7 +9,7 @@ of the dead-reckoned position, by gyro and wheels and by wheels alone.
 import argparse
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -48,6 +48,7 @@ class Drive:
     v: Array
     w: Array
     a: Array
+    beside: "tuple[Form, ...]" = ()
 
     @property
     def h(self) -> Array:
@@ -65,10 +66,11 @@ class Drive:
         return known if self.gyro_rad is None else (*known, self.turn_rad - self.gyro_rad)
 
     def base(self, channel: int) -> list[Array]:
-        """Columns of the robot's constants: radii and tread, lever arm."""
+        """Columns of the robot's constants, radii and tread, lever arm, and of the forms `beside`."""
         turn = self.w * STEP_S
         wheels = [-self.left_m / self.tread_m, self.right_m / self.tread_m]
-        return [wheels, [0.5 * (self.left_m + self.right_m), turn], [turn], []][channel]
+        constants = [wheels, [0.5 * (self.left_m + self.right_m), turn], [turn], []][channel]
+        return constants + [c for of_channel, columns in self.beside if of_channel == channel for c in columns(self)]
 
     def own(self, channel: int) -> list[Array]:
         """Columns of the drive's own: the gyro's bias, how the reference's heading is mounted."""
@@ -167,7 +169,7 @@ def student(X: Array, y: Array) -> tuple[Array, float]:
         w = (FREEDOM + 1.0) / (FREEDOM + (e / scale) ** 2)
         x = np.linalg.lstsq((X * w[:, None]).T @ X, (X * w[:, None]).T @ y, rcond=None)[0]
         scale = math.sqrt(float(np.mean(w * (y - X @ x) ** 2))) + 1e-12
-    return x, scale
+    return np.asarray(x, float), scale
 
 
 def log_likelihood(e: Array, scale: float) -> float:
@@ -254,7 +256,7 @@ def _late(d: Drive, channel: int, delay_s: float, tau_s: float) -> float:
             kept = math.exp(-STEP_S / tau_s)
             values = lfilter([1.0 - kept], [1.0, -kept], values, zi=[values[0] * kept])[0]
         at = np.arange(len(values)) - delay_s / STEP_S
-        return np.interp(at, np.arange(len(values)), values)
+        return np.asarray(np.interp(at, np.arange(len(values)), values))
 
     read = ((d.right_m - d.left_m) / d.tread_m, 0.5 * (d.left_m + d.right_m))
     true = [blocks(behind(t)) for t in (d.true_turn_rad, smoothed(d.way_m))]
@@ -274,16 +276,19 @@ def main() -> None:
     """The table of one robot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", nargs="+", type=Path)
-    recordings = [read_recording(folder) for folder in parser.parse_args().recordings]
+    parser.add_argument("--beside", nargs="*", choices=FORMS, default=[], metavar="FORM", help="in each fit")
+    chosen = parser.parse_args()
+    recordings = [read_recording(folder) for folder in chosen.recordings]
     lag = find_lag(recordings)
     delay_s = lag.lag_s if lag is not None and lag.determined else 0.0
-    drives = [read_drive(recording, delay_s) for recording in recordings]
+    beside = tuple(FORMS[name] for name in chosen.beside)
+    drives = [replace(read_drive(recording, delay_s), beside=beside) for recording in recordings]
     print(
         f"{len(drives)} drives, wheels {delay_s:.3f} s late; mean gain in a held-out drive, drives that gain, rms in m:"
     )
     print(told("radii, tread, delay, lever arm", *judged(drives, None)))
     for name, form in FORMS.items():
-        if form[0] < len(drives[0].targets()):
+        if name not in chosen.beside and form[0] < len(drives[0].targets()):
             print(told(name, *judged(drives, form)), flush=True)
     undelayed = [read_drive(recording, 0.0) for recording in recordings]
     for channel in (0, 1):
