@@ -7,13 +7,14 @@ from typing import Final
 import numpy as np
 
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
+from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Amount, Array, Figures
+from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
 from drd_tools.diagnose.select.library import is_plausible, release
 from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.selected import Selected
@@ -41,6 +42,11 @@ class Analysis:
     def noise_ratios(self) -> Figures:
         """Ratios of the fitted noise to the data sheets'."""
         return ratios(self.conclusion.found.problem)
+
+    def scatter(self) -> tuple[list[Scatter], list[Spread]]:
+        """Noise that is much larger than stated, and its course."""
+        found = self.conclusion.found
+        return scatter_of(found.problem, found.fit.left, self.recording.nominal)
 
 
 def analyse(recording: Recording) -> Analysis:

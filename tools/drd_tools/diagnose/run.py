@@ -22,7 +22,19 @@ from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
-from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Status, Train, Unexplained
+from drd_tools.diagnose.results import (
+    Bar,
+    Course,
+    Drive,
+    Fit,
+    Result,
+    Scatter,
+    Series,
+    Spread,
+    Status,
+    Train,
+    Unexplained,
+)
 from drd_tools.diagnose.validate.trajectory import checked, judged, paths
 from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.processes import pool_of
@@ -86,7 +98,9 @@ def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
         validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
         train, drive = _trained(analysis, model_file if validated.model.terms else None)
         unseen = _unseen(analysis)
-        result, series = _result(analysis, validated, train, unseen), _series(analysis, validated, drive, unseen)
+        scatter, spreads = analysis.scatter()
+        result = _result(analysis, validated, train, unseen, scatter)
+        series = _series(analysis, validated, drive, unseen, spreads)
         statistics = sufficient_statistics(conclusion.found.problem, conclusion.found.fit)
     return Diagnosis(result, series, validated.model, recording.notes, statistics)
 
@@ -133,7 +147,7 @@ def _unseen(analysis: Analysis) -> Bar:
     return Bar(OTHER_HALF, quantity, "1", *unseen_rms(found.problem, found.fit))
 
 
-def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar) -> Result:
+def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar, scatter: Sequence[Scatter]) -> Result:
     conclusion, e = analysis.conclusion, analysis.conclusion.found.problem.evidence
     figures = msgspec.structs.replace(
         validated.figures,
@@ -154,15 +168,17 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
         next_drive=next_drive(conclusion, analysis.recording.nominal),
         cut=UNSET if cut is None else cut,
         noise=analysis.noise_ratios(),
+        scatter=tuple(scatter),
         reference=UNSET if analysis.reference_lag is None else {"lag": analysis.reference_lag},
     )
 
 
-def _series(analysis: Analysis, validated: Validated, drive: Drive, unseen: Bar) -> Series:
+def _series(analysis: Analysis, validated: Validated, drive: Drive, unseen: Bar, spreads: list[Spread]) -> Series:
     return Series(
         recordings=[drive],
         findings=[outcome.course_of(c) for c in analysis.conclusion.causes],
         residual=outcome.residual_of(analysis.null, analysis.null_problem, analysis.conclusion),
         held_out=[*validated.bars, unseen],
         noise=analysis.noise_ratios(),
+        scatter=spreads,
     )

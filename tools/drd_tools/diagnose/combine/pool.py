@@ -71,6 +71,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         not_observable=_unobservable(results, {*found, *detectable}),
         classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
         fit=Fit(Train(before, after), results[0].fit.held_out),
+        scatter=tuple(replace(n, sentence=f"{_name(r)}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
     )
 

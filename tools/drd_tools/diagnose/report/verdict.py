@@ -5,7 +5,7 @@ from typing import Final
 
 from msgspec import UnsetType
 
-from drd_tools.diagnose.conclude.outcome import MOST_NOISE
+from drd_tools.diagnose.conclude.scatter import ROBOT
 from drd_tools.diagnose.report.text import (
     FIXED,
     channel,
@@ -17,11 +17,10 @@ from drd_tools.diagnose.report.text import (
     rms,
     with_sigma,
 )
-from drd_tools.diagnose.results import Figures, Finding, Result, Series, Verdict
+from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
-SCATTER: Final = {"slip": "the wheels scatter", "gyro": "the gyro scatters"}
 ALL: Final = 0.005  # less than this share is left
 
 TITLES: Final = {
@@ -55,6 +54,8 @@ def _nothing(d: Result, s: Series) -> list[str]:
         first = f"Over {drive} something is left that the noise does not bring, but nothing could be named."
     size = rms(s.residual.before)
     second = "" if size is None else f"Its residual is {size:.3g} times what the noise alone gives."
+    if noise := "; ".join(_noise(d)):
+        second = f"{noise[0].upper()}{noise[1:]}."
     if all(r.path.reference is None for r in s.recordings):
         third = (
             "Without a reference the sensors could only be judged against each other: an error of the path that both "
@@ -130,12 +131,8 @@ def _what_is_left(d: Result, s: Series) -> str:
 
 
 def _noise(d: Result) -> list[str]:
-    """Words for noise that is much larger than stated: it may be physics, too."""
-    ratios: Figures = {} if isinstance(d.noise, UnsetType) else d.noise
-    large = [
-        (SCATTER[name], ratio) for name, ratio in ratios.items() if name in SCATTER and ratio and ratio > MOST_NOISE
-    ]
-    return [f"{who} {ratio:.2g} times as much as stated, which the model takes for noise" for who, ratio in large]
+    """Words for noise that is much larger than stated, of the sensors: it may be physics, too."""
+    return [f"{noise.sentence}, which the model takes for noise" for noise in d.scatter if noise.channel in ROBOT]
 
 
 def _reference(d: Result) -> list[str]:
