@@ -115,9 +115,7 @@ def _what_is_left(d: Result, s: Series) -> str:
         parts.append(
             f"the end of the path is {'still ' if any(f.is_named for f in d.findings) else ''}{length(end_m)} off"
         )
-    outside = d.fit.train.after.get(OUTSIDE)
-    if outside is not None and not is_predicted(d.fit.train.after):
-        parts.append(f"{percent(0.01 * outside)} of the poses leave their own 99 % bound")
+    parts += _outside(d)
     for row in s.held_out:
         if row.before is None or row.after is None:
             continue
@@ -128,6 +126,20 @@ def _what_is_left(d: Result, s: Series) -> str:
     parts += _noise(d) + _reference(d)
     text = "; ".join(parts) or "how much of the mismatch that explains is not known"
     return f"{text[0].upper()}{text[1:]}."
+
+
+def _outside(d: Result) -> list[str]:
+    """Words for poses that leave their own bound, in the recordings of the fit and in others."""
+    own = {
+        q.removesuffix(OUTSIDE).rstrip(": "): {OUTSIDE: v} for q, v in d.fit.train.after.items() if q.endswith(OUTSIDE)
+    }
+    others = {name: figures for name, figures in d.fit.held_out.after.items() if isinstance(figures, dict)}
+    found = []
+    for name, figures in [*own.items(), *others.items()]:
+        if not is_predicted(figures):
+            share = percent(0.01 * (figures[OUTSIDE] or 0.0))
+            found.append(f"{share} of the poses{f' of {name}' if name else ''} leave their own 99 % bound")
+    return found[:MOST_IN_WORDS]
 
 
 def _noise(d: Result) -> list[str]:
