@@ -229,7 +229,7 @@ class Result(Struct, frozen=True, kw_only=True):
     """The content of diagnosis.json.
 
     `noise`: sizes of the noise over those that are stated; `scatter`: those that are much larger. `reference`: faults
-    of the reference itself, as its lag.
+    of the reference itself: its lag and, without a gyro, its clock's drift.
     """
 
     schema: Literal[1] = 1

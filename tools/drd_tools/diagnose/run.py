@@ -183,7 +183,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar,
         cut=UNSET if cut is None else cut,
         noise=analysis.noise_ratios(),
         scatter=tuple(scatter),
-        reference=UNSET if analysis.reference_lag is None else {"lag": analysis.reference_lag},
+        reference=analysis.reference or UNSET,
     )
 
 

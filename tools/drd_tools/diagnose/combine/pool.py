@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
+from drd_tools.diagnose.conclude.conclusion import rounded
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import (
     Amount,
@@ -107,20 +108,21 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
             math.exp(min(LARGEST_NATS, log_e)),
         ),
         explains=sum(f.explains or 0.0 for f in found) / count,
-        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_apart(found)}",
+        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_apart(said)}",
         probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
 
 
-def _apart(found: Sequence[Finding]) -> str:
-    """Sentence about values that contradict each other, by parameter."""
+def _apart(said: Sequence[_Said]) -> str:
+    """Sentence about values that contradict each other, by parameter: the lowest and the highest, and where."""
     told = []
-    for name, first in found[0].parameters.items():
-        values = [f.parameters[name] for f in found if name in f.parameters]
-        if _contradict(values):
-            spread = f"{min(v.value for v in values):.3g} to {max(v.value for v in values):.3g} {first.unit}"
-            told.append(f"{name} is {spread.removesuffix(' 1')}")
-    return f" They contradict each other: {', '.join(told)}." if told else ""
+    for name in said[0].finding.parameters:
+        values = [(f.parameters[name], recording) for recording, f in said if name in f.parameters]
+        if _contradict([amount for amount, _ in values]):
+            ends = (choose(values, key=lambda v: v[0].value) for choose in (min, max))
+            shown = [f"{rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") + f" in {where}" for a, where in ends]
+            told.append(f"{name} is {shown[0]} and {shown[1]}")
+    return f" They contradict each other: {'; '.join(told)}." if told else ""
 
 
 def _borne_out(finding: Finding, said: Sequence[_Said], results: Sequence[Result]) -> Finding:

@@ -21,6 +21,10 @@ from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
+FAULTS: Final = {
+    "lag": "the reference is late by {}, which was taken off",
+    "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
+}
 ALL: Final = 0.005  # less than this share is left
 
 TITLES: Final = {
@@ -151,8 +155,8 @@ def _reference(d: Result) -> list[str]:
     """Words for the reference's own faults."""
     if isinstance(d.reference, UnsetType):
         return []
-    lag = d.reference["lag"]
-    return [f"the reference is late by {with_sigma(lag.value, lag.std, lag.unit)}, which was taken off"]
+    shown = {name: with_sigma(fault.value, fault.std, fault.unit) for name, fault in d.reference.items()}
+    return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 
 def _share(d: Result) -> str:
