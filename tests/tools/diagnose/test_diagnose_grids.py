@@ -57,7 +57,7 @@ def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.02, 0.05, 0.1, 0.13, 1.0])
-def test_without_a_gyro_steps_end_at_fixes_that_drift_through_them_and_the_path_that_they_bend_stays(period_s: float) -> None:
+def test_without_a_gyro_steps_end_at_fixes_that_drift_and_the_path_stays(period_s: float) -> None:
     """Fixes within steps would swing it: what two neighbours share of a step, its turns trade."""
     recording = without_gyro(period_s)
     evidence = gather(recording)
