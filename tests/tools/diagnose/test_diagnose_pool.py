@@ -86,7 +86,7 @@ def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp
 
 
 def test_constants_that_contradict_each_other_are_told(tmp_path: Path) -> None:
-    one, two, three = (seeing(tmp_path, 0.001, tread(value)) for value in (0.02, 0.05, 0.03))
+    one, two, three = (seeing(tmp_path, 0.001, tread(*value)) for value in ((0.02,), (0.05,), (0.055, 0.02)))
     results = [replace(r, recording=name) for r, name in ((one, "monday"), (two, "tuesday"), (three, "friday"))]
     (finding,) = together(*results).findings
     assert "contradict each other: k is 0.0200 +- 0.0020 in monday and 0.0500 +- 0.0020 in tuesday." in finding.sentence
@@ -98,3 +98,4 @@ def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path:
     (finding,) = together(one, two).findings
     assert "contradict" not in finding.sentence
     assert finding.parameters["k"].value == pytest.approx(0.035)
+    assert "All together: k = 0.0350 +- 0.0071." in finding.sentence
