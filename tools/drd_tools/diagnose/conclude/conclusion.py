@@ -334,7 +334,7 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
         elif not (q.fixed or (q.linear and q.name not in selected.free)):
             unit = "" if q.unit == "1" else f" {q.unit}"
             value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
-            shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
+            shown.append(f"{q.name} = {rounded(value, sigma)}{unit}")
     share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
     text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
@@ -342,7 +342,8 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
     return f"{text} {selected.effect.caveat}".rstrip()
 
 
-def _rounded(value: float, sigma: float) -> str:
+def rounded(value: float, sigma: float) -> str:
+    """A value with its deviation, with as many digits as that warrants."""
     if sigma <= 0.0:
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
