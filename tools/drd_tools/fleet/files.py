@@ -1,5 +1,6 @@
 """Files of a folder or a bucket, by fsspec: `s3://bucket/store` works as a folder does."""
 
+import contextlib
 import os
 from pathlib import Path
 from typing import Any
@@ -48,10 +49,8 @@ class Files:
 
     def remove(self, name: str) -> None:
         """Remove a file, if it is there."""
-        try:
+        with contextlib.suppress(FileNotFoundError):
             self.system.rm_file(self.path(name))
-        except FileNotFoundError:
-            pass
 
     def below(self, name: str, suffix: str) -> list[str]:
         """Names of all files below a folder that end so, sorted; none where there is no such folder."""

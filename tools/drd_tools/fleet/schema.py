@@ -1,8 +1,8 @@
 """The tables of a fleet's store: names, columns and units; SI, but for what `unit` names and for degrees Celsius.
 
-Each table lies as Parquet in STORE/TABLE/ROBOT/PERIOD.parquet. `robot` is a column as well, not a part of a path such as
-`robot=7`, which readers take for a number. `maintenance` is one file. What changes a column's meaning, takes one away or
-renames one raises VERSION; a new column does not.
+Each table lies as Parquet in STORE/TABLE/ROBOT/PERIOD.parquet. `robot` is a column as well, not a part of a path such
+as `robot=7`, which readers take for a number. `maintenance` is one file. What changes a column's meaning, takes one
+away or renames one raises VERSION; a new column does not.
 """
 
 from typing import Final, NamedTuple
@@ -34,6 +34,7 @@ class Table(NamedTuple):
 
 # One row for each recording that was looked at. `uri`: where it lies. `verdict`: "failed" where `error` says why.
 # `digest`: of its files, the build of the diagnosis, and its form here; `signature`: sizes and times of the files.
+# `own`: labels that the recording brings, as JSON, before those of ROBOTS.yaml.
 RECORDINGS: Final = pa.schema(
     [
         *LABELS,
@@ -45,6 +46,7 @@ RECORDINGS: Final = pa.schema(
         ("build", TEXT),
         ("error", TEXT),
         ("signature", TEXT),
+        ("own", TEXT),
     ]
 )
 

@@ -1,8 +1,8 @@
 """The store of a fleet: its tables as Parquet, in a folder or a bucket, never half written.
 
 An update puts each recording's rows into one file, `pending/*.parquet`, as soon as they are there, and from time to
-time compacts: sorts them into the tables' own files (see `schema`). Each file is replaced whole. Until the pending files
-are removed, which is last, they have precedence: a compaction that was interrupted is simply done again.
+time compacts: sorts them into the tables' own files (see `schema`). Each file is replaced whole. Until the pending
+files are removed, which is last, they have precedence: a compaction that was interrupted is simply done again.
 """
 
 import hashlib
@@ -103,7 +103,7 @@ class Store:
     def put(self, rows: Rows) -> None:
         """Keep a recording's rows, by table, in place of those that it had."""
         table = pa.Table.from_pylist([{name: list(rows.get(name, ())) for name in TABLES}], PENDING)
-        name = hashlib.sha256(rows["recordings"][0]["recording"].encode()).hexdigest()[:24]
+        name = hashlib.sha256(rows["recordings"][0]["uri"].encode()).hexdigest()[:24]
         self.files.write(f"pending/{name}.parquet", _parquet(table))
 
     def rows(self, recordings: Collection[str]) -> dict[str, dict[str, list[dict[str, Any]]]]:
@@ -128,8 +128,12 @@ class Store:
     def _compact(self, names: Sequence[str]) -> None:
         pending, index = self._read(names, PENDING), self.index()
         fresh = _flat(pending, "recordings")
-        changed = fresh["recording"]
-        was = index.filter(pc.is_in(index["recording"], pc.unique(changed))).to_pylist()
+        # A long recording has several names, which may be other ones now.
+        old = index.filter(pc.is_in(index["uri"], pc.unique(fresh["uri"])))
+        changed, was = (
+            pa.chunked_array([*old["recording"].chunks, *fresh["recording"].chunks], pa.string()),
+            old.to_pylist(),
+        )
         places = {table: {_file(table, row) for row in [*was, *fresh.to_pylist()]} for table in TABLES}
         for table, files in places.items():
             new = _flat(pending, table)
