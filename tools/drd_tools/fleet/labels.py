@@ -135,8 +135,8 @@ def _text(file: str) -> str:
 
 def _date(name: str, found: re.Match[str]) -> datetime:
     parts = {key: int(value) for key, value in found.groupdict().items() if value}
-    if 0 <= parts.get("year", 0) < 100:
-        parts["year"] = 2000 + parts.get("year", 0)
+    if parts.get("year", 100) < 100:
+        parts["year"] += 2000
     try:
         return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)  # type: ignore[arg-type]
     except (TypeError, ValueError) as error:

@@ -8,11 +8,12 @@ from typing import Any, Final, NamedTuple
 
 from tqdm import tqdm
 
-from drd_tools.fleet.analysis import Rows, Task, analysed, build, failed
+from drd_tools.fleet.analysis import analysed, build
 from drd_tools.fleet.discover import Seen, discover
 from drd_tools.fleet.engine import Engine
 from drd_tools.fleet.labels import Labels, Rule, from_text, relabelled, ruled
 from drd_tools.fleet.store import MOST_PENDING, Store
+from drd_tools.fleet.task import Rows, Task, failed
 
 KILLED: Final = "its process was killed, more than once: memory?"
 HERE: Final = Engine()
@@ -69,7 +70,7 @@ def update(
             row for row in index.select(["uri", "recording", "error", "start_utc"]).to_pylist() if row["uri"] in here
         ]
     failures = [(row["recording"], row["error"]) for row in rows if row["error"] is not None]
-    undated = sum(row["start_utc"] is None for row in rows)
+    undated = sum(row["start_utc"] is None and row["error"] is None for row in rows)
     return Updated(len(found), len(fresh) - len(touched), len(other), undated, failures)
 
 
