@@ -23,7 +23,7 @@ class Here:
     def __init__(self, most: int = 1000):
         self.most, self.done = most, list[str]()
 
-    def results(self, call: Any, tasks: Sequence[Task], lost: Any) -> Iterator[tuple[Task, Rows | None]]:
+    def results(self, call: Any, tasks: Sequence[Task], _: Any) -> Iterator[tuple[Task, Rows | None]]:
         for task in tasks:
             if len(self.done) == self.most:
                 raise KeyboardInterrupt
