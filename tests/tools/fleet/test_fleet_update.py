@@ -32,7 +32,7 @@ class Here:
 
 
 def updated(folder: Path, store: Path, *rules: Rule, engine: Any = None) -> tuple[Updated, list[str]]:
-    here = engine or Here()
+    here: Any = engine or Here()
     return update([folder], Store(store), rules, here, stubbed), here.done
 
 

@@ -1,25 +1,13 @@
 """One recording's rows of all tables: read, diagnosed, and reduced to what a fleet asks of it."""
 
 import math
-import sys
 import threading
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-import drd.batch
-import drd.effects
-import drd.estimation
-import drd_tools.calibrate
-import drd_tools.diagnose
-import drd_tools.evaluate
-import drd_tools.limit
-import drd_tools.recordings
-import drd_tools.replay
-from drd_tools.build import fingerprint
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.diagnosis import Diagnosis
@@ -27,30 +15,12 @@ from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.results import Finding
 from drd_tools.diagnose.run import concluded
 from drd_tools.fleet import discover, labels, products
-from drd_tools.fleet import task as tasks
-from drd_tools.fleet.task import Rows, Task, about, failed
+from drd_tools.fleet.task import Rows, Task, about, build, failed
 from drd_tools.recordings.daemon_log import SINCE_START_S, read
 from drd_tools.recordings.folder import Recording
 
 # A worker with several threads does one recording at a time: how many threads a product takes is the process's.
 _ALONE: Final = threading.Lock()
-
-
-@cache
-def build() -> str:
-    """Hash of the code that a recording's rows depend on."""
-    return fingerprint(
-        drd.batch,
-        drd.effects,
-        drd.estimation,
-        drd_tools.calibrate,
-        drd_tools.diagnose,
-        drd_tools.evaluate,
-        drd_tools.limit,
-        drd_tools.recordings,
-        drd_tools.replay,
-        *map(sys.modules.__getitem__, (labels.__name__, products.__name__, tasks.__name__, __name__)),
-    )
 
 
 def analysed(task: Task) -> Rows | None:

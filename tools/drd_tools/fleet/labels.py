@@ -153,7 +153,7 @@ def _date(name: str, found: re.Match[str]) -> datetime:
     if parts.get("year", 100) < 100:
         parts["year"] += 2000
     try:
-        return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)  # type: ignore[arg-type]
+        return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)
     except (TypeError, ValueError) as error:
         raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
 

@@ -1,12 +1,36 @@
 """What is asked of a worker, and the form in which it answers."""
 
+from functools import cache
 from typing import Any, Final, NamedTuple
 
+from drd_tools.build import fingerprint
 from drd_tools.fleet.discover import Seen
 from drd_tools.fleet.labels import Labels, as_text
 
 FAILED: Final = "failed"  # in place of a verdict
 Rows = dict[str, list[dict[str, Any]]]  # by table
+# What a recording's rows depend on.
+CODE: Final = (
+    "drd.batch",
+    "drd.effects",
+    "drd.estimation",
+    "drd_tools.calibrate",
+    "drd_tools.diagnose",
+    "drd_tools.evaluate",
+    "drd_tools.limit",
+    "drd_tools.recordings",
+    "drd_tools.replay",
+    "drd_tools.fleet.analysis",
+    "drd_tools.fleet.labels",
+    "drd_tools.fleet.products",
+    "drd_tools.fleet.task",
+)
+
+
+@cache
+def build() -> str:
+    """Hash of the code that a recording's rows depend on."""
+    return fingerprint(*CODE)
 
 
 class Task(NamedTuple):
