@@ -10,7 +10,7 @@ from diagnosis_drives import WAREHOUSE, problem, selected
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates, shrunk
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
-from drd_tools.diagnose.select.search import Search
+from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.selected import Selected
 
 Z_90 = 1.645
@@ -62,7 +62,7 @@ def test_an_intervals_sizes_are_as_unsure_as_the_ground_elsewhere_makes_them() -
     for data in (white, white + p.effect_rows(pieces)):
         q = p.with_data(data)
         fit = refine(q, [slip])
-        found.append(Search(q).scatter(fit, fit.selection[0]))
+        found.append(Sets(q, fit.selection).scatter(fit.selection[0]))
         (reported,) = reported_estimates(q, fit, scatter=lambda _: found[-1])
         assert reported.sigma("left") == pytest.approx(
             found[-1] * reported_estimates(q, fit)[0].sigma("left"), rel=1e-6
