@@ -7,7 +7,9 @@
 - `library`: the sensitivity of each row to each effect, by the effect's own formula;
 - `segments`: their products, summed over segments of time that grow longer with age;
 - `evidence`: the likelihood of each effect since each segment, beside what robots do anyway;
+- `constants`, `memory`, `wear`, `lasting`: what the robot has for long, by day, and what the days show;
+- `fixes`: distances between poses that were set;
 - `findings`, `monitor`: what is told, and the memory of it.
 
-Equations (94) to (99). After Basseville and Nikiforov, Detection of Abrupt Changes (1993).
+Equations (94) to (101). After Basseville and Nikiforov, Detection of Abrupt Changes (1993).
 """

@@ -22,10 +22,8 @@ WINDOW_S: Final = 120.0  # mean length of what comes and goes
 INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
 SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
 LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
-# Standard deviations of what is never quite as calibrated: tread times gyro scale, the radii's difference, the lag (in
-# 10 ms); and of the bias at the start, rad/s.
-CALIBRATED: Final = {TURN: 0.003, WAY: 0.0003, CHANGE: 0.2}
-# The same of a robot whose wheels slip sideways in each turn, and how much of it changes in a second's root.
+# Standard deviations of what a robot has whose wheels slip sideways in each turn, tread times gyro scale, the radii's
+# difference, the lag (in 10 ms), and how much of it changes in a second's root; of the bias at the start, rad/s.
 SKIDDING: Final = {TURN: 0.5, WAY: 0.03, CHANGE: 10.0}
 WANDERS: Final = {TURN: 0.02, WAY: 0.005}
 FIRST_BIAS_RAD_S: Final = 0.02
@@ -70,14 +68,22 @@ class Estimate:
 class Sums:
     """Products of the rows from each segment's begin on, and what the components leave of them."""
 
-    def __init__(self, segments: Sequence[Segment], bias_walk: float, skids: bool, components: Sequence[Component]):
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        bias_walk: float,
+        constants: Mapping[int, float],
+        skids: bool,
+        components: Sequence[Component],
+    ):
+        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid."""
         self.each: Array = np.stack([s.products for s in segments])
         self.begins_s = np.array([s.begin_s for s in segments])
         self.length_s = np.array([s.end_s - s.begin_s for s in segments])
         n = len(segments)
         # From here on; after the last one nothing.
         self.since: Array = np.concatenate([np.cumsum(self.each[::-1], 0)[::-1], np.zeros_like(self.each[:1])])
-        self._components = [*_usual(self.begins_s, bias_walk, skids), *components]
+        self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
         self._fit(n)
 
     def _fit(self, n: int) -> None:
@@ -109,6 +115,13 @@ class Sums:
             for c, w in part.weights.items():
                 self.theta[part.begin : part.end, c] += part.sigma * w * x
 
+    def constant(self, column: int) -> tuple[float, float]:
+        """The component that holds a column all along: its value and its deviation."""
+        n = len(self.length_s)
+        at = max(i for i, p in enumerate(self._components) if p.weights == {column: 1.0} and (p.begin, p.end) == (0, n))
+        sigma = self._components[at].sigma
+        return sigma * float(self.coefficients[at]), sigma * math.sqrt(float(self._whiten[:, at] @ self._whiten[:, at]))
+
     def whitened(self, columns: Array) -> Array:
         """Products with the components (m, ...), so that their squares are what the components explain."""
         return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
@@ -122,14 +135,14 @@ class Sums:
         return squares.sum(0), tells.sum(0).astype(float)
 
 
-def _usual(begins_s: Array, bias_walk: float, skids: bool) -> list[Component]:
+def _usual(begins_s: Array, bias_walk: float, constants: Mapping[int, float], skids: bool) -> list[Component]:
     """The gyro's bias, which walks by `bias_walk` (rad/s/sqrt(s)), and what is never quite as calibrated."""
     n = len(begins_s)
     found = [Component({BIAS: 1.0}, FIRST_BIAS_RAD_S, 0, n)]
     walks = {BIAS: bias_walk, **(WANDERS if skids else {})}
     roots = np.sqrt(np.diff(begins_s)).tolist()
     found += [Component({c: 1.0}, walk * root, i, n) for c, walk in walks.items() for i, root in enumerate(roots, 1)]
-    return found + [Component({c: 1.0}, sigma, 0, n) for c, sigma in (SKIDDING if skids else CALIBRATED).items()]
+    return found + [Component({c: 1.0}, sigma, 0, n) for c, sigma in (SKIDDING if skids else constants).items()]
 
 
 class Bank:

@@ -9,10 +9,12 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
+from drd.monitor.constants import CHANGE_S, Constants, stated_constants
 from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
 from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
-from drd.monitor.library import BIAS, Hypothesis, Library
+from drd.monitor.fixes import Fixes
+from drd.monitor.library import BIAS, CHANGE, WAY, Hypothesis, Library
 from drd.monitor.noise import RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
@@ -28,6 +30,7 @@ NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
 DROPPED_NATS: Final = 0.0  # odds below which it is taken back
 PATIENCE: Final = 2  # blocks in a row until a finding is renamed or taken back: no flapping
 UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
+FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
 EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
 MOST: Final = 5  # findings at a time
 BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
@@ -45,12 +48,13 @@ TURNING_RAD_S: Final = 0.05
 class Monitor:
     """Feed it the samples that the estimator has, by sensor in order of time; ask `findings`.
 
-    `config`: the robot's sizes and its sensors' noise.
+    `config`: the robot's sizes and its sensors' noise. `known`: its constants from earlier drives, if there were any.
     """
 
-    def __init__(self, config: Config):
+    def __init__(self, config: Config, known: Constants | None = None):
         robot, noise = config.robot, config.estimation.noise
         self._tread_m = robot.tread_m
+        self._stated = stated_constants(config)
         self._walk = noise.gyro_deg_per_sqrt_h * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
         self._bias_walk = noise.gyro_bias_deg_h_per_sqrt_h * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
         self._wheel_noise = noise.wheel_m_per_sqrt_m
@@ -61,8 +65,12 @@ class Monitor:
         self._symptoms = Symptoms(robot.tread_m)
         self._theta: Array | None = None
         self._noise, self._first = RowNoise(), FirstTurns()
+        wheel_scale = self._stated.sigmas[WAY] / math.sqrt(2.0)
+        self._fixes = Fixes(wheel_scale, self._walk, self._wheel_noise)
         self._drive = robot.drive
         self._skids = robot.drive == "skid"
+        self._wanders = False
+        self._constants = known or self._stated
         self.lag_s, self._lag_named_s = 0.0, 0.0
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
         self._bias_rad_s = 0.0
@@ -84,6 +92,10 @@ class Monitor:
         """A sample of the wheels."""
         self._rows.wheels(sample)
         self._work()
+
+    def fix(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
+        """The robot was there at that time, somebody says (set_pose, a dock). Before the samples that come later."""
+        self._fixes.fix(t_ns, x_m, y_m, sigma_m)
 
     def _work(self) -> None:
         rows = self._rows.take()
@@ -116,10 +128,12 @@ class Monitor:
         first = self._first.add((by_wheels / h)[inner], (rows.gyro_rad / h)[inner] - self._bias_rad_s)
         if first is not None:
             self._begin_anew(first)
+        self._fixes.rows(rows, turn, self._rows.zero_ns or 0)
         x = self._library.columns(rows, turn)
         good = rows.is_good[inner] & ~useless
         y = (by_wheels - rows.gyro_rad)[inner]
         x[:, BIAS] *= -1.0
+        y -= sum(mean * x[:, c] for c, mean in self._constants.means.items())
         kind = np.where(~moves[inner], 0, np.where(np.abs(turn / h)[inner] < TURNING_RAD_S, 1, 2))
         variance = (gyro_var + wheel_var)[inner]
         if self._theta is None:
@@ -127,6 +141,7 @@ class Monitor:
             self._theta[BIAS] = self._bias_rad_s
         weights = self._noise.weights(x, y - x @ self._theta, variance, kind, good)
         z = np.column_stack([x, y]) * np.sqrt(weights)[:, None]
+        self._wanders |= self._noise.tread_wanders
         self._tread_of(by_wheels[inner][good], turn[inner][good])
         end_s = float(rows.end_s[inner][-1])
         begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
@@ -180,7 +195,9 @@ class Monitor:
             self.known.clear()
             return
         strongest = max((k.estimate.nats for k in self.known), default=0.0)
-        least = NAMED_NATS + SKID_NATS * self._skids
+        if self._drive == "auto" and not self._first.is_over:
+            return  # of a robot that may skid nothing is known before its first turns
+        least = NAMED_NATS + SKID_NATS * (self._skids or self._wanders)
         if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
             self._looks += 1
             # Another name for what is known already may explain this, too.
@@ -206,7 +223,8 @@ class Monitor:
                     slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
                     edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
                     parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
-        return Sums(self._segments.all, self._bias_walk * self._noise.at_rest, self._skids, parts)
+        walk = self._bias_walk * self._noise.at_rest
+        return Sums(self._segments.all, walk, self._constants.sigmas, self._skids, parts)
 
     def _again(self, k: Known, at_once: bool = False) -> bool:
         """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
@@ -263,6 +281,23 @@ class Monitor:
         self._place(k, estimate, found)
         self.known.append(k)
 
+    def constants(self) -> Constants | None:
+        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)"""
+        segments = self._segments.all
+        lasting = [k.begin_s for k in self.known if k.end_s is None]
+        segments = [s for s in segments if s.begin_s >= max(lasting, default=-math.inf)]
+        if self._skids or not self.is_judging or len(segments) < FEWEST_SEGMENTS:
+            return None
+        walk = self._bias_walk * self._noise.at_rest
+        stated = self._stated.sigmas
+        sums = Sums(segments, walk, stated, False, [])
+        found = {c: sums.constant(c) for c in stated}
+        lag = {CHANGE: self.lag_s / CHANGE_S}
+        return Constants(
+            {c: self._constants.means[c] + lag.get(c, 0.0) + value for c, (value, _) in found.items()},
+            {c: std for c, (_, std) in found.items()},
+        )
+
     # ---- out ---------------------------------------------------------------------------------------------------
 
     def findings(self) -> list[Finding]:
@@ -274,7 +309,7 @@ class Monitor:
             if seen.is_told:
                 before = [g.way_m for g in self._segments.all if g.begin_s <= seen.begin_s]
                 told.append(teller.of_symptom(seen, before[-1] if before else self._way_m))
-        return sorted(told, key=lambda f: f.named_ns)
+        return sorted([*told, *self._fixes.findings()], key=lambda f: f.named_ns)
 
     @property
     def is_judging(self) -> bool:
@@ -283,7 +318,13 @@ class Monitor:
 
     def not_observable(self) -> list[NotObservable]:
         """Effects that need the position."""
-        return [NotObservable(e.id, e.needs_position) for e in catalogue().values() if e.needs_position]
+        needing = [NotObservable(e.id, e.needs_position) for e in catalogue().values() if e.needs_position]
+        return [*needing, *self._fixes.not_observable()]
+
+    @property
+    def way_m(self) -> float:
+        """How far the robot has gone."""
+        return self._way_m
 
     def alike(self, k: Known) -> list[str]:
         """Names that fit as well as a finding's own."""

@@ -30,6 +30,7 @@ from drd.service.systemd import Notifier
 from drd.service.tasks import Tasks
 from drd.service.traffic import Traffic
 from drd.state.keeper import StateKeeper
+from drd.state.memory_file import MemoryKeeper
 from drd.units import S_PER_NS
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ class Daemon:
         self._loaded, self._config = loaded, loaded.value
         self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
-        self._monitoring = Monitoring(self._on_findings)
+        self._memory = MemoryKeeper(self._config)
+        self._monitoring = Monitoring(self._on_findings, self._memory)
         observers = (self._recorder, self._monitoring) if self._recorder is not None else (self._monitoring,)
         self.pipeline = Pipeline(self._config, base, self._on_pose, Observers(*observers))
         self._monitoring.put_in_force(self._config, self.pipeline.calibration)
@@ -86,6 +88,7 @@ class Daemon:
         if self._recorder is not None:
             self._recorder.start()
         self._state.begin(time.monotonic_ns())
+        self._memory.begin()
         self._tasks = Tasks()
         self._open_inputs()
         for work in (self._keep_time(), self._reload_when_asked(), self._monitoring.run()):
@@ -105,6 +108,8 @@ class Daemon:
             await self._tasks.cancel()
             if self._recorder is not None and not self._recorder.close(RECORDER_DEADLINE_S):
                 log.error("recording: the disk did not take the end within %g s", RECORDER_DEADLINE_S)
+            if not self._memory.close(STATE_DEADLINE_S):
+                log.error("monitor: the disk did not take its memory within %g s", STATE_DEADLINE_S)
             if not self._state.close(STATE_DEADLINE_S):
                 log.error("state: the disk did not take it within %g s", STATE_DEADLINE_S)
             closed = self._link.close(CLOSE_DEADLINE_S)

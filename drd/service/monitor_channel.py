@@ -7,28 +7,39 @@ from msgspec import Struct
 
 from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
+from drd.monitor.constants import Constants
 from drd.monitor.findings import Finding, NotObservable
+from drd.monitor.memory import Day, Memory
 
 # One record: its kind, the time, four numbers. Of a gyro sample: interval, rate, temperature, nothing; of a wheel
-# sample: interval, left, right, lost. GAP: samples were dropped before the next one.
+# sample: interval, left, right, lost; of a pose that was set: x, y, sigma, nothing. GAP: samples were dropped before
+# the next one.
 RECORD: Final = struct.Struct("=Bq4d")
-GAP, GYRO, WHEELS = range(3)
+GAP, GYRO, WHEELS, FIX = range(4)
 # A batch is one packet, which the socket takes whole or not at all. A tenth of a second of a 1000 Hz gyro.
 BATCH_RECORDS: Final = 128
 LARGEST_PACKET_BYTES: Final = 1 << 16
 
 
 class Setup(Struct, frozen=True):
-    """The first packet: what the monitor is made of."""
+    """The first packet: what the monitor is made of. `memory`: of earlier drives.
+
+    `wall_zero_ns`: the wall clock where the samples' clock is 0; `began_ns`: what that says now.
+    """
 
     config: Config
     calibration: Calibration | None
+    memory: Memory | None = None
+    wall_zero_ns: int = 0
+    began_ns: int = 0
 
 
 class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the process tells: after each block of samples, and why it ends (`error`) where it can.
 
-    `notes`: what the system refused it. `cpu_s`, `memory_mb`: processor time so far, resident memory.
+    `day`: the constants of the drive so far, `known`: those that it began with,
+    `began_ns`: the time of its first sample. `notes`: what the system refused it.
+    `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """
 
     findings: list[Finding] = []
@@ -38,6 +49,9 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     gaps: int = 0
     cpu_s: float = 0.0
     memory_mb: float = 0.0
+    day: Day | None = None
+    known: Constants | None = None
+    began_ns: int | None = None
     notes: list[str] = []
     error: str | None = None
 

@@ -17,9 +17,9 @@ from typing import Final
 
 import msgspec
 
-from drd.monitor.monitor import Monitor
+from drd.monitor.lasting import LastingMonitor
 from drd.samples import GyroSample, WheelSample
-from drd.service.monitor_channel import GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
+from drd.service.monitor_channel import FIX, GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
 
 # Private memory, of which it has 60 MiB at the start and what Python and numpy take for a moment on top.
@@ -35,7 +35,8 @@ class Feed:
     """Hands records to a monitor, as samples; `take` returns whether the monitor has got on by a block."""
 
     def __init__(self, setup: Setup):
-        self.monitor = Monitor(setup.config)
+        self._lasting = LastingMonitor(setup.config, setup.memory, setup.wall_zero_ns, setup.began_ns)
+        self.monitor = self._lasting.monitor
         self._calibration = setup.calibration
         self._is_new = False
         self._now_s = 0.0
@@ -47,6 +48,8 @@ class Feed:
             if kind == GAP:
                 self.gaps += 1
                 self._is_new = True
+            elif kind == FIX:
+                self.monitor.fix(t_ns, a, b, c)
             elif kind == GYRO:
                 self.samples += 1
                 if self._calibration is not None:
@@ -63,9 +66,12 @@ class Feed:
     def report(self, notes: list[str]) -> Report:
         """What is known by now."""
         return Report(
-            findings=self.monitor.findings(),
+            findings=self._lasting.findings(),
             not_observable=self.monitor.not_observable(),
             is_judging=self.monitor.is_judging,
+            day=self._lasting.day,
+            known=self._lasting.known,
+            began_ns=self.monitor.zero_ns,
             samples=self.samples,
             gaps=self.gaps,
             cpu_s=time.process_time_ns() * S_PER_NS,

@@ -19,6 +19,7 @@ from drd.estimation.calibration import Calibration
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd.service.monitor_channel import (
     BATCH_RECORDS,
+    FIX,
     GAP,
     GYRO,
     LARGEST_PACKET_BYTES,
@@ -28,6 +29,7 @@ from drd.service.monitor_channel import (
     Setup,
     arguments,
 )
+from drd.state.memory_file import MemoryKeeper, basis_of
 from drd.units import S_PER_NS
 
 log = logging.getLogger(__name__)
@@ -77,8 +79,8 @@ class _Process:
         self._gap_ns: int | None = None  # since when it takes nothing
         self.dropped = 0
 
-    def put(self, kind: int, sample: GyroSample | WheelSample, last: float = 0.0) -> None:
-        """A sample into the batch, which is handed over when it is full."""
+    def put(self, kind: int, sample: tuple[Any, ...], last: float = 0.0) -> None:
+        """A sample, or a pose, into the batch, which is handed over when it is full."""
         if self._count > BATCH_RECORDS:
             self.flush()
         RECORD.pack_into(self._batch, self._count * RECORD.size, kind, *sample[:4], last)
@@ -151,8 +153,8 @@ class Monitoring:
     `is_enabled`: whether the configuration asks for it.
     """
 
-    def __init__(self, on_change: Callable[[], None]):
-        self._on_change = on_change
+    def __init__(self, on_change: Callable[[], None], keeper: MemoryKeeper | None = None):
+        self._on_change, self._keeper = on_change, keeper
         self._setup: Setup | None = None
         self._process: _Process | None = None
         self._changed = asyncio.Event()
@@ -172,7 +174,9 @@ class Monitoring:
         """See Observer; not looked at."""
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """See Observer; not looked at."""
+        """A pose that was set is one to measure distances from."""
+        if self._process is not None and name == "set_pose":
+            self._process.put(FIX, (now_ns, values["x_m"], values["y_m"], values["sigma_m"]))
 
     def gyro(self, sample: GyroSample) -> None:
         """A decoded gyro sample."""
@@ -211,6 +215,8 @@ class Monitoring:
         return {
             "state": self._state,
             "findings": msgspec.to_builtins(report.findings),
+            "began_ns": report.began_ns,
+            "known": msgspec.to_builtins(report.known, str_keys=True),
             "not_observable": msgspec.to_builtins(report.not_observable),
         }
 
@@ -236,6 +242,7 @@ class Monitoring:
             "restarts": self.restarts,
             "cpu_s": report.cpu_s,
             "memory_mb": report.memory_mb,
+            "memory": self._keeper.health() if self._keeper is not None else None,
             "pid": process.child.pid if process is not None else None,
         }
 
@@ -259,7 +266,7 @@ class Monitoring:
             self._tell("starting", Report())
             process, text = None, ""
             try:
-                process = await asyncio.to_thread(_Process, self._setup)
+                process = await asyncio.to_thread(_Process, self._with_memory(self._setup))
                 await self._serve(process)
             except _Ended as ended:
                 text = str(ended)
@@ -270,6 +277,13 @@ class Monitoring:
                 how = await self._end(process) if process is not None else ""
             if not self._changed.is_set():
                 await self._pause(text or how)
+
+    def _with_memory(self, setup: Setup) -> Setup:
+        if self._keeper is None:
+            return setup
+        memory = self._keeper.memory(basis_of(setup.config, setup.calibration))
+        now_ns = time.monotonic_ns()
+        return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
 
     async def _serve(self, process: _Process) -> None:
         """Until another set-up is wanted. Raises _Ended."""
@@ -292,6 +306,8 @@ class Monitoring:
         while (report := process.report()) is not None:
             for note in report.notes:
                 self._warn(note)
+            if self._keeper is not None and report.day is not None and report.day != self._report.day:
+                self._keeper.put(report.day)
             self._reason = "; ".join(report.notes)
             self._tell("running" if report.is_judging else "not judging", report)
         if process.is_hung():

@@ -8,7 +8,7 @@ from typing import Any
 from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.state.restart import has_clock_chip, warm_restart
-from drd.state.saved import Saved, StateError, moment_now, this_boot
+from drd.state.saved import Saved, StateError, decoded, encoded, moment_now, this_boot
 from drd.state.store import Store, state_file
 from drd.units import NS_PER_S
 
@@ -25,7 +25,7 @@ class StateKeeper:
     def __init__(self, config: Config, pipeline: Pipeline):
         self._config, self._pipeline = config, pipeline
         file = state_file(config.state.folder, os.environ.get("STATE_DIRECTORY"), config.robot.name)
-        self._store = Store(file) if config.state.enabled and file is not None else None
+        self._store = Store(file, encoded, decoded) if config.state.enabled and file is not None else None
         self._boot_id = this_boot(os.environ)
         self._due_ns = 0
         self._said_at_rest = False

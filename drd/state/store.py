@@ -5,13 +5,15 @@ import os
 import re
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
-from drd.state.saved import LARGEST_BYTES, Saved, StateError, decoded, encoded
+from drd.state.saved import LARGEST_BYTES, StateError
 from drd.units import NS_PER_S
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 # Files that were refused and are kept; the oldest go first.
@@ -32,26 +34,27 @@ def state_file(folder: str | None, state_directory: str | None, robot: str) -> P
     return Path(service or ".") / (folder or "") / f"{name}.state"
 
 
-class Store:
-    """Keeps the newest state in `file`. Trouble is told by `health`; only `load` raises.
+class Store(Generic[T]):
+    """Keeps the newest state in `file`, as `encode` writes it and `decode` reads it, which may raise StateError.
 
-    One state waits at most: a newer one takes its place (`superseded`). Each is written to a file beside, which then
-    takes the name, and the disk is waited for before and after: a power cut leaves the old state or the new one.
+    Trouble is told by `health`; only `load` raises. One state waits at most: a newer one takes its place
+    (`superseded`). Each is written to a file beside, which then takes the name, and the disk is waited for before and
+    after: a power cut leaves the old state or the new one.
     """
 
-    def __init__(self, file: Path):
-        self.file = file
+    def __init__(self, file: Path, encode: Callable[[T], bytes], decode: Callable[[bytes], T]):
+        self.file, self._encode, self._decode = file, encode, decode
         self.counters = dict.fromkeys(("written", "superseded", "errors", "unfit", "refused"), 0)
         self._trouble: str | None = None
         self._may_write = True
-        self._slot: Saved | None = None
+        self._slot: T | None = None
         self._since_ns: int | None = None  # since when a state has been waiting or being written
         self._lock = threading.Lock()
         self._due = threading.Event()
         self._stopping = False
         self._thread = threading.Thread(target=self._work, name="drd state", daemon=True)
 
-    def load(self) -> Saved | None:
+    def load(self) -> T | None:
         """The state that is there; None where there is none. A file that cannot be used is kept aside.
 
         Raises StateError then, with the file and the reason.
@@ -61,7 +64,7 @@ class Store:
                 data = stream.read(LARGEST_BYTES + 1)
             if len(data) > LARGEST_BYTES:
                 raise StateError(f"more than {LARGEST_BYTES} bytes")
-            return decoded(data)
+            return self._decode(data)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -73,7 +76,7 @@ class Store:
         """Begin to write."""
         self._thread.start()
 
-    def put(self, saved: Saved) -> None:
+    def put(self, saved: T) -> None:
         """Have this state written; takes microseconds."""
         with self._lock:
             self.counters["superseded"] += self._slot is not None
@@ -130,7 +133,7 @@ class Store:
                 return
         try:
             if self._may_write:
-                replace_file(self.file, encoded(saved))
+                replace_file(self.file, self._encode(saved))
                 self._tell(None)
                 self.counters["written"] += 1
         except ValueError as error:

@@ -12,7 +12,7 @@ from drd.estimation.estimate import Estimate
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.state import store as store_module
-from drd.state.saved import Moment, Saved, StateError, decoded
+from drd.state.saved import Moment, Saved, StateError, decoded, encoded
 from drd.state.store import KEPT_ASIDE, Store, state_file
 
 
@@ -22,7 +22,7 @@ def saved(x_m: float = 0.0) -> Saved:
     return Saved(Estimate(kf.nominal, kf.P, True, False, 0.0, 0.0), Moment(1, 1, ""), Basis({}, {}, {}), "robot")
 
 
-def wait(condition: object, store: Store, timeout_s: float = 10.0) -> None:
+def wait(condition: object, store: Store[Saved], timeout_s: float = 10.0) -> None:
     deadline = time.monotonic() + timeout_s
     while not condition():  # type: ignore[operator]
         assert time.monotonic() < deadline, store.health()
@@ -30,7 +30,7 @@ def wait(condition: object, store: Store, timeout_s: float = 10.0) -> None:
 
 
 def test_the_last_state_is_there_after_the_end_and_nothing_else(tmp_path: Path) -> None:
-    store = Store(tmp_path / "new" / "folder" / "robot.state")
+    store = Store(tmp_path / "new" / "folder" / "robot.state", encoded, decoded)
     assert store.load() is None
     store.start()
     for i in range(50):
@@ -47,7 +47,7 @@ def test_the_last_state_is_there_after_the_end_and_nothing_else(tmp_path: Path) 
 def test_a_disk_that_hangs_never_holds_the_caller_up_and_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store, release = Store(tmp_path / "robot.state"), threading.Event()
+    store, release = Store(tmp_path / "robot.state", encoded, decoded), threading.Event()
     fsync = os.fsync
     monkeypatch.setattr(os, "fsync", lambda fd: (release.wait(30.0), fsync(fd)))
     monkeypatch.setattr(store_module, "SLOW_NS", 50_000_000)
@@ -69,7 +69,7 @@ def test_a_disk_that_hangs_never_holds_the_caller_up_and_is_told(
 def test_a_full_disk_is_told_leaves_the_old_state_and_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store, full = Store(tmp_path / "robot.state"), [False]
+    store, full = Store(tmp_path / "robot.state", encoded, decoded), [False]
     fsync = os.fsync
 
     def maybe(fd: int) -> None:
@@ -135,7 +135,7 @@ def test_a_refused_file_is_kept_aside_and_only_so_many(tmp_path: Path) -> None:
     file = tmp_path / "robot.state"
     for i in range(KEPT_ASIDE + 3):
         file.write_bytes(b"garbage %d" % i)
-        store = Store(file)
+        store = Store(file, encoded, decoded)
         with pytest.raises(StateError, match=rf"does not begin as .*kept as robot.state.refused-{i + 1}$"):
             store.load()
         assert not file.exists()
@@ -143,7 +143,7 @@ def test_a_refused_file_is_kept_aside_and_only_so_many(tmp_path: Path) -> None:
     kept = {f.name: f.read_bytes() for f in tmp_path.iterdir()}
     first = 1 + 3
     assert kept == {f"robot.state.refused-{i}": b"garbage %d" % (i - 1) for i in range(first, first + KEPT_ASIDE)}
-    store = Store(file)
+    store = Store(file, encoded, decoded)
     store.start()
     store.put(saved())
     assert store.close(10.0)
@@ -158,7 +158,7 @@ def test_a_refused_file_that_cannot_be_moved_is_never_replaced(tmp_path: Path, m
     def refuse(*_: object) -> None:
         raise OSError(30, os.strerror(30))
 
-    store = Store(file)
+    store = Store(file, encoded, decoded)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "rename", refuse)
         with pytest.raises(StateError, match=r"version 7; .* cannot be moved aside: Read-only file system"):
@@ -175,7 +175,7 @@ def test_a_file_too_large_to_be_a_state_is_not_read_whole(tmp_path: Path) -> Non
     with file.open("wb") as stream:
         stream.truncate(1 << 40)  # sparse
     with pytest.raises(StateError, match="more than"):
-        Store(file).load()
+        Store(file, encoded, decoded).load()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 
 from drd.config.keys import Robot
 from drd.units import RAD_PER_DEG
+from drd_tools.emulate.fault import Fault
 from drd_tools.emulate.sensors import PERFECT, SensorErrors, Sensors
 from drd_tools.simulate.missions import Drive, demo_drive
 from drd_tools.simulate.route import RATE_HZ, STEP_S, Steps
@@ -126,3 +127,13 @@ def test_slip_adds_counts_while_it_lasts_and_minus_one_stops_a_counter() -> None
 def test_wheels_that_stand_count_nothing() -> None:
     wheels = sensors(STANDING, SensorErrors())
     assert wheels.travel_m(5.0) == (0.0, 0.0)
+
+
+def test_a_fault_adds_to_what_the_sensors_say() -> None:
+    time_s = np.array([0.0, 2.0, 4.0])
+    fault = Fault(time_s, np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.2], [0.0, 0.0, 0.3]]))
+    found = Sensors(straight(5), ROBOT, PERFECT, 0, fault)
+    assert found.travel_m(2.0) == pytest.approx((2.0, 2.0))
+    assert found.travel_m(4.0) == pytest.approx((4.1, 3.8))
+    assert found.rate_rad_s(1.0, 2.0) == pytest.approx(0.0)
+    assert found.rate_rad_s(2.0, 3.0) == pytest.approx(0.15)

@@ -20,16 +20,28 @@ from drd.commands import command
 from drd.commands.watch import View
 from drd.config.file import load_config
 from drd.config.keys import Config
+from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect, Parameter, Values
 from drd.output.session import isolated_config
+from drd.units import S_PER_NS
+from drd_tools.emulate.fault import Fault, motion_of
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.options import seed
-from drd_tools.report.path import ErrorSeries, path_picture
+from drd_tools.report.path import ErrorSeries, Mark, path_picture
 from drd_tools.shipped import shipped_config
-from drd_tools.simulate.missions import demo_drive
+from drd_tools.simulate.missions import Drive, demo_drive
+from drd_tools.simulate.route import STEP_S
+from drd_tools.simulate.truth import make_truth
+from drd_tools.trial.live_cases import WAY_M, seen_live, since, sized
 
 # The daemon's start and its measurement of the bias fit in; the rest of the time the robot drives.
 STAND_MARGIN_S = 2.5
 CONNECT_S = 15.0
+# With --fault: onset in the middle, after which the rest is driven for the monitor; sigmas that gather within 100 m.
+FAULT_SECONDS: Final = 240.0
+FAULT_SHARE: Final = 0.45
+FAULT_D: Final = 25.0
+FAULT_TRIES: Final = 20
 DESCRIPTION: Final = """\
 Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true and the estimated path, the
 error and the bound that was published. Needs no hardware.
@@ -38,9 +50,17 @@ EPILOG: Final = """\
 examples:
   drd demo
   drd demo --seconds 120 --seed 3 --output out/demo.png
+  drd demo --fault tyre_deflation       (four minutes: onset, naming and size in the picture)
 
 Exit code: 0 done, 1 the daemon failed or gave no pose, 2 bad usage or configuration.
 """
+
+
+class Heard(NamedTuple):
+    """Poses, and the newest of the monitor's findings by the moment of their naming."""
+
+    poses: list[dict[str, Any]]
+    findings: dict[int, dict[str, Any]]
 
 
 class Result(NamedTuple):
@@ -83,17 +103,33 @@ def main(argv: list[str]) -> int:
     if arguments.seconds < stand_s + 5.0:
         print(f"drd demo: --seconds: expected at least {stand_s + 5.0:g}, got {arguments.seconds:g}", file=sys.stderr)
         return 2
+    if arguments.fault is not None and not config.monitor.enabled:
+        print("drd demo: --fault: expected monitor.enabled: true in the configuration", file=sys.stderr)
+        return 2
     drive = demo_drive(arguments.seconds, stand_s=stand_s)
-    with Emulator(config, arguments.config.parent, drive, seed=arguments.seed) as emulator:
+    planted = None if arguments.fault is None else plant(arguments.fault, drive, config, arguments.seed)
+    if arguments.fault is not None and planted is None:
+        print(f"drd demo: --fault {arguments.fault}: no plausible size shows on so short a drive", file=sys.stderr)
+        return 2
+    heard = Heard([], {})
+    fault = None if planted is None else planted.fault
+    with Emulator(config, arguments.config.parent, drive, seed=arguments.seed, fault=fault) as emulator:
         with _daemon(arguments.config) as process:
-            poses = _watch(process, config, emulator, arguments.seconds)
+            _watch(process, config, emulator, arguments.seconds, heard)
         truth = list(emulator.truth)
+    poses = heard.poses
     if process.returncode != 0 or not poses:
         print(f"drd demo: the daemon ended with {process.returncode} and {len(poses)} poses", file=sys.stderr)
         return 1
     result = evaluate(truth, poses, config, emulator.path.length_m)
-    _draw(arguments.output, result)
-    print(result.sentence())
+    said = ""
+    marks: list[Mark] = []
+    if planted is not None:
+        first_s = (poses[0]["monotonic_ns"] - emulator.start_ns) * S_PER_NS
+        said, marks = told(planted, list(heard.findings.values()), poses[0]["monotonic_ns"], first_s)
+    title = "" if planted is None else f", {planted.effect.id}"
+    _draw(arguments.output, result, title, said, marks)
+    print(result.sentence() + said)
     print(f"picture: {arguments.output}")
     return 0
 
@@ -103,9 +139,14 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
     add = parser.add_argument
     file, text = shipped_config("demo.yaml"), "configuration (default: %(default)s)"
     add("--config", type=Path, default=file, metavar="CONFIG", help=text)
-    add("--seconds", type=float, default=30.0, metavar="N", help="length of the run (default: 30)")
+    add("--seconds", type=float, metavar="N", help="length of the run (default: 30; with --fault 240)")
+    text = "from the middle on the robot has this effect of the catalogue, and the monitor's findings are drawn"
+    add("--fault", choices=[e.id for e in seen_live() if not e.irreversible], metavar="EFFECT", help=text)
     add("--output", type=Path, default=Path("demo.png"), metavar="FILE.png", help="the picture (default: demo.png)")
-    return parser.parse_args(argv)
+    found = parser.parse_args(argv)
+    if found.seconds is None:
+        found.seconds = 30.0 if found.fault is None else FAULT_SECONDS
+    return found
 
 
 @contextlib.contextmanager
@@ -122,27 +163,30 @@ def _daemon(config: Path) -> Iterator[subprocess.Popen[bytes]]:
             process.wait()
 
 
-def _watch(
-    process: subprocess.Popen[bytes], config: Config, emulator: Emulator, seconds: float
-) -> list[dict[str, Any]]:
-    """Print one line a second, as `drd watch --plain` does; returns all poses."""
+def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator, seconds: float, heard: Heard) -> None:
+    """Print one line a second, as `drd watch --plain` does; keeps poses and findings."""
     endpoint, prefix = config.output.listen[0], config.output.prefix
     session = _connect(process, endpoint)
     if session is None:
-        return []
-    poses: list[dict[str, Any]] = []
+        return
     view = View(prefix, endpoint)
     with session:
         subscriber = session.declare_subscriber(f"{prefix}/pose", zenoh.handlers.FifoChannel(4096))
+        findings = session.declare_subscriber(f"{prefix}/findings", zenoh.handlers.FifoChannel(256))
         end_s = emulator.start_ns * 1e-9 + seconds
         while (now_s := time.monotonic()) < end_s and process.poll() is None:
             time.sleep(min(1.0, max(0.0, end_s - now_s)))
             while (sample := subscriber.try_recv()) is not None:
                 payload = sample.payload.to_bytes()
                 view.take_pose(payload, time.monotonic())
-                poses.append(json.loads(payload))
+                heard.poses.append(json.loads(payload))
+            while (sample := findings.try_recv()) is not None:
+                now = json.loads(sample.payload.to_bytes())["findings"]
+                for finding in now:  # its name may change, its first moment does not
+                    heard.findings[finding["named_ns"]] = finding
+                for gone in heard.findings.keys() - {f["named_ns"] for f in now}:
+                    del heard.findings[gone]
             print(view.line(time.monotonic()), flush=True)
-    return poses
 
 
 def _connect(process: subprocess.Popen[bytes], endpoint: str) -> Any:
@@ -171,7 +215,60 @@ def evaluate(truth: Sequence[Truth], poses: Sequence[dict[str, Any]], config: Co
     return Result(rows[:, :4], estimate, np.column_stack([rows[:, 0], x, y, heading]), length_m)
 
 
-def _draw(file: Path, result: Result) -> None:
+class Planted(NamedTuple):
+    """An effect, from when on (s since the start), its values (SI), and what it does."""
+
+    effect: Effect
+    begin_s: float
+    values: Values
+    fault: Fault
+
+
+def plant(name: str, drive: Drive, config: Config, seed_: int) -> Planted | None:
+    """The effect so large that FAULT_D sigmas of it gather within 100 m of its onset, if it can be so large."""
+    effect, truth = catalogue()[name], make_truth(drive)
+    motion = motion_of(truth, config.robot)
+    way_m = np.cumsum(np.abs(truth.speed_m_s)) * STEP_S
+    begin = int(np.searchsorted(way_m, FAULT_SHARE * way_m[-1]))
+    limit = min(int(np.searchsorted(way_m, way_m[begin] + WAY_M)), len(way_m) - 1)
+    random = np.random.default_rng([seed_, 4])
+    tries = (sized(effect, FAULT_D, motion, (begin, limit), random) for _ in range(FAULT_TRIES))
+    values = next((v for v in tries if v is not None), None)
+    if values is None:
+        return None
+    fault = Fault.of(since(effect, values, motion, begin), motion)
+    return Planted(effect, float(motion.time_s[begin]), values, fault)
+
+
+def told(planted: Planted, findings: list[dict[str, Any]], zero_ns: int, first_s: float) -> tuple[str, list[Mark]]:
+    """What the monitor has said of it, in words and as moments after `zero_ns`, which is `first_s` into the drive."""
+    begin_s = planted.begin_s - first_s
+    sizes = ", ".join(f"{q.name} {_shown(planted, q)}" for q in planted.effect.parameters if q.name in planted.values)
+    said, marks = f"; {planted.effect.id} from {begin_s:.0f} s ({sizes})", [Mark(begin_s, "onset")]
+    if not findings:
+        return f"{said}: the monitor names nothing", marks
+    for f in sorted(findings, key=lambda f: f["named_ns"]):
+        since_s, named_s = ((f[key] - zero_ns) * S_PER_NS for key in ("since_ns", "named_ns"))
+        text = ", ".join(
+            f"{name} {value if isinstance(value, str) else _interval(value)}" for name, value in f["parameters"].items()
+        )
+        others = f", or {', '.join(name for name, _ in f['also_fits'])}" if f["also_fits"] else ""
+        said += f"; named after {named_s - begin_s:.0f} s: {f['effect']} ({text}), {f['probability']:.2f}{others}"
+        said += f", since {since_s:.0f} s"
+        marks += [Mark(since_s, "since, as told", f["since_std_s"]), Mark(named_s, f"{f['effect']} named")]
+    return said, marks
+
+
+def _shown(planted: Planted, q: Parameter) -> str:
+    value = planted.values[q.name]
+    return value if isinstance(value, str) else f"{float(value) / q.si:.3g} {q.unit}".removesuffix(" 1")
+
+
+def _interval(size: dict[str, Any]) -> str:
+    return f"{size['value']:.3g} [{size['low']:.3g}, {size['high']:.3g}] {size['unit']}".removesuffix(" 1")
+
+
+def _draw(file: Path, result: Result, title: str, said: str, marks: Sequence[Mark]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     path_picture(
         file,
@@ -179,6 +276,7 @@ def _draw(file: Path, result: Result) -> None:
         result.estimate[:, 1:3],
         result.wheels[:, 1:3],
         errors=ErrorSeries(result.estimate[:, 0], result.errors_m, bound_m=result.estimate[:, 4]),
-        title="drd demo: true and estimated path",
-        caption=result.sentence(),
+        title=f"drd demo: true and estimated path{title}",
+        caption=result.sentence() + said,
+        marks=marks,
     )

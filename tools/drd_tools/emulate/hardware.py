@@ -15,6 +15,7 @@ from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.canopen_node import CanopenNode, NmtState
 from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
+from drd_tools.emulate.fault import Fault
 from drd_tools.emulate.sensors import SensorErrors, Sensors
 from drd_tools.simulate.missions import Drive
 from drd_tools.simulate.truth import make_truth
@@ -60,7 +61,8 @@ class Emulator:
     are joined. Time zero is `start()`. Use it as a context manager, or call `stop()`. Raises ConfigError where a path
     is taken or a bus cannot be used; a bus that may be a real robot's needs `allow_real_bus`.
 
-    `base`: the folder that the configuration's own paths are relative to. `seed` repeats all sensor noise.
+    `base`: the folder that the configuration's own paths are relative to. `seed` repeats all sensor noise. `fault`: an
+    effect of the catalogue.
     `path`: the true motion. `counters`: packets and frames sent, and those lost because nobody listened.
 
     The public fields below are its faults. Each may be changed at any time.
@@ -93,6 +95,7 @@ class Emulator:
         seed: int = 0,
         *,
         allow_real_bus: bool = False,
+        fault: Fault | None = None,
     ):
         errors = errors or SensorErrors()
         fog, encoders = config.fog, config.encoders
@@ -106,7 +109,7 @@ class Emulator:
         self.truth: deque[Truth] = deque(maxlen=TRUTH_ROWS)
         self.received: deque[can.Message] = deque(maxlen=RECEIVED_FRAMES)  # what others sent on the bus
         self.path = make_truth(drive)
-        self._sensors = Sensors(self.path, config.robot, errors, seed)
+        self._sensors = Sensors(self.path, config.robot, errors, seed, fault)
         self._random = np.random.default_rng([seed, 3])
         self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
         self._frames = encoder_frames.make_encoder(encoders, config.robot, base)

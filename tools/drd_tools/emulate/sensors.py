@@ -7,6 +7,7 @@ import numpy as np
 
 from drd.config.keys import Robot
 from drd.units import RAD_PER_DEG
+from drd_tools.emulate.fault import Fault
 from drd_tools.simulate.sensors import white_rad_s
 from drd_tools.simulate.temperature import warming_c
 from drd_tools.simulate.truth import Place
@@ -58,10 +59,13 @@ PERFECT = SensorErrors(
 
 
 class Sensors:
-    """On a robot whose radius and tread are believed to be the configuration's. `seed` repeats the noise."""
+    """On a robot whose radius and tread are believed to be the configuration's. `seed` repeats the noise.
 
-    def __init__(self, path: TruePath, robot: Robot, errors: SensorErrors, seed: int):
-        self._path, self._errors = path, errors
+    `fault`: what an effect adds.
+    """
+
+    def __init__(self, path: TruePath, robot: Robot, errors: SensorErrors, seed: int, fault: Fault | None = None):
+        self._path, self._errors, self._fault = path, errors, fault
         self._half_tread_m = robot.tread_m * (1 + errors.tread_error) / 2
         self._white, self._slip = (np.random.default_rng([seed, source]) for source in (1, 2))
         self._travel_m = self._counted_m = np.zeros(2)  # left and right: of the true wheels, and of the counters
@@ -70,9 +74,10 @@ class Sensors:
         """The gyro's mean yaw rate (ccw positive) from one time to a later one; each call draws new noise."""
         e, interval_s = self._errors, to_s - from_s
         turned_rad = self._path.at(to_s).heading_rad - self._path.at(from_s).heading_rad
+        added_rad = 0.0 if self._fault is None else float((self._fault.by(to_s) - self._fault.by(from_s))[2])
         bias_deg_s = e.bias_deg_s + e.bias_deg_s_per_c * (self.temperature_c(to_s) - e.temperature_c)
         noise_rad_s = white_rad_s(e.angle_random_walk_deg_per_sqrt_h, interval_s) * self._white.standard_normal()
-        return (1 + e.scale_error) * turned_rad / interval_s + bias_deg_s * RAD_PER_DEG + noise_rad_s
+        return ((1 + e.scale_error) * turned_rad + added_rad) / interval_s + bias_deg_s * RAD_PER_DEG + noise_rad_s
 
     def temperature_c(self, t_s: float) -> float:
         """The gyro's."""
@@ -92,5 +97,6 @@ class Sensors:
         # A wheel that is larger than believed turns less on the same way.
         turned_m = steps_m / (1.0 + np.array((e.left_radius_error, e.right_radius_error))) + noise_m
         self._counted_m = self._counted_m + (1.0 + np.array((left_slip, right_slip))) * turned_m
-        left_m, right_m = self._counted_m.tolist()
+        added_m = 0.0 if self._fault is None else self._fault.by(t_s)[:2]
+        left_m, right_m = (self._counted_m + added_m).tolist()
         return left_m, right_m

@@ -7,11 +7,12 @@ from typing import Final
 from tqdm import tqdm
 
 from drd.batch.run import filter_logs
-from drd.batch.samples import check_times
+from drd.batch.samples import check_times, gyro_samples, wheel_samples, zero_of
 from drd.config.keys import Config
 from drd.estimation.track import MakeTrack, make_track
 from drd.units import NS_PER_S
 from drd_tools.recordings.folder import Recording, file_hash
+from drd_tools.replay import findings
 from drd_tools.replay.nominal import in_force, with_configured_model
 from drd_tools.replay.result import Replayed
 
@@ -31,6 +32,11 @@ def replay_folder(
     fog, encoders, folder = recording.fog, recording.encoders, recording.folder
     check_times(fog, encoders, (str(folder / "fog.csv"), str(folder / "encoders.csv")))
     late_ns = _latencies_ns(recording, in_use)
+    told: list[str] = []
+    if in_use.monitor.enabled and fog is not None and in_use.fog.protocol != "none" and not recording.terms:
+        zero_ns = zero_of(fog, encoders)
+        samples = gyro_samples(fog, in_use, zero_ns)[0], wheel_samples(encoders, in_use, zero_ns)[0]
+        told = findings.sentences(findings.monitored(*samples, in_use, gyro_calibration).findings, zero_ns)
     made = filter_logs(fog, encoders, in_use, gyro_calibration, recording.terms, late_ns, new_track, PROGRESS)
     return Replayed(
         folder,
@@ -42,7 +48,7 @@ def replay_folder(
         made.samples,
         made.counters,
         recording.sha256 | ({str(recording.model): file_hash(recording.model)} if recording.model else {}),
-        [*recording.notes, *made.notes],
+        [*recording.notes, *made.notes, *told],
     )
 
 

@@ -12,7 +12,9 @@ from typing import Any, Final
 from tqdm import tqdm
 
 from drd.batch.run import no_garbage
+from drd.config.keys import Config
 from drd.config.schema import ConfigError
+from drd.estimation.calibration import Calibration
 from drd.estimation.estimate import estimate_of
 from drd.estimation.track import MakeTrack, make_track
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
@@ -24,6 +26,7 @@ from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.folder import file_hash
 from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
+from drd_tools.replay import findings
 from drd_tools.replay.result import Replayed, packed
 
 NUMBERS: Final = 1 << 32
@@ -60,12 +63,14 @@ def replay_mcap(
     counters = pipeline.counters()
     began = last.information.get("started_monotonic_ns", "")
     wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
+    zero_ns = int(began) if began.isdecimal() else 0
+    told = _monitored(kept, in_force, pipeline.calibration, None if changed or missing else replay.findings, zero_ns)
     return Replayed(
         file,
         replay.poses,
         in_force,
         pipeline.calibration,
-        zero_ns=int(began) if began.isdecimal() else 0,
+        zero_ns=zero_ns,
         samples={"gyro": counters["fog"].get("samples", 0), "wheels": counters["encoders"]["samples"]},
         counters=counters,
         inputs={part.path.name: file_hash(part.path) for part in parts} | _inputs(config, calibration, model),
@@ -75,8 +80,21 @@ def replay_mcap(
             *([] if changed or missing else [replay.comparison()]),
             *pipeline.model_notes,
             *wiring,
+            *told,
         ],
     )
+
+
+def _monitored(
+    kept: Samples, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
+) -> list[str]:
+    """What the monitor says, where it is asked for, and whether it said so live."""
+    is_watched = config.monitor.enabled and config.fog.protocol != "none" and config.model.file is None
+    if not is_watched or not (kept.gyro_samples and kept.wheel_samples):
+        return []
+    told = findings.monitored(kept.gyro_samples, kept.wheel_samples, config, calibration, live)
+    same = told.comparison(live) if live is not None else ""
+    return [*findings.sentences(told.findings, zero_ns), *([same] if same else [])]
 
 
 class _Replay:
@@ -87,6 +105,7 @@ class _Replay:
         self.notes: list[str] = []
         self.poses: list[Pose] = []
         self.live: list[Pose] = []
+        self.findings = findings.Live()
         self.lost = 0
 
     def on_pose(self, pose: Pose, _: int) -> None:
@@ -101,6 +120,8 @@ class _Replay:
                     made = self._as_changed(recorded.value()["event"], made)
                 if recorded.topic == POSE:
                     self.live.append(recorded_pose(recorded.value()))
+                elif recorded.topic == findings.TOPIC:
+                    self.findings.take(recorded.value())
             except (KeyError, OverflowError, TypeError, ValueError) as error:
                 where = f"{parts[-1].path}, {recorded.topic}, number {recorded.number}"
                 raise ConfigError(where, "", "what drd writes there", repr(error)) from error

@@ -2,6 +2,7 @@
 
 import math
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -40,6 +41,15 @@ class ErrorSeries:
     valid: npt.NDArray[np.bool_] | None = None
 
 
+@dataclass(frozen=True)
+class Mark:
+    """A moment in the picture of the errors, with its standard deviation."""
+
+    time_s: float
+    text: str
+    std_s: float = 0.0
+
+
 def path_picture(
     file: Path,
     truth_xy: Array,
@@ -47,6 +57,7 @@ def path_picture(
     odometry_xy: Array | None = None,
     *,
     errors: ErrorSeries,
+    marks: Sequence[Mark] = (),
     title: str = "",
     caption: str = "",
 ) -> None:
@@ -67,6 +78,7 @@ def path_picture(
         path, error = figure.subplots(1, 2, width_ratios=(width, 1.25))
         _draw_paths(path, truth_xy, estimate_xy, odometry_xy)
         _draw_errors(error, errors)
+        _draw_marks(error, marks)
         keys = [key for axes in (path, error) for key in axes.get_legend_handles_labels()[0]]
         figure.text(LEFT, 0.98, title, va="top", fontsize=15, fontweight="bold")
         figure.legend(handles=keys, ncols=len(keys), bbox_to_anchor=(LEFT, HEADER + 0.015), **LEGEND)
@@ -108,6 +120,21 @@ def _draw_errors(axes: Any, errors: ErrorSeries) -> None:
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.0)
     tidy(axes, "Position error of drd", x="time / s", y=f"distance from the truth / {unit}")
+
+
+def _draw_marks(axes: Any, marks: Sequence[Mark]) -> None:
+    """Upright lines, each with its text beside it, one below the other."""
+    whole_height = axes.get_xaxis_transform()
+    for k, mark in enumerate(marks):
+        if mark.std_s:
+            axes.axvspan(mark.time_s - mark.std_s, mark.time_s + mark.std_s, color=GREY, alpha=0.3, linewidth=0)
+        axes.axvline(mark.time_s, color=INK, linewidth=1.2, dashes=(4, 2))
+        is_late = mark.time_s > 0.5 * sum(axes.get_xlim())
+        axes.annotate(
+            mark.text, (mark.time_s, 0.97 - 0.07 * k), xycoords=whole_height, textcoords="offset points",
+            xytext=(-4 if is_late else 4, 0), ha="right" if is_late else "left", va="top", fontsize=9,
+            bbox={"color": "white", "alpha": 0.8, "pad": 1.0},
+        )  # fmt: skip
 
 
 def _wrapped(text: str) -> str:

@@ -31,7 +31,8 @@ WAY_M, TIME_S = 100.0, 60.0  # within one of which a name is in time
 MINUTES: Final = 8.0
 TRIES: Final = 25
 BEGINS: Final = (0.25, 0.5)  # share of the steps in motion
-NULLS: Final = ("plain", "stressed", "asphalt", "floors")
+NULLS: Final = ("plain", "stressed", "asphalt", "floors", "mujoco")
+FRICTION: Final = (0.4, 0.8)  # of a skid-steer robot's ground in the other world
 FLOOR_S, FLOOR_TREAD = (20.0, 90.0), (0.05, 0.3)  # other ground: for how long, and by how much
 STRESS: Final = (0.7, 1.3)
 TAILS: Final = 4.0
@@ -86,6 +87,8 @@ def drawn(case: Case) -> Drawn | None:
 
 
 def _drawn(case: Case, random: Random) -> Drawn | None:
+    if case.kind == "mujoco":
+        return _in_mujoco(random)
     missions = [m for m in MISSIONS if m != "stand"]
     mission = missions[int(random.integers(len(missions)))]
     profile = list(PROFILES)[int(random.integers(len(PROFILES)))]
@@ -111,11 +114,29 @@ def _drawn(case: Case, random: Random) -> Drawn | None:
     effect = catalogue()[case.kind]
     if effect.irreversible:
         return _destroying(made.recording, made.motion, effect, (begin_s, limit_s), random)
-    sized = _sized(effect, case.d, made.motion, (begin, after), random)
-    if sized is None:
+    found = sized(effect, case.d, made.motion, (begin, after), random)
+    if found is None:
         return None
-    recording = overlaid(made.recording, made.motion, [_since(effect, sized, made.motion, begin)])
-    return Drawn(recording, effect, sized, begin_s, limit_s)
+    recording = overlaid(made.recording, made.motion, [since(effect, found, made.motion, begin)])
+    return Drawn(recording, effect, found, begin_s, limit_s)
+
+
+def _in_mujoco(random: Random) -> Drawn | None:
+    """A skid-steer robot in the other world, nothing missing; None where MuJoCo is not installed."""
+    try:
+        from drd_tools.mujoco_world import ground, missions, sensors, vehicle, world  # noqa: PLC0415  # an extra
+    except ModuleNotFoundError as error:
+        if error.name != "mujoco":
+            raise
+        return None
+    names, car = list(missions.MISSIONS), vehicle.Vehicle()
+    under = ground.Ground(friction=float(random.uniform(*FRICTION)), bumps_per_m=0.5 * float(random.random() < 0.5))
+    name, seed = names[int(random.integers(len(names)))], int(random.integers(2**31))
+    stand_s = DEFAULT.standstill_at_start_s
+    motion = world.drive(car, under, name, 60.0 * MINUTES, stand_s, seed)
+    nominal = sensors.nominal_of(car, name, stand_s)
+    read = sensors.read_sensors(motion, Reference(is_there=False), seed, nominal)
+    return Drawn(read.recording)
 
 
 def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
@@ -146,7 +167,7 @@ def _destroying(
     return Drawn(made, effect, values, begin_s, limit_s)
 
 
-def _since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors:
+def since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors:
     """The effect's errors, which begin at a step of the motion."""
     t0 = float(motion.time_s[begin]) if effect.begins is Begins.GROWING else 0.0
     moved = replace(motion, time_s=motion.time_s - t0, end_s=motion.end_s - t0)
@@ -154,7 +175,7 @@ def _since(effect: Effect, values: Values, motion: Motion, begin: int) -> Errors
     return Errors(*(on * e for e in effect.error(moved, values)))
 
 
-def _sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: Random) -> Values | None:
+def sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: Random) -> Values | None:
     """Values (SI) whose whitened distance is d by the last of two steps, begun at the first; None: not plausible."""
     begin, limit = steps
     side = "left" if random.random() < 0.5 else "right"
@@ -170,7 +191,7 @@ def _sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: 
     if effect.opposed:
         values[chosen[1].name] = -values[chosen[0].name]
     for _ in range(ROUNDS):
-        norm = visibility(_since(effect, values, m, begin), m, limit)
+        norm = visibility(since(effect, values, m, begin), m, limit)
         if norm <= 0.0:
             return None
         for q in chosen:

@@ -1,0 +1,38 @@
+"""What a robot has for as long as nobody works on it, as the monitor sees it, and how well that is known. (97)
+
+Columns of the rows: TURN, tread times gyro scale less 1; WAY, the left radius less the right one, relative; CHANGE, how
+late the wheels are, in 10 ms.
+"""
+
+import math
+from typing import Final
+
+from msgspec import Struct
+
+from drd.config.keys import Config
+from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
+from drd.monitor.library import CHANGE, TURN, WAY
+
+CHANGE_S: Final = 0.01  # a unit of CHANGE
+# By how much a robot that is known is another one on the next day: load, air and temperature of the tyres, its clocks.
+KNOWN_SIGMAS: Final = {TURN: 0.003, WAY: 0.0003, CHANGE: 0.2}
+
+
+class Constants(Struct, frozen=True):
+    """Means and standard deviations by column, before a drive begins."""
+
+    means: dict[int, float]
+    sigmas: dict[int, float]
+
+
+def stated_constants(config: Config) -> Constants:
+    """Of a robot of which no more is known than its configuration says: a tape's, unless stated."""
+    initial = config.estimation.initial
+    wheel_scale = WHEEL_SCALE if initial.wheel_scale is None else initial.wheel_scale
+    tread = MEASURED_TREAD if initial.tread is None else initial.tread
+    sigmas = {
+        TURN: math.hypot(tread, initial.gyro_scale),
+        WAY: math.sqrt(2.0) * wheel_scale,
+        CHANGE: config.estimation.noise.timing_s / CHANGE_S,
+    }
+    return Constants(dict.fromkeys(sigmas, 0.0), sigmas)

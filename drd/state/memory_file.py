@@ -1,0 +1,105 @@
+"""The file of what the monitor knows of a robot: written and read to the bit, checked, and kept over restarts."""
+
+import dataclasses
+import hashlib
+import logging
+import os
+import re
+from typing import Any, Final
+
+import msgspec
+
+from drd.config.keys import Config
+from drd.estimation.calibration import Calibration
+from drd.monitor.memory import Day, Memory, remember
+from drd.state.saved import StateError
+from drd.state.store import Store, state_file
+
+log = logging.getLogger(__name__)
+
+VERSION: Final = 1
+HEAD: Final = re.compile(rb"drd-memory/(\d{1,9}) sha256=([0-9a-f]{64})\n")
+
+
+def encoded(memory: Memory) -> bytes:
+    """The file's bytes."""
+    body = msgspec.json.encode(memory) + b"\n"
+    return f"drd-memory/{VERSION} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
+
+
+def decoded(data: bytes) -> Memory:
+    """The inverse of `encoded`. Raises StateError; nothing else escapes."""
+    head = HEAD.match(data)
+    if head is None:
+        raise StateError("it does not begin as a memory file of drd does")
+    if (version := int(head[1])) != VERSION:
+        raise StateError(f"version {version}; this drd reads version {VERSION}")
+    body = data[head.end() :]
+    if hashlib.sha256(body).hexdigest().encode() != head[2]:
+        raise StateError("its checksum is wrong: it was cut or changed")
+    try:
+        found = msgspec.json.decode(body, type=Memory)
+    except (ValueError, RecursionError) as error:
+        raise StateError(str(error)[:200]) from error
+    if any(b.wall_ns < a.wall_ns for a, b in zip(found.days, found.days[1:], strict=False)):
+        raise StateError("its days are not in order of time")
+    return found
+
+
+def basis_of(config: Config, calibration: Calibration | None) -> str:
+    """What the constants are relative to: with other sizes or another calibration, nothing of them applies."""
+    robot, encoders, fog = config.robot, config.encoders, config.fog
+    parts = (
+        robot.wheel_radius_m, robot.left_scale, robot.right_scale, robot.tread_m, encoders.counts_per_revolution,
+        encoders.latency_s, fog.latency_s, None if calibration is None else dataclasses.asdict(calibration),
+    )  # fmt: skip
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+class MemoryKeeper:
+    """Keeps a robot's memory in a file beside its state. A file that cannot be used is kept aside, and counted."""
+
+    def __init__(self, config: Config):
+        file = state_file(config.state.folder, os.environ.get("STATE_DIRECTORY"), config.robot.name)
+        is_kept = config.state.enabled and file is not None
+        self._store = Store(file.with_suffix(".memory"), encoded, decoded) if is_kept and file is not None else None
+        self._before: Memory | None = None
+        self._memory: Memory | None = None
+
+    def begin(self) -> None:
+        """Read the file. To be called once, before anything else."""
+        if self._store is None:
+            return
+        try:
+            self._memory = self._store.load()
+        except StateError as error:
+            log.warning("monitor: nothing is remembered: %s", error)
+        self._store.start()
+
+    def memory(self, basis: str) -> Memory | None:
+        """What the next drive begins with; None where nothing is kept."""
+        if self._store is None:
+            return None
+        if self._memory is None or self._memory.basis != basis:
+            self._memory = Memory(basis)
+        self._before = self._memory
+        return self._before
+
+    def put(self, day: Day) -> None:
+        """The drive so far, in place of what was put of it before."""
+        if self._store is None or self._before is None:
+            return
+        memory = remember(self._before, day)
+        if memory != self._memory:
+            self._memory = memory
+            self._store.put(memory)
+
+    def close(self, deadline_s: float) -> bool:
+        """Write what waits; False where the disk did not take it in time."""
+        return self._store is None or self._store.close(deadline_s)
+
+    def health(self) -> dict[str, Any] | None:
+        """Days, file, trouble and counters; None where nothing is kept."""
+        if self._store is None:
+            return None
+        return {"days": len(self._memory.days) if self._memory is not None else 0, **self._store.health()}

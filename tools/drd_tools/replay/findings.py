@@ -1,0 +1,116 @@
+"""What the monitor says of a replay, and whether that is what it said while the robot drove."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from drd.config.keys import Config
+from drd.estimation.calibration import Calibration
+from drd.monitor.constants import Constants
+from drd.monitor.findings import Finding, Size
+from drd.monitor.monitor import Monitor
+from drd.monitor.wear import is_wear
+from drd.samples import GyroSample, WheelSample
+from drd.units import S_PER_NS
+
+TOPIC = "/findings"
+
+
+@dataclass
+class Live:
+    """What a recording has of the live monitor: since which sample, with which constants, each list that it told.
+
+    `starts`: how many monitors there were; only of one alone a replay can be the same.
+    """
+
+    began_ns: int | None = None
+    known: Constants | None = None
+    told: list[bytes] = field(default_factory=list)
+    starts: int = 0
+
+    def take(self, value: dict[str, Any]) -> None:
+        """A message of TOPIC. Raises what a payload that drd did not write brings: KeyError, TypeError, ValueError."""
+        if value.get("began_ns") is None:
+            return
+        if value["began_ns"] != self.began_ns:
+            self.starts += 1
+            self.began_ns, self.told = int(value["began_ns"]), []
+            known = value.get("known")
+            self.known = None if known is None else msgspec.convert(known, Constants, strict=False)
+        told = bits(msgspec.convert(value["findings"], list[Finding]))
+        if not self.told or self.told[-1] != told:
+            self.told.append(told)
+
+
+def bits(findings: Sequence[Finding]) -> bytes:
+    """Equal for two lists only if they agree in every bit; what earlier days show is left out."""
+    return msgspec.json.encode([f for f in findings if not is_wear(f)])
+
+
+@dataclass(frozen=True)
+class Told:
+    """The findings at the end, and all lists of them on the way."""
+
+    findings: list[Finding]
+    lists: frozenset[bytes]
+
+    def comparison(self, live: Live) -> str:
+        """Whether the live monitor said the same."""
+        if live.starts != 1:
+            return "" if not live.starts else f"the live monitor began {live.starts} times: findings are not compared"
+        missing = sum(told not in self.lists for told in live.told)
+        if missing:
+            return f"{missing} of the live monitor's {len(live.told)} lists of findings are not those of the replay"
+        return f"the live monitor's {len(live.told)} lists of findings are repeated to the bit"
+
+
+def monitored(
+    gyro: Sequence[GyroSample],
+    wheels: Sequence[WheelSample],
+    config: Config,
+    calibration: Calibration | None,
+    live: Live | None = None,
+) -> Told:
+    """Hand samples, each sensor's in order of time, to a monitor as the daemon does."""
+    live = live or Live()
+    monitor, lists, now_s = Monitor(config, live.known), set[bytes](), 0.0
+    corrected = [sample if calibration is None else calibration.correct(sample) for sample in gyro]
+    samples: list[Any] = sorted([*corrected, *wheels], key=lambda s: s.t_ns)
+    first = 0
+    if live.began_ns is not None:  # the daemon had samples before its monitor was there
+        first = next((i for i, s in enumerate(samples) if s.t_ns == live.began_ns), 0)
+        # Another sensor's sample of before may come later.
+    for sample in samples[first:]:
+        if isinstance(sample, GyroSample):
+            monitor.gyro(sample)
+        else:
+            monitor.wheels(sample)
+        if monitor.now_s != now_s:
+            now_s = monitor.now_s
+            lists.add(bits(monitor.findings()))
+    return Told(monitor.findings(), frozenset({*lists, bits([])}))
+
+
+def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
+    """One for each finding."""
+    found = []
+    for f in findings:
+        sizes = [f"{n} {_text(v)}" for n, v in f.parameters.items()]
+        others = f", or {', '.join(name for name, _ in f.also_fits)}" if f.also_fits else ""
+        until = "" if f.until_ns is None else f" until {(f.until_ns - zero_ns) * S_PER_NS:.1f} s"
+        found.append(
+            f"monitor: {f.effect} with probability {f.probability:.2f}{others}; since "
+            f"{(f.since_ns - zero_ns) * S_PER_NS:.1f} s (sigma {f.since_std_s:.1f}){until}, named at "
+            f"{(f.named_ns - zero_ns) * S_PER_NS:.1f} s; {', '.join(sizes)}. {f.text}"
+        )
+    return found
+
+
+def _text(value: Size | str) -> str:
+    return (
+        value
+        if isinstance(value, str)
+        else f"{value.value:.3g} [{value.low:.3g}, {value.high:.3g}] {value.unit}".removesuffix(" 1")
+    )
