@@ -1,0 +1,118 @@
+"""Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (104)"""
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.fleet.population import Population, Step
+from drd_tools.fleet.series import Integers, Log
+
+# Days between changes of a robot's constant, of a floor's and of a batch's.
+ROBOT_DAYS, PLACE_DAYS, BATCH_DAYS = 2000.0, 2000.0, 2000.0
+LEAST_GROUP: Final = 3  # robots, of which the median is not led by one
+MOST_STEPS: Final = 4  # of a constant: limits a greedy search
+SURE_NATS: Final = 3.0  # 20 to 1
+CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
+MOST_DAYS: Final = 120  # that are tried
+
+
+class Told(NamedTuple):
+    """Score and information of a unit step, for each segment's robot; shape (robots,)."""
+
+    score: Array
+    information: Array
+
+
+def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Told:
+    """Of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (104)"""
+    w = 1.0 / p.variance(log)
+    own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
+    many = len(levels)
+    total = np.bincount(segment, w, many) + 1.0 / own
+    wx, wr = np.bincount(segment, w * x, many), np.bincount(segment, w * left, many)
+    score = np.bincount(segment, w * x * left, many) - wx * wr / total
+    information = np.bincount(segment, w * x * x, many) - wx * wx / total
+    robot = np.zeros(many, np.int64)
+    robot[segment] = log.robot
+    robots = len(log.robots)
+    return Told(np.bincount(robot, score, robots), np.bincount(robot, information, robots))
+
+
+def gain(size: float, sigma: float, jump: float) -> float:
+    """Log Bayes factor of a step of an estimate `size` +- `sigma` whose prior is N(0, jump^2)."""
+    ratio = jump**2 / sigma**2
+    return 0.5 * ((size / sigma) ** 2 * ratio / (1.0 + ratio) - np.log1p(ratio))
+
+
+def pooled(found: Told, jump: float) -> tuple[float, float, int]:
+    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (104)"""
+    seen = found.information > 1.0 / jump**2
+    if seen.sum() < LEAST_GROUP:
+        return 0.0, np.inf, int(seen.sum())
+    size, variance = found.score[seen] / found.information[seen], 1.0 / found.information[seen]
+    middle = float(np.median(size))
+    scale = 1.4826 * float(np.median(np.abs(size - middle)))
+    total = variance + max(0.0, scale**2 - float(np.median(variance)))
+    size = np.clip(size, middle - CLIP * np.sqrt(total), middle + CLIP * np.sqrt(total))
+    weight = 1.0 / total
+    return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())), int(seen.sum())
+
+
+def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Array) -> Step | None:
+    """The surest change of a place or a batch in what is left of a model without it; None: none is sure."""
+    jump = log.constant.jump
+    days = np.unique(np.floor(log.day))[1:]
+    days = days[:: max(1, len(days) // MOST_DAYS)]
+    best: tuple[float, Step] | None = None
+    groups = [("place", k, PLACE_DAYS) for k in range(len(log.places)) if len(log.places) > 1]
+    groups += [("batch", k, BATCH_DAYS) for k in range(len(log.batches)) if len(log.batches) > 1]
+    for kind, which, rate in groups:
+        nats, sizes = [], []
+        for day in days:
+            step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
+            size, sigma, robots = pooled(told(log, p, segment, levels, left, step.rows(log)), jump)
+            nats.append(gain(size, sigma, jump) if np.isfinite(sigma) else -np.inf)
+            sizes.append((size, sigma, robots))
+        if not nats or not np.isfinite(max(nats)):
+            continue
+        k = int(np.argmax(nats))
+        gap = float(days[-1] - days[0]) / len(days) if len(days) > 1 else 1.0
+        odds = float(np.logaddexp.reduce(nats)) + np.log(gap / rate)
+        if best is None or odds > best[0]:
+            size, sigma, robots = sizes[k]
+            best = odds, Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
+    return best[1] if best is not None and best[0] > SURE_NATS else None
+
+
+def causes(
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, day: float, until: float
+) -> dict[str, float]:
+    """Probabilities that a step of a robot at `day`, gone again at `until`, is its own, a place's, or its batch's. (104)
+
+    `segment`, `left`: with that step not taken off. A group's step is the same in all of its robots.
+    """
+    time = (log.day >= day) & (log.day < until)
+    mine, jump = log.robot == robot, log.constant.jump
+    odds = {"robot": -np.log(ROBOT_DAYS) + _fixed(told(log, p, segment, levels, left, (time & mine) * 1.0), jump)}
+    for place in np.unique(log.place[mine & time]) if len(log.places) > 1 else ():
+        x = (time & (log.place == place)) * 1.0
+        odds[f"place {log.places[place]}"] = -np.log(PLACE_DAYS) + _fixed(told(log, p, segment, levels, left, x), jump)
+    batch = log.batch_of[robot]
+    if len(log.batches) > 1:
+        x = (time & (log.batch_of[log.robot] == batch)) * 1.0
+        odds[f"batch {log.batches[batch]}"] = -np.log(BATCH_DAYS) + _fixed(told(log, p, segment, levels, left, x), jump)
+    most = max(odds.values())
+    weight = {name: float(np.exp(value - most)) for name, value in odds.items()}
+    return {name: value / sum(weight.values()) for name, value in weight.items()}
+
+
+def _fixed(found: Told, jump: float) -> float:
+    score, information = float(found.score.sum()), float(found.information.sum())
+    return 0.5 * (score**2 / (information + jump**-2) - float(np.log1p(jump**2 * information)))
+
+
+def with_step(p: Population, step: Step) -> Population:
+    """The population with one more step."""
+    return replace(p, steps=(*p.steps, step))

@@ -1,0 +1,221 @@
+"""What robots have in common: the population of a constant, by partial pooling.
+
+    value = mean + batch + robot + place + season(time) + steps + noise
+
+is linear and Gaussian; how much robots, batches, places and noise scatter is estimated with it (empirical Bayes, EM).
+A robot's level is one for each of its segments (`changes`).
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.fleet.series import Integers, Log
+
+ROUNDS: Final = 12  # of EM; the deviations move by less than a tenth from then on
+KNOT_DAYS: Final = 14.0  # of the season: weather and load change over weeks
+LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from what one has
+# Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
+GROUP_PART: Final = 0.1
+NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change that all robots of a group show: `kind` is place or batch, `which` its number.
+
+    `robots`: that were seen both before and since. `size`, `sigma`: SI.
+    """
+
+    kind: str
+    which: int
+    day: float
+    size: float
+    sigma: float
+    probability: float
+    robots: int
+
+    def rows(self, log: Log) -> Array:
+        """1 where it has come, shape (n,)."""
+        group = log.place if self.kind == "place" else log.batch_of[log.robot]
+        return ((group == self.which) & (log.day >= self.day)).astype(float)
+
+
+@dataclass(frozen=True)
+class Population:
+    """`spread`: of robots about their batch; `walk`: variance per day; `excess`: of recordings beyond their sigma.
+
+    `batch`, `place` with `batch_sigma`, `place_sigma`, and the `season` at `knots` (days): SI.
+    """
+
+    mean: float
+    spread: float
+    excess: float
+    walk: float
+    batch: Array
+    batch_sigma: Array
+    place: Array
+    place_sigma: Array
+    knots: Array
+    season: Array
+    steps: tuple[Step, ...] = ()
+    scatter: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))  # of batches, places, knots
+
+    def shared(self, log: Log) -> Array:
+        """What place, season and steps add to each recording, shape (n,)."""
+        found = self.place[log.place] + np.interp(log.day, self.knots, self.season)
+        for step in self.steps:
+            found = found + step.size * step.rows(log)
+        return np.asarray(found)
+
+    def variance(self, log: Log) -> Array:
+        """Of each recording about its robot's level, shape (n,)."""
+        return np.asarray(log.sigma**2 + self.excess**2 + self.place_sigma[log.place] ** 2)
+
+    def expected(self, log: Log) -> Array:
+        """A robot's level before anything is seen of it, shape (robots,)."""
+        return np.asarray(self.mean + self.batch[log.batch_of])
+
+
+def first_guess(log: Log) -> Population:
+    """Robust figures to set out from: medians."""
+    robots = len(log.robots)
+    middle = np.array([np.median(log.value[log.rows(i)]) if np.any(log.robot == i) else np.nan for i in range(robots)])
+    mean = float(np.nanmedian(middle))
+    jump = log.constant.jump
+    spread = 1.4826 * float(np.nanmedian(np.abs(middle - mean))) if robots >= LEAST_ROBOTS else log.constant.spread
+    low, high = float(log.day.min()), float(log.day.max())
+    knots = np.linspace(low, max(high, low + 1.0), max(2, round((high - low) / KNOT_DAYS) + 1))
+    zero_b, zero_p = np.zeros(len(log.batches)), np.zeros(len(log.places))
+    scatter = (GROUP_PART * jump,) * 3
+    return Population(mean, max(spread, 0.1 * log.constant.spread), 0.0, (0.003 * jump) ** 2, zero_b, zero_b + 0.0,
+                      zero_p, zero_p + 0.0, knots, np.zeros(len(knots)), (), scatter)  # fmt: skip
+
+
+def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: Integers) -> Population:
+    """Estimate all figures anew, for given segments. (100), (101)
+
+    `segment`: each recording's number, shape (n,); `drift`: what creeps within it, shape (n,); `levels`: 1 of a
+    segment that is its robot's first, 0 of others, shape (segments,).
+    """
+    X, prior = _design(log, before)
+    found = before
+    robot_of = np.zeros(len(levels), np.int64)
+    robot_of[segment] = log.robot
+    y = log.value - drift
+    for _ in range(ROUNDS):
+        beta, covariance, level = _solved(log, found, X, prior, y, segment, levels)
+        left = y - X @ beta - level.mean[segment]
+        found = _updated(log, found, beta, covariance, level, left, segment, levels)
+        prior = _precisions(log, found)
+    return found
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """Of segments, beyond what their groups say."""
+
+    mean: Array
+    variance: Array
+
+
+def _design(log: Log, p: Population) -> tuple[Array, Array]:
+    """Columns of the mean, batches, places, knots and steps, and the precision that each has beforehand."""
+    n, batch = len(log.value), log.batch_of[log.robot]
+    knots = np.column_stack([np.interp(log.day, p.knots, unit) for unit in np.eye(len(p.knots))])
+    steps = [step.rows(log)[:, None] for step in p.steps]
+    one_of = [np.eye(len(names))[which] for names, which in ((log.batches, batch), (log.places, log.place))]
+    return np.hstack([np.ones((n, 1)), *one_of, knots, *steps]), _precisions(log, p)
+
+
+def _precisions(log: Log, p: Population) -> Array:
+    """Of the columns beforehand, shape (k, k): the season is a random walk about 0, the others are independent."""
+    jump, (batch, place, season) = log.constant.jump, p.scatter
+    few = len(log.robots) < LEAST_ROBOTS
+    season = 1e-6 * jump if few else season
+    batch = 1e-6 * jump if len(log.batches) < 2 else batch
+    place = 1e-6 * jump if len(log.places) < 2 else place
+    widths = [100.0 * max(jump, log.constant.spread), *[batch] * len(log.batches), *[place] * len(log.places)]
+    k, m = len(widths), len(p.knots)
+    Q = np.zeros((k + m + len(p.steps),) * 2)
+    Q[range(k), range(k)] = 1.0 / np.square(widths)
+    change = np.eye(m)[1:] - np.eye(m)[:-1]
+    # The mean of the season is the mean's.
+    Q[k : k + m, k : k + m] = (change.T @ change + np.full((m, m), 1.0 / m)) / season**2
+    at = range(k + m, len(Q))
+    Q[at, at] = 1.0 / jump**2
+    return Q
+
+
+def _solved(
+    log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers
+) -> tuple[Array, Array, _Levels]:
+    """Generalised least squares with the segments' levels marginalised, and these. (100)"""
+    w = 1.0 / (log.sigma**2 + p.excess**2)
+    own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
+    many = len(levels)
+    total = np.bincount(segment, w, many)
+    share = 1.0 / (total + 1.0 / own)
+    WX = np.zeros((many, X.shape[1]))
+    np.add.at(WX, segment, w[:, None] * X)
+    Wy = np.bincount(segment, w * y, many)
+    H = X.T @ (w[:, None] * X) - WX.T @ (share[:, None] * WX) + Q
+    g = X.T @ (w * y) - WX.T @ (share * Wy)
+    covariance = np.linalg.inv(H)
+    beta = covariance @ g
+    lever = share[:, None] * WX
+    mean = share * (Wy - WX @ beta)
+    return beta, covariance, _Levels(mean, share + np.einsum("ij,jk,ik->i", lever, covariance, lever))
+
+
+def _updated(
+    log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, left: Array, segment: Integers,
+    levels: Integers,
+) -> Population:  # fmt: skip
+    """The M step: deviations from second moments; the noise, for outliers' sake, from the median. (101)"""
+    sigma = np.sqrt(np.diag(covariance))
+    b, q, m = len(log.batches), len(log.places), len(p.knots)
+    parts = np.cumsum([1, b, q, m])
+    jump = log.constant.jump
+    first = np.flatnonzero(levels)
+    # The spread as a prior: one robot's worth of what robots of its kind have.
+    spread2 = (np.sum(level.mean[first] ** 2 + level.variance[first]) + log.constant.spread**2) / (len(first) + 1.0)
+    pulled = [_scatter(beta[i:j], sigma[i:j], GROUP_PART * jump) for i, j in ((1, parts[1]), (parts[1], parts[2]))]
+    at = slice(parts[2], parts[3])
+    C = covariance[at, at]
+    change2 = np.diff(beta[at]) ** 2 + np.diag(C)[1:] + np.diag(C)[:-1] - 2.0 * np.diag(C, 1)
+    season = np.sqrt((change2.sum() + (GROUP_PART * jump) ** 2) / (len(change2) + 1.0))
+    free = 1.0 - np.minimum(0.9, 1.0 / np.bincount(segment)[segment])
+    return replace(
+        p,
+        mean=float(beta[0]),
+        spread=float(np.sqrt(spread2)),
+        excess=_excess(left**2 / free, log.sigma),
+        batch=beta[1 : parts[1]],
+        batch_sigma=sigma[1 : parts[1]],
+        place=beta[parts[1] : parts[2]],
+        place_sigma=sigma[parts[1] : parts[2]] * (q > 1),
+        season=beta[at],
+        steps=tuple(
+            replace(s, size=float(beta[parts[3] + i]), sigma=float(sigma[parts[3] + i])) for i, s in enumerate(p.steps)
+        ),
+        scatter=(pulled[0], pulled[1], float(season)),
+    )
+
+
+def _scatter(values: Array, sigmas: Array, prior: float) -> float:
+    return float(np.sqrt((np.sum(values**2 + sigmas**2) + prior**2) / (len(values) + 1.0)))
+
+
+def _excess(square: Array, sigma: Array) -> float:
+    """Noise beyond the stated, so that the median of the squares is that of a Gaussian."""
+    if np.median(square / sigma**2) <= NORMAL_QUARTILE2:
+        return 0.0
+    low, high = 0.0, float(np.sqrt(np.median(square) / NORMAL_QUARTILE2)) + float(sigma.max())
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        is_more = np.median(square / (sigma**2 + middle**2)) > NORMAL_QUARTILE2
+        low, high = (middle, high) if is_more else (low, middle)
+    return high
