@@ -11,6 +11,7 @@ from drd_tools.fleet.changes import CREEP, OUTLIERS, Changes
 from drd_tools.fleet.population import Population
 from drd_tools.fleet.series import Log, Maintained
 
+LEAST_SEEN: Final = 2  # recordings before a change and since: one alone may be an outlier
 DATE_TAIL: Final = 0.05  # of the date's posterior, left out at each end: an interval of 90 %
 NOT_SEEN: Final = 1e-3  # posterior of a date that is no part of an event
 Segments = list[tuple[int, int, int]]  # kind, first and last observation
@@ -22,7 +23,7 @@ class Event:
 
     `first`: number of the robot's first recording after it, `day` that one's; the date is from `low` to `high` with
     90 %. `size`, `sigma`: of the change, SI; what creeps: so far. `probability`: that there is a change; `causes`:
-    whose it is. `level`, `level_sigma`: since then, less the robot's first level. `maintenance`: what was done then.
+    whose it is; `seen`: recordings on its shorter side. `level`, `level_sigma`: since then, less the robot's first level. `maintenance`: what was done then.
     """
 
     robot: str
@@ -39,6 +40,7 @@ class Event:
     level: float
     level_sigma: float
     causes: dict[str, float]
+    seen: int = LEAST_SEEN
     maintenance: Maintained | None = None
     until: float = np.inf
     others: int = 0
@@ -97,7 +99,7 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
     segments, rows = trend.segments, log.rows(robot)
     day = log.day[rows]
     kind, _, end = segments[0]
-    if kind == CREEP:
+    if kind == CREEP and end:
         yield _creeping(log, changes, series, robot, trend, end)
     for (_, s0, e0), (kind, s, e) in zip(segments, segments[1:], strict=False):
         at = np.arange(s0 + 1, e + 1)
@@ -124,6 +126,7 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
             level=float(trend.level[last] - trend.level[segments[0][2]]),
             level_sigma=float(np.hypot(trend.sigma[last], trend.sigma[segments[0][2]])),
             causes={"robot": 1.0},
+            seen=min(e0 - s0, e - s) + 1,
             until=float(day[e + 1]) if e + 1 < len(day) else np.inf,
         )
 

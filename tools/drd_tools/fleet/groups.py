@@ -87,22 +87,24 @@ def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Ar
 
 
 def causes(
-    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, day: float, until: float
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, shape: Array
 ) -> dict[str, float]:
-    """Probabilities that a step of a robot at `day`, gone again at `until`, is its own, a place's, or its batch's. (104)
+    """Probabilities that a change of a robot is its own, a place's, or its batch's. (104)
 
-    `segment`, `left`: with that step not taken off. A group's step is the same in all of its robots.
+    `shape`: the change's course over all recordings, shape (n,), of unit size. `segment`, `left`: with it not taken
+    off. A group's change is the same in all of its robots.
     """
-    time = (log.day >= day) & (log.day < until)
     mine, jump = log.robot == robot, log.constant.jump
-    odds = {"robot": -np.log(ROBOT_DAYS) + _fixed(told(log, p, segment, levels, left, (time & mine) * 1.0), jump)}
-    for place in np.unique(log.place[mine & time]) if len(log.places) > 1 else ():
-        x = (time & (log.place == place)) * 1.0
-        odds[f"place {log.places[place]}"] = -np.log(PLACE_DAYS) + _fixed(told(log, p, segment, levels, left, x), jump)
+
+    def odds_of(x: Array, days: float) -> float:
+        return -float(np.log(days)) + _fixed(told(log, p, segment, levels, left, x), jump)
+
+    odds = {"robot": odds_of(shape * mine, ROBOT_DAYS)}
+    for place in np.unique(log.place[mine & (shape > 0.0)]) if len(log.places) > 1 else ():
+        odds[f"place {log.places[place]}"] = odds_of(shape * (log.place == place), PLACE_DAYS)
     batch = log.batch_of[robot]
     if len(log.batches) > 1:
-        x = (time & (log.batch_of[log.robot] == batch)) * 1.0
-        odds[f"batch {log.batches[batch]}"] = -np.log(BATCH_DAYS) + _fixed(told(log, p, segment, levels, left, x), jump)
+        odds[f"batch {log.batches[batch]}"] = odds_of(shape * (log.batch_of[log.robot] == batch), BATCH_DAYS)
     most = max(odds.values())
     weight = {name: float(np.exp(value - most)) for name, value in odds.items()}
     return {name: value / sum(weight.values()) for name, value in weight.items()}
@@ -116,3 +118,10 @@ def _fixed(found: Told, jump: float) -> float:
 def with_step(p: Population, step: Step) -> Population:
     """The population with one more step."""
     return replace(p, steps=(*p.steps, step))
+
+
+def pruned(p: Population, jump: float) -> Population:
+    """Without the steps that are no longer sure, now that the robots' own changes are known."""
+    days = {"place": PLACE_DAYS, "batch": BATCH_DAYS}
+    sure = [s for s in p.steps if gain(s.size, s.sigma, jump) - np.log(days[s.kind]) > SURE_NATS]
+    return replace(p, steps=tuple(sure))

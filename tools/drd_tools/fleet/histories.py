@@ -197,3 +197,8 @@ def summaries(fleet: Fleet, seed: int) -> list[dict[str, Any]]:
 def table(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
     """Rows as columns."""
     return {key: [row[key] for row in rows] for key in (rows[0] if rows else ())}
+
+
+def maintenance_rows(fleet: Fleet) -> list[dict[str, Any]]:
+    """The log of maintenance with dates as times."""
+    return [{**row, "date": datetime.fromisoformat(row["date"]).replace(tzinfo=UTC)} for row in fleet.maintenance]

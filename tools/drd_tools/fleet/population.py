@@ -6,7 +6,7 @@ is linear and Gaussian; how much robots, batches, places and noise scatter is es
 A robot's level is one for each of its segments (`changes`).
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -43,6 +43,10 @@ class Step:
         return ((group == self.which) & (log.day >= self.day)).astype(float)
 
 
+# Of each group: how far it is off the others, and the sigma of that.
+Apart = tuple[tuple[float, float], ...]
+
+
 @dataclass(frozen=True)
 class Population:
     """`spread`: of robots about their batch; `walk`: variance per day; `excess`: of recordings beyond their sigma.
@@ -61,7 +65,9 @@ class Population:
     knots: Array
     season: Array
     steps: tuple[Step, ...] = ()
-    scatter: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0))  # of batches, places, knots
+    scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of batches, places, knots
+    batch_apart: Apart = ()
+    place_apart: Apart = ()
 
     def shared(self, log: Log) -> Array:
         """What place, season and steps add to each recording, shape (n,)."""
@@ -202,7 +208,20 @@ def _updated(
             replace(s, size=float(beta[parts[3] + i]), sigma=float(sigma[parts[3] + i])) for i, s in enumerate(p.steps)
         ),
         scatter=(pulled[0], pulled[1], float(season)),
+        batch_apart=_apart(beta[1 : parts[1]], covariance[1 : parts[1], 1 : parts[1]]),
+        place_apart=_apart(beta[parts[1] : parts[2]], covariance[parts[1] : parts[2], parts[1] : parts[2]]),
     )
+
+
+def _apart(values: Array, covariance: Array) -> Apart:
+    """Each against the median of all; of two, against the other. The sigma is that against the mean of the others."""
+    k = len(values)
+    if k < 2:
+        return ()
+    contrast = (k * np.eye(k) - 1.0) / (k - 1.0)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", contrast, covariance, contrast))
+    size = contrast @ values if k == 2 else values - np.median(values)
+    return tuple(zip(size.tolist(), sigma.tolist(), strict=True))
 
 
 def _scatter(values: Array, sigmas: Array, prior: float) -> float:

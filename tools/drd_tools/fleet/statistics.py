@@ -9,12 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
 from drd.arrays import Array
 from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, most_likely, posterior
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
-from drd_tools.fleet.events import Event, Segments, Trend, events, smoothed, with_maintenance
-from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, steps, with_step
+from drd_tools.fleet.events import LEAST_SEEN, Event, Segments, Trend, events, smoothed, with_maintenance
+from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, steps, with_step
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
@@ -24,6 +25,7 @@ MEANT, PERHAPS = 0.3, 0.05  # chance that work on a robot changes what it was do
 ROUNDS: Final = 2  # populations and segments in turns
 FALSE: Final = 0.01  # expected share of false ones among the changes that are reported
 LEAST: Final = 0.95  # probability of each
+SAME_DAYS: Final = 7.0  # changes so near in time may have one cause
 OUTSTANDING: Final = 0.05  # false discovery rate of robots, places and batches that stand out
 
 
@@ -72,9 +74,12 @@ class Statistics:
     @property
     def standing_out(self) -> list[Offset]:
         """Offsets of which OUTSTANDING are false on average."""
-        every = [o for f in self.fitted.values() for o in f.offsets]
-        mask = benjamini_hochberg(np.array([o.p for o in every]), OUTSTANDING)
-        return [o for o, is_found in zip(every, mask, strict=True) if is_found]
+        found = []
+        for kind in ("place", "batch", "robot"):
+            every = [o for f in self.fitted.values() for o in f.offsets if o.kind == kind]
+            mask = benjamini_hochberg(np.array([o.p for o in every]), OUTSTANDING)
+            found += [o for o, is_found in zip(every, mask, strict=True) if is_found]
+        return found
 
 
 def analyse(table: Mapping[str, Sequence[Any]], maintenance: Sequence[Mapping[str, Any]] = ()) -> Statistics:
@@ -90,8 +95,9 @@ def analyse_logs(
 ) -> Statistics:
     """The same of logs. `known`: populations of before, which are not estimated anew."""
     done = list(done)
-    fitted = {name: _fitted(log, done, (known or {}).get(name)) for name, log in every.items() if len(log.value)}
-    flat = [e for f in fitted.values() for e in f.events]
+    with threadpool_limits(limits=1):  # so small products are no sooner done by two threads
+        fitted = {name: _fitted(log, done, (known or {}).get(name)) for name, log in every.items() if len(log.value)}
+    flat = [e for f in fitted.values() for e in f.events if e.seen >= LEAST_SEEN or e.maintenance is not None]
     mask = by_probability(np.array([e.probability for e in flat]), FALSE, LEAST)
     found = {id(e) for e, is_found in zip(flat, mask, strict=True) if is_found}
     judged = {
@@ -109,7 +115,8 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
                 key=lambda q: float(_cut(log, q, change)[1].sum()))  # fmt: skip
         for _ in range(ROUNDS):
             trends = _trends(log, p, _cut(log, p, change)[0])
-            p = fit(log, p, *_numbered(log, trends))
+            p = fit(log, pruned(p, log.constant.jump), *_numbered(log, trends))
+        p = pruned(p, log.constant.jump)
     segments, _, changes = _cut(log, p, change)
     trends = _trends(log, p, segments)
     found = [
@@ -213,49 +220,56 @@ def _with_causes(log: Log, p: Population, trends: list[Trend], found: list[Event
     if not found:
         return []
     segment, drift, levels = _numbered(log, trends)
-    left = log.value - drift - p.shared(log) - p.expected(log)[log.robot]
+    less = log.value - p.shared(log) - p.expected(log)[log.robot]
     number = {name: k for k, name in enumerate(log.robots)}
+    seen = int(np.sum(np.bincount(log.robot, minlength=len(log.robots)) > 0))
     judged = []
     for event in found:
         robot = number[event.robot]
-        rows = log.rows(robot)
-        of = segment.copy()
-        at = rows.start + event.first
-        if event.form == "step" and event.first:
-            mine = of[rows]
-            mine[mine == segment[at]] = segment[at - 1]  # as one with the segment before
-        seen = causes(log, p, of, levels, left + (drift if event.form == "creep" else 0.0), robot, event.day,
-                      event.until)  # fmt: skip
-        others = sum(log.rows(k).stop > log.rows(k).start for k in range(len(log.robots))) - 1
+        of, own = segment.copy(), drift.copy()
+        shape = _undone(log, trends[robot], robot, event, of, own)
+        found_causes = causes(log, p, of, levels, less - own, robot, shape)
         same = sum(
-            o.robot != event.robot and o.name == event.name and abs(o.day - event.day) < 7.0 and o.size * event.size > 0.0
-            for o in found
+            o.robot != event.robot and abs(o.day - event.day) < SAME_DAYS and o.size * event.size > 0.0 for o in found
         )
-        judged.append(replace(event, causes=seen, others=others - same))
+        judged.append(replace(event, causes=found_causes, others=seen - 1 - same))
     return judged
+
+
+def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own: Array) -> Array:
+    """Join the event's segment to the one before, in `of` and `own` (n,); the course of the event, shape (n,)."""
+    start = log.rows(robot).start
+    k = next(i for i, (_, s, _) in enumerate(trend.segments) if s == event.first)
+    kind, s, e = trend.segments[k]
+    mine = slice(start + s, start + e + 1)
+    if k:
+        _, s0, e0 = trend.segments[k - 1]
+        before = slice(start + s0, start + e0 + 1)
+        # What crept before ends where this begins.
+        own[before] -= own[before][-1]
+        of[mine] = of[before][0]
+    inside = (log.day >= event.day) & (log.day < event.until)
+    if kind != CREEP:
+        return inside.astype(float)
+    own[mine] = 0.0
+    return np.asarray(inside * (log.day - event.day) / max(log.day[mine][-1] - event.day, 1.0))
 
 
 def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
     """Robots against their batch, batches and places against the others: sizes and p-values. (105)"""
     found = []
-    if len(log.robots) >= LEAST_ROBOTS:
-        first = {i: t.segments[0][2] for i, t in enumerate(trends) if t.segments}
-        size = {i: trends[i].level[k] - p.expected(log)[i] for i, k in first.items()}
-        middle = float(np.median(list(size.values())))
-        scale = 1.4826 * float(np.median(np.abs(np.array(list(size.values())) - middle)))
-        for i, k in first.items():
-            sigma = float(np.hypot(max(scale, 0.1 * p.spread), trends[i].sigma[k]))
-            found.append(_offset("robot", log.robots[i], log.name, size[i] - middle, sigma))
-    groups = (("batch", log.batches, p.batch, p.batch_sigma, p.scatter[0]),
-              ("place", log.places, p.place, p.place_sigma, p.scatter[1]))  # fmt: skip
-    for kind, names, size, sigma, scatter in groups:
-        for name, value, s in zip(names, size, sigma, strict=True):
-            if len(names) > 1 and 0.0 < s < scatter and name:
-                # Unshrunk: what the recordings alone say.
-                pull = 1.0 - s**2 / scatter**2
-                found.append(_offset(kind, name, log.name, float(value / pull), float(s / np.sqrt(pull))))
+    last = {i: t.segments[0][2] for i, t in enumerate(trends) if t.segments}
+    size = np.array([trends[i].level[k] - p.expected(log)[i] for i, k in last.items()])
+    n = len(size)
+    for j, (i, k) in enumerate(last.items()):
+        if n < LEAST_ROBOTS:
+            break
+        # Against the others (externally studentised), so that one that is far off does not hide itself.
+        others = np.delete(size, j)
+        sigma = float(np.sqrt(others.var(ddof=1) * n / (n - 1.0) + trends[i].sigma[k] ** 2))
+        off = float(size[j] - others.mean())
+        found.append(Offset("robot", log.robots[i], log.name, off, sigma, float(2.0 * stats.t.sf(abs(off) / sigma, n - 2))))
+    for kind, names, apart in (("batch", log.batches, p.batch_apart), ("place", log.places, p.place_apart)):
+        for name, (off, sigma) in zip(names, apart, strict=False):
+            found.append(Offset(kind, name, log.name, off, sigma, float(2.0 * stats.norm.sf(abs(off) / sigma))))
     return found
-
-
-def _offset(kind: str, who: str, name: str, size: float, sigma: float) -> Offset:
-    return Offset(kind, who, name, size, sigma, float(2.0 * stats.norm.sf(abs(size) / sigma)))
