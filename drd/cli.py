@@ -40,6 +40,7 @@ COMMANDS = {
     "compare": Command("drd_tools.compare.command", "show recorded against simulated increments", "tools"),
     "diagnose": Command("drd_tools.diagnose.command", "find the physics that the nominal model leaves out", "tools"),
     "trial": Command("drd_tools.trial.command", "score the diagnosis on drives whose answer is known", "tools"),
+    "fleet": Command("drd_tools.fleet.command", "diagnose thousands of recordings, and ask all of them", "fleet"),
     "web": Command("drd_tools.web.command", "pose, health and a map in the browser; metrics for Prometheus", "web"),
     "ros2": Command("drd_tools.ros2.command", "a node of ROS 2, for middleware other than Zenoh", "ros2"),
     "demo": Command("drd_tools.demo", "emulator, daemon and watcher together, with a picture", "tools"),

@@ -24,21 +24,30 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
     # The processes share the cores; a library that takes all of them for one product only gets in the others' way.
     for name in THREADS:
         os.environ.setdefault(name, "1")
+    with ended_by_sigterm():
+        # A forked child of a process with threads may lock up.
+        pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_to_parent)
+        try:
+            yield pool
+        except BaseException as error:
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            if isinstance(error, BrokenProcessPool):
+                got = "a process that was killed: with --jobs 1 each has all of the memory"
+                raise ConfigError("--jobs", "", "memory for so many diagnoses", got) from error
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def ended_by_sigterm() -> Iterator[None]:
+    """SIGTERM raises SystemExit, so that what is in use is closed."""
     can_handle = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, _end) if can_handle else None
-    # A forked child of a process with threads may lock up.
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_to_parent)
     try:
-        yield pool
-    except BaseException as error:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        if isinstance(error, BrokenProcessPool):
-            got = "a process that was killed: with --jobs 1 each has all of the memory"
-            raise ConfigError("--jobs", "", "memory for so many diagnoses", got) from error
-        raise
+        yield
     finally:
-        pool.shutdown(cancel_futures=True)
         if can_handle:
             signal.signal(signal.SIGTERM, before)
 

@@ -79,9 +79,15 @@ def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) ->
 def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
     """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
-    with threadpool_limits(limits=1), tempfile.TemporaryDirectory() as folder:
-        analysis, model_file = analyse(recording), Path(folder) / "model.yaml"
-        conclusion, findings = analysis.conclusion, outcome.findings_of(analysis.conclusion)
+    with threadpool_limits(limits=1):
+        return concluded(analyse(recording), held_out)
+
+
+def concluded(analysis: Analysis, held_out: Sequence[Recording] = ()) -> Diagnosis:
+    """The diagnosis that an analysis gives, its model proved on other recordings. Raises ConfigError."""
+    recording, conclusion = analysis.recording, analysis.conclusion
+    with tempfile.TemporaryDirectory() as folder:
+        model_file, findings = Path(folder) / "model.yaml", outcome.findings_of(conclusion)
         build = partial(outcome.model_of, recording=recording, names=recording.name, version=drd.__version__)
         validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
         train, drive = _trained(analysis, model_file if validated.model.terms else None)

@@ -5,7 +5,6 @@ and with an effect put into its raw data. `NotMade`: a case that no drive showed
 of JSON for each, added as it is ready, so that a stopped trial goes on. Parameters are in the catalogue's units.
 """
 
-import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ import drd_tools.simulate
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Values
+from drd_tools import build
 from drd_tools.diagnose.files import parted, plain
 from drd_tools.diagnose.results import Figures, Finding
 from drd_tools.report.json_file import converted, read_json
@@ -220,12 +220,7 @@ def si(true: TrueEffect) -> Values:
 
 def fingerprint() -> str:
     """Hash of the code that simulates and diagnoses: results of one and of another build are not to be mixed."""
-    digest = hashlib.sha256()
-    for package in (drd.effects, drd_tools.diagnose, drd_tools.simulate):
-        for folder in package.__path__:
-            for file in sorted(Path(folder).rglob("*.py")):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    return build.fingerprint(drd.effects, drd_tools.diagnose, drd_tools.simulate)
 
 
 def _line(row: Head | Row) -> str:

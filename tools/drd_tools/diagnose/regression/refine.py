@@ -117,7 +117,7 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, A
     fit = Fit(selection, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
     if not len(T):
         return fit, np.zeros(0), cost
-    priors = np.concatenate([_priors(c) for c in selection]) + weight
+    priors = np.concatenate([precisions(c) for c in selection]) + weight
     # In the directions that nuisances and shapes leave.
     S = marginal.beside(T @ T.T, soft @ T.T) + np.diag(priors)
     g = T @ fit.left - weight * off
@@ -144,7 +144,7 @@ def response(problem: Problem, fit: Fit) -> Response:
     soft = np.column_stack([problem.nuisance, *(discrepancies(problem, selected) for selected in selection)])
     F = np.column_stack([np.zeros((len(T), 0)), *(problem.discrepancy_shapes(selected) for selected in selection)])
     marginal, C = Marginal(soft), soft.T @ T
-    priors = np.concatenate([np.zeros(0), *(_priors(c) for c in selection)]) + _measured(selection)[1]
+    priors = np.concatenate([np.zeros(0), *(precisions(c) for c in selection)]) + _measured(selection)[1]
     covariance = _inverse(marginal.beside(T.T @ T, C) + np.diag(priors))
     return Response(covariance, covariance @ marginal.beside(T.T @ F, C, soft.T @ F))
 
@@ -180,7 +180,8 @@ def nuisance_design(problem: Problem, selection: Sequence[Selected]) -> Array:
     return np.column_stack(nuisance_columns(problem, selection))
 
 
-def _priors(selected: Selected) -> Array:
+def precisions(selected: Selected) -> Array:
+    """Inverse variances (k,) of the free parameters before any data: what is implausible."""
     sizes = [max(PRIOR_SIZES * q.high * q.si, 1e-30) for q in map(selected.parameter, selected.free)]
     return 1.0 / np.array(sizes) ** 2
 

@@ -172,16 +172,26 @@ def columns_of(
     problem: Problem, effect: Effect, shape: Parameters, first: int
 ) -> tuple[list[Candidate], list[Sensitivity]]:
     """Candidates of a variant, and their sensitivities, the columns from `first` on; none where it is not seen."""
-    angle = next((q.name for q in effect.parameters if q.is_angle), "")
-    names = linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
-    if angle:
-        shapes: list[tuple[Parameters, str]] = [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
-    else:
-        shapes = [(shape, name) for name in names]
-    sensitivities = [problem.unit(effect, s, name) for s, name in shapes]
-    if not all(_is_seen(s) for s in sensitivities):
+    sensitivities = [problem.unit(effect, s, name) for s, name in units_of(effect, shape)]
+    if not all(is_seen(s) for s in sensitivities):
         return [], []
-    return _candidates(problem, effect, shape, names, first, angle), sensitivities
+    return _candidates(problem, effect, shape, _names(effect), first, _angle(effect)), sensitivities
+
+
+def units_of(effect: Effect, shape: Parameters) -> list[tuple[Parameters, str]]:
+    """Shape and linear parameter of each column of a variant; what has an angle has two, a quarter of a turn apart."""
+    names, angle = _names(effect), _angle(effect)
+    if angle:
+        return [({**shape, angle: p}, names[0]) for p in (0.0, 0.5 * math.pi)]
+    return [(shape, name) for name in names]
+
+
+def _angle(effect: Effect) -> str:
+    return next((q.name for q in effect.parameters if q.is_angle), "")
+
+
+def _names(effect: Effect) -> tuple[str, ...]:
+    return linear_names(effect, {SCALE.name: 0.0} if effect.beside else {}) or ("",)
 
 
 def _candidates(
@@ -225,5 +235,6 @@ def release(problem: Problem) -> None:
     _MADE.pop(problem, None)
 
 
-def _is_seen(sensitivity: Sensitivity) -> bool:
+def is_seen(sensitivity: Sensitivity) -> bool:
+    """Whether it acts on any sensor at all."""
     return any(isinstance(c, np.ndarray) and bool(np.any(c)) for c in sensitivity.channels)

@@ -1,0 +1,192 @@
+"""One recording's rows of all tables: read, diagnosed, and reduced to what a fleet asks of it."""
+
+import math
+import sys
+import threading
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+import drd.batch
+import drd.effects
+import drd.estimation
+import drd_tools.calibrate
+import drd_tools.diagnose
+import drd_tools.evaluate
+import drd_tools.limit
+import drd_tools.recordings
+import drd_tools.replay
+from drd_tools.build import fingerprint
+from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.conclude.cause import Cause
+from drd_tools.diagnose.diagnosis import Diagnosis
+from drd_tools.diagnose.observe.parts import parts
+from drd_tools.diagnose.results import Finding
+from drd_tools.diagnose.run import concluded
+from drd_tools.fleet import discover, labels, products
+from drd_tools.recordings.daemon_log import SINCE_START_S, read
+from drd_tools.recordings.folder import Recording
+
+FAILED: Final = "failed"  # in place of a verdict
+Rows = dict[str, list[dict[str, Any]]]  # by table
+
+# A worker with several threads does one recording at a time: how many threads a product takes is the process's.
+_ALONE: Final = threading.Lock()
+
+
+class Task(NamedTuple):
+    """A recording to be analysed: its name in the store, the build that is asked for, and its digest there, if any."""
+
+    seen: discover.Seen
+    recording: str
+    build: str
+    digest: str = ""
+
+
+@cache
+def build() -> str:
+    """Hash of the code that a recording's rows depend on."""
+    return fingerprint(
+        drd.batch,
+        drd.effects,
+        drd.estimation,
+        drd_tools.calibrate,
+        drd_tools.diagnose,
+        drd_tools.evaluate,
+        drd_tools.limit,
+        drd_tools.recordings,
+        drd_tools.replay,
+        *map(sys.modules.__getitem__, (labels.__name__, products.__name__, __name__)),
+    )
+
+
+def analysed(task: Task) -> Rows | None:
+    """Rows of a recording, without labels; of one that fails its error. None: its contents are those of the digest.
+
+    Raises nothing that a recording could cause.
+    """
+    seen, place, digest = task.seen, Path(task.seen.uri), ""
+    with _ALONE, threadpool_limits(limits=1):
+        try:
+            if build() != task.build:
+                raise RuntimeError(f"a worker of build {build()}, where {task.build} is asked for: install one drd")
+            with discover.fetched(seen) as place:
+                digest = discover.contents(place, seen)
+                if digest == task.digest:
+                    return None
+                return _rows(task, place, digest)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}".replace(str(place), seen.uri)
+            return failed(task, text, digest)
+
+
+def failed(task: Task, error: str, digest: str = "") -> Rows:
+    """Rows of a recording that could not be analysed. Without a digest it is tried again by the next update."""
+    row = _about(task, task.recording, digest, labels.Labels())
+    return {
+        "recordings": [{**row, "verdict": FAILED, "error": error}],
+        "errors": [{"recording": task.recording, "uri": task.seen.uri, "error": error}],
+    }
+
+
+def _rows(task: Task, place: Path, digest: str) -> Rows:
+    recording = read(place)
+    pieces, rows = parts(recording), Rows()
+    own = own_labels(place, recording)
+    for piece in pieces:
+        name = task.recording if len(pieces) == 1 else f"{task.recording}{piece.name.removeprefix(recording.name)}"
+        analysis = analyse(piece)
+        diagnosis = concluded(analysis)
+        drive = diagnosis.series.recordings[0]
+        found = analysis.conclusion.found
+        about = _about(task, name, digest, own)
+        about |= {"duration_s": drive.duration_s, "distance_m": drive.path_m, "verdict": diagnosis.verdict.value}
+        same = {f.effect for f in diagnosis.findings if products.EFFECTS & set(f.also_fits)}
+        tables = {
+            "recordings": [about],
+            "findings": _findings(analysis, diagnosis),
+            "constants": products.constants(found.problem, found.fit, same),
+            "pose": _pose(diagnosis),
+            "products": products.products(found.problem, found.fit),
+        }
+        for table, made in tables.items():
+            more = {"duration_s": drive.duration_s} if table == "constants" else {}
+            rows.setdefault(table, []).extend({"recording": name, **more, **row} for row in made)
+    return rows
+
+
+def _about(task: Task, name: str, digest: str, own: labels.Labels) -> dict[str, Any]:
+    return {
+        "recording": name,
+        "uri": task.seen.uri,
+        "digest": digest,
+        "build": task.build,
+        "signature": task.seen.signature,
+        "own": labels.as_text(own),
+    }
+
+
+def own_labels(place: Path, recording: Recording) -> labels.Labels:
+    """Labels that the recording brings, or has in its data."""
+    beside = place.with_suffix(".fleet.yaml") if recording.config is not None else place / "fleet.yaml"
+    reference = recording.reference
+    start_s = float(reference.time_s[0]) if reference is not None and len(reference.time_s) else 0.0
+    start = labels.start_of_run(place.name)
+    if start is None and start_s > SINCE_START_S:
+        start = labels.since_1970(start_s)
+    return labels.read_own(beside).over(labels.Labels(robot=recording.nominal.name, start=start))
+
+
+def _findings(analysis: Analysis, diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    rows = []
+    causes = {cause.effect: cause for cause in reversed(analysis.conclusion.causes)}
+    for number, finding in enumerate(diagnosis.findings):
+        about = {
+            "number": number,
+            "effect": finding.effect,
+            "status": finding.status.value,
+            "probability": _finite(finding.probability),
+            "also_fits": list(finding.also_fits),
+            "gain_nats": finding.gain_nats,
+            "sentence": finding.sentence,
+        }
+        covariance = _covariance(finding, causes.get(finding.effect))
+        own = [
+            {"parameter": name, "value": _finite(a.value), "sigma": _finite(a.std), "unit": a.unit, "covariance": row}
+            for (name, a), row in zip(finding.parameters.items(), covariance, strict=True)
+        ]
+        rows += [{**about, **parameter} for parameter in own or [{}]]
+    return rows
+
+
+def _covariance(finding: Finding, cause: Cause | None) -> Sequence[list[float] | None]:
+    """A row for each parameter, in the units of the findings; 0 where one was not fitted."""
+    names = list(finding.parameters)
+    selected = None if cause is None else cause.selected
+    if selected is None or not selected.covariance.size:
+        return [None] * len(names)
+    units = {q.name: q.si for q in selected.effect.parameters}
+    free = {name: i for i, name in enumerate(selected.free)}
+    return [
+        [
+            float(selected.covariance[free[a], free[b]]) / (units[a] * units[b]) if a in free and b in free else 0.0
+            for b in names
+        ]
+        for a in names
+    ]
+
+
+def _pose(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    train = diagnosis.result.fit.train
+    return [
+        {"model": model, "figure": figure, "value": value}
+        for model, figures in (("nominal", train.before), ("found", train.after))
+        for figure, value in figures.items()
+    ]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

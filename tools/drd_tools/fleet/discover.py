@@ -1,0 +1,156 @@
+"""Find recordings in folders and buckets: which files each has, and whether they may have changed."""
+
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Final, NamedTuple
+
+from drd.config.schema import ConfigError
+from drd_tools.fleet.files import Files
+
+# Files of a recording folder, of which one of the sensors' is enough; fleet.yaml has labels, see `labels`.
+SENSORS: Final = frozenset({"encoders.csv", "fog.csv"})
+OWN: Final = frozenset({*SENSORS, "robot.yaml", "reference.csv", "fleet.yaml"})
+BESIDE: Final = (".reference.csv", ".fleet.yaml")  # beside a daemon's file
+PART: Final = re.compile(r"(.+-\d{8}T\d{6}Z-[0-9a-f]+)-\d+")  # of a run of the daemon, by the file's name
+
+
+class Seen(NamedTuple):
+    """A recording that was found: `uri` of its folder, or of the last file of its run, and all its files there.
+
+    `name`: its place below the folder that was searched. `signature`: of sizes and times, which change with contents.
+    """
+
+    uri: str
+    name: str
+    folder: str
+    files: tuple[str, ...]
+    signature: str
+
+
+class _File(NamedTuple):
+    name: str
+    stamp: tuple[object, ...]
+
+
+def discover(folders: Sequence[str | Path]) -> list[Seen]:
+    """All recordings in folders, buckets, and among files given, by `uri`. Raises ConfigError where there is none."""
+    found: dict[str, Seen] = {}
+    for url in folders:
+        before = len(found)
+        for seen in _below(str(url)):
+            found.setdefault(seen.uri, seen)
+        if len(found) == before and not any(_is_within(seen.uri, str(url)) for seen in found.values()):
+            raise ConfigError(str(url), "", "recordings: folders with encoders.csv or fog.csv, or MCAP files", "none")
+    return [found[uri] for uri in sorted(found)]
+
+
+def _is_within(uri: str, url: str) -> bool:
+    root = _url(Files(url))
+    return uri == root or uri.startswith(f"{root}/")
+
+
+def _url(files: Files) -> str:
+    return files.root if files.is_local else files.system.unstrip_protocol(files.root)
+
+
+def _below(url: str) -> Iterator[Seen]:
+    only = ""
+    if url.endswith(".mcap"):
+        url, _, only = url.rpartition("/")
+    files = Files(url or ".")
+    if files.is_local and not Path(files.root).is_dir():
+        raise ConfigError(url, "", "a folder of recordings", "nothing there")
+    root = _url(files)
+    for folder, entries in _local(files.root) if files.is_local else _remote(files):
+        # A recording that is searched alone has its own name.
+        name = folder or PurePosixPath(root).name
+        place = f"{root}/{folder}".rstrip("/")
+        own = sorted(e for e in entries if e.name in OWN)
+        if not only and SENSORS & {e.name for e in own}:
+            yield _seen(place, name, place, own)
+        yield from _mcaps(place, folder, entries, only)
+
+
+def _mcaps(place: str, folder: str, entries: Sequence[_File], only: str) -> Iterator[Seen]:
+    """Runs of the daemon: the last part of each, with those before it."""
+    by_name, runs = {e.name: e for e in entries}, dict[str, list[_File]]()
+    for entry in sorted(e for e in entries if e.name.endswith(".mcap")):
+        part = PART.fullmatch(entry.name.removesuffix(".mcap"))
+        runs.setdefault(part[1] if part else entry.name, []).append(entry)
+    for parts in runs.values():
+        last = parts[-1].name
+        if only in ("", last):
+            stem = last.removesuffix(".mcap")
+            beside = [by_name[stem + end] for end in BESIDE if stem + end in by_name]
+            yield _seen(f"{place}/{last}", f"{folder}/{stem}".lstrip("/"), place, [*parts, *beside])
+
+
+def _seen(uri: str, name: str, folder: str, files: Sequence[_File]) -> Seen:
+    stamps = hashlib.sha256(repr([tuple(f) for f in files]).encode()).hexdigest()[:32]
+    return Seen(uri, name, folder, tuple(f.name for f in files), stamps)
+
+
+def _local(root: str, folder: str = "") -> Iterator[tuple[str, list[_File]]]:
+    """Each folder below, and what may belong to a recording in it; symbolic links to folders are not followed."""
+    files, folders = [], []
+    try:
+        with os.scandir(f"{root}/{folder}" if folder else root) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    if not entry.name.startswith("."):
+                        folders.append(entry.name)
+                elif _may_belong(entry.name):
+                    about = entry.stat()
+                    files.append(_File(entry.name, (about.st_size, about.st_mtime_ns)))
+    except PermissionError:
+        return
+    yield folder, files
+    for name in sorted(folders):
+        yield from _local(root, f"{folder}/{name}".lstrip("/"))
+
+
+def _remote(files: Files) -> Iterator[tuple[str, list[_File]]]:
+    files.system.invalidate_cache()
+    found: dict[str, list[_File]] = {}
+    for path, about in sorted(files.system.find(files.root, detail=True).items()):
+        folder, _, name = path[len(files.root) + 1 :].rpartition("/")
+        if _may_belong(name):
+            stamp = about.get("ETag") or str(about.get("LastModified") or about.get("mtime"))
+            found.setdefault(folder, []).append(_File(name, (about["size"], stamp)))
+    yield from found.items()
+
+
+def _may_belong(name: str) -> bool:
+    return name in OWN or name.endswith((".mcap", *BESIDE))
+
+
+@contextmanager
+def fetched(seen: Seen) -> Iterator[Path]:
+    """The recording as a folder or file of this machine; from a bucket it is copied. Raises OSError."""
+    files = Files(seen.folder)
+    last = "" if seen.uri == seen.folder else PurePosixPath(seen.uri).name
+    if files.is_local:
+        yield Path(seen.uri)
+        return
+    with TemporaryDirectory() as scratch:
+        place = Path(scratch) / PurePosixPath(seen.folder).name
+        place.mkdir()
+        for name in seen.files:
+            with files.system.open(files.path(name), "rb") as source, (place / name).open("wb") as target:
+                shutil.copyfileobj(source, target)
+        yield place / last if last else place
+
+
+def contents(place: Path, seen: Seen) -> str:
+    """Hash of the names and contents of a fetched recording's files. Raises OSError."""
+    digest, folder = hashlib.sha256(), place if seen.uri == seen.folder else place.parent
+    for name in seen.files:
+        with (folder / name).open("rb") as stream:
+            digest.update(f"{name} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,60 @@
+"""Files of a folder or a bucket, by fsspec: `s3://bucket/store` works as a folder does."""
+
+import contextlib
+import os
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import pyarrow.fs as pafs
+from fsspec.implementations.local import LocalFileSystem
+
+
+class Files:
+    """A folder, or a prefix of a bucket, and what is below it; names are relative to it, with "/"."""
+
+    def __init__(self, url: str | Path):
+        self.url = str(url).rstrip("/")
+        self.system, self.root = fsspec.core.url_to_fs(self.url)
+        self.is_local = isinstance(self.system, LocalFileSystem)
+
+    def path(self, name: str) -> str:
+        """The path as the file system has it."""
+        return f"{self.root}/{name}" if name else self.root
+
+    def arrow(self) -> Any:
+        """The file system as pyarrow has it."""
+        return pafs.LocalFileSystem() if self.is_local else pafs.PyFileSystem(pafs.FSSpecHandler(self.system))
+
+    def read(self, name: str) -> bytes | None:
+        """The content; None where there is no such file."""
+        try:
+            return bytes(self.system.cat_file(self.path(name)))
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file whole or not at all: a folder's by a rename, a bucket's objects appear whole."""
+        path = self.path(name)
+        if not self.is_local:
+            self.system.pipe_file(path, content)
+            return
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        new = f"{path}.new"
+        with Path(new).open("wb") as out:
+            out.write(content)
+            out.flush()
+            os.fsync(out.fileno())
+        Path(new).replace(path)
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if it is there."""
+        with contextlib.suppress(FileNotFoundError):
+            self.system.rm_file(self.path(name))
+
+    def below(self, name: str, suffix: str) -> list[str]:
+        """Names of all files below a folder that end so, sorted; none where there is no such folder."""
+        self.system.invalidate_cache()
+        start = len(self.root) + 1
+        found = self.system.find(self.path(name))
+        return sorted(path[start:] for path in found if path.endswith(suffix))

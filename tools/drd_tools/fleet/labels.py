@@ -1,0 +1,168 @@
+"""Whose recording it is, where and when: from the recording itself, and from ROBOTS.yaml, which has precedence.
+
+A recording may bring fleet.yaml (FILE.fleet.yaml beside FILE.mcap). ROBOTS.yaml is a list of rules, all of which apply
+to the recordings that they match, one after the other; patterns are those of a shell, on the path below FOLDERS.
+"""
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from datetime import UTC, date, datetime
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import yaml
+from msgspec import Struct
+
+from drd.config.schema import ConfigError
+from drd_tools.fleet.files import Files
+
+UNKNOWN: Final = "unknown"
+RUN: Final = re.compile(r"-(\d{8}T\d{6}Z)-[0-9a-f]+-\d+")  # in the name of a daemon's file
+HEADER: Final = ("date", "robot", "what")
+
+
+class Labels(Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of a recording beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
+
+    robot: str | None = None
+    place: str | None = None
+    batch: str | None = None
+    start: datetime | None = None  # UTC where it names no zone
+
+    def over(self, other: "Labels") -> "Labels":
+        """These labels, and where they say nothing the other's."""
+        return Labels(*(a if a is not None else b for a, b in zip(_values(self), _values(other), strict=True)))
+
+    def columns(self) -> dict[str, Any]:
+        """As the tables have them."""
+        start = self.start
+        return {"robot": self.robot or UNKNOWN, "place": self.place, "batch": self.batch, "start_utc": _utc(start)}
+
+
+class Rule(Struct, frozen=True, forbid_unknown_fields=True):
+    """Labels of the recordings that match one of the patterns.
+
+    `start_in_name`: a regular expression that finds the start in the recording's name, with groups named year, month,
+    day, hour, minute and second; a year of two digits is of this century.
+    """
+
+    recordings: list[str]
+    robot: str | None = None
+    place: str | None = None
+    batch: str | None = None
+    start_in_name: str | None = None
+
+    def labels(self, name: str) -> Labels:
+        """The labels of a recording of that name. Raises ConfigError where its start is no date."""
+        found = re.search(self.start_in_name, name) if self.start_in_name else None
+        return Labels(self.robot, self.place, self.batch, None if found is None else _date(name, found))
+
+
+def read_rules(file: str | None) -> list[Rule]:
+    """The rules of ROBOTS.yaml; none without a file. Raises ConfigError."""
+    if file is None:
+        return []
+    try:
+        rules = msgspec.convert(yaml.safe_load(_text(file)), list[Rule])
+        for rule in rules:
+            re.compile(rule.start_in_name or "")
+    except (yaml.YAMLError, msgspec.ValidationError, re.error) as error:
+        raise ConfigError(file, "", "a list of rules, as `drd fleet update --help` shows", str(error)) from error
+    return rules
+
+
+def ruled(rules: Sequence[Rule], name: str, own: Labels) -> Labels:
+    """The labels that the rules give a recording of that name, a later one over an earlier, over its own."""
+    for rule in rules:
+        if any(fnmatchcase(name, pattern) for pattern in rule.recordings):
+            own = rule.labels(name).over(own)
+    return own
+
+
+def read_own(file: Path) -> Labels:
+    """The labels that a recording brings; none without its file. Raises ConfigError."""
+    if not file.exists():
+        return Labels()
+    try:
+        return msgspec.convert(yaml.safe_load(file.read_text("utf-8")), Labels)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, msgspec.ValidationError) as error:
+        raise ConfigError(str(file), "", "keys robot, place, batch, start", str(error)) from error
+
+
+def start_of_run(name: str) -> datetime | None:
+    """When a run began, by the name that the daemon gives its file; None for another name."""
+    found = RUN.search(name)
+    return None if found is None else datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
+
+
+def since_1970(seconds: float) -> datetime:
+    """A time of seconds since 1970."""
+    return datetime.fromtimestamp(seconds, UTC)
+
+
+def read_maintenance(file: str) -> list[dict[str, Any]]:
+    """Rows of the log of maintenance: date, robot, what. Raises ConfigError."""
+    rows = list(csv.reader(_text(file).splitlines()))
+    if not rows or tuple(cell.strip() for cell in rows[0]) != HEADER:
+        raise ConfigError(f"{file}:1", "header", ",".join(HEADER), ",".join(rows[0]) if rows else "an empty file")
+    made = []
+    for number, row in enumerate(rows[1:], 2):
+        if not row:
+            continue
+        if len(row) != len(HEADER):
+            raise ConfigError(f"{file}:{number}", "", "3 columns", str(len(row)))
+        when, robot, what = (cell.strip() for cell in row)
+        try:
+            made.append({"date": _utc(datetime.fromisoformat(when)), "robot": robot, "what": what})
+        except ValueError as error:
+            raise ConfigError(f"{file}:{number}", "date", "a date, as in 2026-03-12", repr(when)) from error
+    return made
+
+
+def _text(file: str) -> str:
+    folder, _, name = file.rpartition("/")
+    try:
+        content = Files(folder or ("/" if file.startswith("/") else ".")).read(name)
+        if content is None:
+            raise ConfigError(file, "", "a readable file", "nothing there")
+        return content.decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(file, "", "a readable UTF-8 text file", str(error)) from error
+
+
+def _date(name: str, found: re.Match[str]) -> datetime:
+    parts = {key: int(value) for key, value in found.groupdict().items() if value}
+    if 0 <= parts.get("year", 0) < 100:
+        parts["year"] = 2000 + parts.get("year", 0)
+    try:
+        return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
+
+
+def _utc(time: datetime | date | None) -> datetime | None:
+    if not isinstance(time, datetime):
+        return None
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+
+
+def _values(labels: Labels) -> Sequence[Any]:
+    return [getattr(labels, name) for name in Labels.__struct_fields__]
+
+
+def as_text(own: Labels) -> str:
+    """Labels as JSON."""
+    return msgspec.json.encode(own).decode()
+
+
+def from_text(text: str) -> Labels:
+    """Labels of JSON."""
+    return msgspec.json.decode(text, type=Labels)
+
+
+def relabelled(rows: Mapping[str, Sequence[Mapping[str, Any]]], labels: Labels) -> dict[str, list[dict[str, Any]]]:
+    """A recording's rows with other labels."""
+    return {table: [{**row, **labels.columns()} for row in own] for table, own in rows.items()}

@@ -1,0 +1,198 @@
+"""The store of a fleet: its tables as Parquet, in a folder or a bucket, never half written.
+
+An update puts each recording's rows into one file, `pending/*.parquet`, as soon as they are there, and from time to
+time compacts: sorts them into the tables' own files (see `schema`). Each file is replaced whole. Until the pending
+files are removed, which is last, they have precedence: a compaction that was interrupted is simply done again.
+"""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+
+from drd.config.schema import ConfigError
+from drd_tools.fleet.files import Files
+from drd_tools.fleet.schema import LABELS, MAINTENANCE, PENDING, TABLES, VERSION
+
+Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # of a recording, by table
+
+ABOUT, INDEX, NAMES_OF_DONE = "store.json", "index.parquet", "maintenance.parquet"
+MOST_PENDING: Final = 256  # recordings that are compacted at once: limits the memory to some tens of MB
+
+
+class Store:
+    """Tables of a fleet. Only one process may write; any number may read."""
+
+    def __init__(self, path: str | Path):
+        self.files = Files(path)
+        about = self.files.read(ABOUT)
+        self.exists = about is not None
+        version = VERSION if about is None else _version(about)
+        if version != VERSION:
+            raise ConfigError(f"{self.files.url}/{ABOUT}", "schema", str(VERSION), str(version))
+
+    # ---- reading ---------------------------------------------------------------------------------------------------
+
+    def table(self, name: str, robots: Collection[str] | None = None) -> pa.Table:
+        """A table whole, or of some robots: rows by file, which is by robot and time, then by recording.
+
+        Names are those of `schema.TABLES`, and maintenance. Raises KeyError.
+        """
+        if name == "maintenance":
+            return self._maintenance(robots)
+        schema, folders = TABLES[name].schema, None if robots is None else {_folder(robot) for robot in robots}
+        names = [f for f in self.files.below(name, ".parquet") if folders is None or f.split("/")[1] in folders]
+        table = self._read(names, schema)
+        pending = self.pending()
+        if not pending:
+            return table
+        new = _flat(self._read(pending, PENDING), name)
+        replaced = _flat(self._read(pending, PENDING), "recordings")["recording"]
+        table = pa.concat_tables([_without(table, replaced), new])
+        return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
+
+    def pending(self) -> list[str]:
+        """Names of the files that are not compacted yet."""
+        return self.files.below("pending", ".parquet")
+
+    def index(self) -> pa.Table:
+        """The table of recordings, from one file."""
+        content = self.files.read(INDEX)
+        return self.table("recordings") if content is None else pq.read_table(pa.BufferReader(content))
+
+    def _maintenance(self, robots: Collection[str] | None) -> pa.Table:
+        content = self.files.read(NAMES_OF_DONE)
+        table = MAINTENANCE.empty_table() if content is None else pq.read_table(pa.BufferReader(content))
+        return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
+
+    def _read(self, names: Sequence[str], schema: pa.Schema) -> pa.Table:
+        if not names:
+            return schema.empty_table()
+        paths = [self.files.path(name) for name in names]
+        return ds.dataset(paths, schema=schema, format="parquet", filesystem=self.files.arrow()).to_table()
+
+    # ---- writing ---------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Keep other writers out of a folder; a bucket knows no locks. Raises ConfigError."""
+        if not self.exists:
+            self.files.write(ABOUT, json.dumps({"format": "drd-fleet-store", "schema": VERSION}).encode())
+            self.exists = True
+        if not self.files.is_local:
+            yield
+            return
+        import fcntl  # noqa: PLC0415  # not on every platform that reads
+
+        with Path(self.files.path("lock")).open("wb") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise ConfigError("--store", "", "a store that nobody else updates", self.files.url) from error
+            yield
+
+    def put(self, rows: Rows) -> None:
+        """Keep a recording's rows, by table, in place of those that it had."""
+        table = pa.Table.from_pylist([{name: list(rows.get(name, ())) for name in TABLES}], PENDING)
+        name = hashlib.sha256(rows["recordings"][0]["uri"].encode()).hexdigest()[:24]
+        self.files.write(f"pending/{name}.parquet", _parquet(table))
+
+    def rows(self, recordings: Collection[str]) -> dict[str, dict[str, list[dict[str, Any]]]]:
+        """Rows of compacted recordings, by recording and by table."""
+        wanted = pa.array(sorted(recordings), pa.string())
+        index = self.index()
+        known = index.filter(pc.is_in(index["recording"], wanted)).to_pylist()
+        found: dict[str, dict[str, list[dict[str, Any]]]] = {r: {name: [] for name in TABLES} for r in recordings}
+        for name in TABLES:
+            files = self._existing(sorted({_file(name, row) for row in known}))
+            table = self._read(files, TABLES[name].schema)
+            for row in table.filter(pc.is_in(table["recording"], wanted)).to_pylist():
+                found[row["recording"]][name].append(row)
+        return found
+
+    def compact(self) -> None:
+        """Sort what is pending into the tables' files."""
+        names = self.pending()
+        for at in range(0, len(names), MOST_PENDING):
+            self._compact(names[at : at + MOST_PENDING])
+
+    def _compact(self, names: Sequence[str]) -> None:
+        pending, index = self._read(names, PENDING), self.index()
+        fresh = _flat(pending, "recordings")
+        # A long recording has several names, which may be other ones now.
+        old = index.filter(pc.is_in(index["uri"], pc.unique(fresh["uri"])))
+        changed, was = (
+            pa.chunked_array([*old["recording"].chunks, *fresh["recording"].chunks], pa.string()),
+            old.to_pylist(),
+        )
+        places = {table: {_file(table, row) for row in [*was, *fresh.to_pylist()]} for table in TABLES}
+        for table, files in places.items():
+            new = _flat(pending, table)
+            of = pa.array([_file(table, row) for row in new.select([n for n, _ in LABELS]).to_pylist()], pa.string())
+            for file in sorted(files):
+                added = new.filter(pc.equal(of, file)) if len(of) else new
+                self._replace(file, added, changed)
+        self.files.write(INDEX, _parquet(pa.concat_tables([_without(index, changed), fresh]).sort_by("recording")))
+        for name in names:
+            self.files.remove(name)
+
+    def _replace(self, file: str, added: pa.Table, changed: pa.ChunkedArray) -> None:
+        """Put rows into a file in place of those of `changed` recordings."""
+        before = self._read(self._existing([file]), added.schema)
+        table = pa.concat_tables([_without(before, changed), added]).sort_by("recording")
+        if len(table):
+            self.files.write(file, _parquet(table))
+        else:
+            self.files.remove(file)
+
+    def _existing(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if self.files.system.exists(self.files.path(name))]
+
+    def keep_maintenance(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Keep the log of maintenance, in place of the one before."""
+        self.files.write(NAMES_OF_DONE, _parquet(pa.Table.from_pylist(list(rows), MAINTENANCE)))
+
+
+def _version(about: bytes) -> Any:
+    try:
+        return json.loads(about)["schema"]
+    except (ValueError, KeyError, TypeError):
+        return "none"
+
+
+def _folder(robot: str) -> str:
+    name = quote(robot, safe=" ")
+    return f"%2E{name[1:]}" if name.startswith(".") else name
+
+
+def _file(table: str, row: Mapping[str, Any]) -> str:
+    start: datetime | None = row["start_utc"]
+    period = "undated" if start is None else start.strftime(TABLES[table].period)
+    return f"{table}/{_folder(row['robot'])}/{period}.parquet"
+
+
+def _without(table: pa.Table, recordings: pa.ChunkedArray) -> pa.Table:
+    return table.filter(pc.invert(pc.is_in(table["recording"], pc.unique(recordings))))
+
+
+def _flat(pending: pa.Table, name: str) -> pa.Table:
+    """Rows of one table from those of pending files."""
+    schema = TABLES[name].schema
+    rows = pending[name].combine_chunks().flatten()
+    columns = [rows.field(i) if len(rows) else pa.array([], field.type) for i, field in enumerate(schema)]
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _parquet(table: pa.Table) -> bytes:
+    out = pa.BufferOutputStream()
+    pq.write_table(table, out, compression="zstd")
+    return bytes(out.getvalue())
