@@ -1,7 +1,7 @@
 """Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (104)"""
 
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ ROBOT_DAYS, PLACE_DAYS, BATCH_DAYS = 2000.0, 2000.0, 2000.0
 LEAST_GROUP: Final = 3  # robots, of which the median is not led by one
 MOST_STEPS: Final = 4  # of a constant: limits a greedy search
 SURE_NATS: Final = 3.0  # 20 to 1
+LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
 CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
 MOST_DAYS: Final = 120  # that are tried
 
@@ -83,36 +84,45 @@ def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Ar
         if best is None or odds > best[0]:
             size, sigma, robots = sizes[k]
             best = odds, Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
-    return best[1] if best is not None and best[0] > SURE_NATS else None
+    is_sure = best is not None and best[0] > SURE_NATS and abs(best[1].size) > LEAST_PART * jump
+    return best[1] if best is not None and is_sure else None
 
 
 def causes(
-    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, shape: Array
-) -> dict[str, float]:
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, shape: Array,
+    beside: Array,
+) -> dict[str, float]:  # fmt: skip
     """Probabilities that a change of a robot is its own, a place's, or its batch's. (104)
 
-    `shape`: the change's course over all recordings, shape (n,), of unit size. `segment`, `left`: with it not taken
-    off. A group's change is the same in all of its robots.
+    `shape`: the change's course over all recordings, shape (n,), of unit size. `beside`: which robots change alike at
+    that time, this one among them, shape (robots,); `segment`, `left`: with none of that taken off. A group's change is
+    the same in all of its robots, and those beside that are not of it have changes of their own.
     """
-    mine, jump = log.robot == robot, log.constant.jump
+    jump, mine = log.constant.jump, log.robot == robot
+    each = told(log, p, segment, levels, left, shape)
+    alone = np.maximum(0.0, _nats(each.score, each.information, jump) - np.log(ROBOT_DAYS)) * beside
+    odds = {"robot": float(alone.sum() - alone[robot] + _nats(each.score, each.information, jump)[robot])}
+    odds["robot"] -= float(np.log(ROBOT_DAYS))
 
-    def odds_of(x: Array, days: float) -> float:
-        return -float(np.log(days)) + _fixed(told(log, p, segment, levels, left, x), jump)
+    def of_group(inside: Array, days: float) -> float:
+        found = told(log, p, segment, levels, left, shape * inside)
+        of_it = np.bincount(log.robot, inside * (shape > 0.0), len(log.robots)) > 0.0
+        together = _nats(found.score.sum(), found.information.sum(), jump) - np.log(days)
+        return float(together + alone[~of_it].sum())
 
-    odds = {"robot": odds_of(shape * mine, ROBOT_DAYS)}
     for place in np.unique(log.place[mine & (shape > 0.0)]) if len(log.places) > 1 else ():
-        odds[f"place {log.places[place]}"] = odds_of(shape * (log.place == place), PLACE_DAYS)
+        odds[f"place {log.places[place]}"] = of_group(log.place == place, PLACE_DAYS)
     batch = log.batch_of[robot]
     if len(log.batches) > 1:
-        odds[f"batch {log.batches[batch]}"] = odds_of(shape * (log.batch_of[log.robot] == batch), BATCH_DAYS)
+        odds[f"batch {log.batches[batch]}"] = of_group(log.batch_of[log.robot] == batch, BATCH_DAYS)
     most = max(odds.values())
     weight = {name: float(np.exp(value - most)) for name, value in odds.items()}
     return {name: value / sum(weight.values()) for name, value in weight.items()}
 
 
-def _fixed(found: Told, jump: float) -> float:
-    score, information = float(found.score.sum()), float(found.information.sum())
-    return 0.5 * (score**2 / (information + jump**-2) - float(np.log1p(jump**2 * information)))
+def _nats(score: Any, information: Any, jump: float) -> Any:
+    """Log Bayes factor of one size N(0, jump^2) against none."""
+    return 0.5 * (score**2 / (information + jump**-2) - np.log1p(jump**2 * information))
 
 
 def with_step(p: Population, step: Step) -> Population:
@@ -123,5 +133,8 @@ def with_step(p: Population, step: Step) -> Population:
 def pruned(p: Population, jump: float) -> Population:
     """Without the steps that are no longer sure, now that the robots' own changes are known."""
     days = {"place": PLACE_DAYS, "batch": BATCH_DAYS}
-    sure = [s for s in p.steps if gain(s.size, s.sigma, jump) - np.log(days[s.kind]) > SURE_NATS]
+    sure = [
+        s for s in p.steps
+        if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(days[s.kind]) > SURE_NATS
+    ]  # fmt: skip
     return replace(p, steps=tuple(sure))

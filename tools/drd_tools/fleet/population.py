@@ -19,6 +19,7 @@ KNOT_DAYS: Final = 14.0  # of the season: weather and load change over weeks
 LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from what one has
 # Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
 GROUP_PART: Final = 0.1
+FREEDOM: Final = 4.0  # degrees, of Student's t: robots that leak must not pull what all have in common
 NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
 
 
@@ -111,9 +112,11 @@ def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: I
     robot_of = np.zeros(len(levels), np.int64)
     robot_of[segment] = log.robot
     y = log.value - drift
+    trust = np.ones(len(y))
     for _ in range(ROUNDS):
-        beta, covariance, level = _solved(log, found, X, prior, y, segment, levels)
+        beta, covariance, level = _solved(log, found, X, prior, y, segment, levels, trust)
         left = y - X @ beta - level.mean[segment]
+        trust = (FREEDOM + 1.0) / (FREEDOM + left**2 / (log.sigma**2 + found.excess**2))
         found = _updated(log, found, beta, covariance, level, left, segment, levels)
         prior = _precisions(log, found)
     return found
@@ -156,10 +159,11 @@ def _precisions(log: Log, p: Population) -> Array:
 
 
 def _solved(
-    log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers
-) -> tuple[Array, Array, _Levels]:
-    """Generalised least squares with the segments' levels marginalised, and these. (100)"""
-    w = 1.0 / (log.sigma**2 + p.excess**2)
+    log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers,
+    trust: Array,
+) -> tuple[Array, Array, _Levels]:  # fmt: skip
+    """Generalised least squares with the segments' levels marginalised, and these; `trust`: weights (n,). (100)"""
+    w = trust / (log.sigma**2 + p.excess**2)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
     total = np.bincount(segment, w, many)

@@ -97,7 +97,7 @@ def analyse_logs(
     done = list(done)
     with threadpool_limits(limits=1):  # so small products are no sooner done by two threads
         fitted = {name: _fitted(log, done, (known or {}).get(name)) for name, log in every.items() if len(log.value)}
-    flat = [e for f in fitted.values() for e in f.events if e.seen >= LEAST_SEEN or e.maintenance is not None]
+    flat = [e for f in fitted.values() for e in f.events if e.seen >= LEAST_SEEN]
     mask = by_probability(np.array([e.probability for e in flat]), FALSE, LEAST)
     found = {id(e) for e, is_found in zip(flat, mask, strict=True) if is_found}
     judged = {
@@ -226,14 +226,22 @@ def _with_causes(log: Log, p: Population, trends: list[Trend], found: list[Event
     judged = []
     for event in found:
         robot = number[event.robot]
+        same = [o for o in found if o is not event and _is_alike(o, event)]
         of, own = segment.copy(), drift.copy()
         shape = _undone(log, trends[robot], robot, event, of, own)
-        found_causes = causes(log, p, of, levels, less - own, robot, shape)
-        same = sum(
-            o.robot != event.robot and abs(o.day - event.day) < SAME_DAYS and o.size * event.size > 0.0 for o in found
-        )
-        judged.append(replace(event, causes=found_causes, others=seen - 1 - same))
+        for other in same:
+            _undone(log, trends[number[other.robot]], number[other.robot], other, of, own)
+        beside = np.zeros(len(log.robots))
+        beside[[robot, *(number[o.robot] for o in same)]] = 1.0
+        whose = causes(log, p, of, levels, less - own, robot, shape, beside)
+        judged.append(replace(event, causes=whose, others=seen - 1 - len({o.robot for o in same})))
     return judged
+
+
+def _is_alike(one: Event, other: Event) -> bool:
+    """Whether two robots change alike, at about one time: one cause may explain both."""
+    near = abs(one.day - other.day) <= SAME_DAYS and one.form == other.form and one.robot != other.robot
+    return near and 0.5 < one.size / other.size < 2.0 and min(one.probability, other.probability) > 0.5
 
 
 def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own: Array) -> Array:

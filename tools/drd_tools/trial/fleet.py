@@ -152,14 +152,14 @@ def _scored(
     groups = [(h.kind, h.who, h.day, _blame(blamed, h)) for h in fleet.happenings if h.kind != "robot" and h.day > 0]
     false, misled = [], []
     for i, s in enumerate(said):
-        if i in used:
+        if i in used or (s.event.cause != "robot" and _is_group(s.event, fleet)):
             continue
         (misled if _is_group(s.event, fleet) else false).append(_line(s))
     for (kind, who, name), day in blamed.items():
         if not any((h.kind, h.who, h.name) == (kind, who, name) and abs(h.day - day) <= GROUP_NEAR
                    for h in fleet.happenings):  # fmt: skip
             false.append(f"{kind} {who} {name} from day {day:.0f}")
-    days = max(d.day for d in fleet.drives)
+    days = float(np.ceil(max(d.day for d in fleet.drives)))
     return FleetRow(
         seed=seed, robot_days=len(fleet.batch) * days, recordings=len(fleet.drives), changes=changes, false=false,
         misled=misled, groups=groups, last=[] if final is None else [f"{e.robot} {e.name}" for e in final.found],
