@@ -10,12 +10,14 @@ from drd_tools.fleet.population import Population, Step
 from drd_tools.fleet.series import Integers, Log
 
 # Days between changes of a robot's constant, of a floor's and of a batch's.
-ROBOT_DAYS, PLACE_DAYS, BATCH_DAYS = 2000.0, 2000.0, 2000.0
+ROBOT_DAYS: Final = 2000.0
+DAYS: Final = {"place": 2000.0, "batch": 2000.0}
 LEAST_GROUP: Final = 3  # robots, of which the median is not led by one
 MOST_STEPS: Final = 4  # of a constant: limits a greedy search
 SURE_NATS: Final = 3.0  # 20 to 1
 LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
 CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
+MOST_SIGMAS: Final = 6.0  # that a robot may count
 MOST_DAYS: Final = 120  # that are tried
 
 
@@ -61,31 +63,49 @@ def pooled(found: Told, jump: float) -> tuple[float, float, int]:
     return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())), int(seen.sum())
 
 
+def explained(found: Told, size: float) -> float:
+    """Nats that one step of `size` explains in all robots; what is clipped has something of its own. (104)"""
+    z = found.score / np.sqrt(np.maximum(found.information, 1e-300))
+    off = z - size * np.sqrt(found.information)
+    return float(0.5 * np.sum(np.minimum(z**2, MOST_SIGMAS**2) - np.minimum(off**2, MOST_SIGMAS**2)))
+
+
 def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Array) -> Step | None:
     """The surest change of a place or a batch in what is left of a model without it; None: none is sure."""
-    jump = log.constant.jump
     days = np.unique(np.floor(log.day))[1:]
     days = days[:: max(1, len(days) // MOST_DAYS)]
-    best: tuple[float, Step] | None = None
-    groups = [("place", k, PLACE_DAYS) for k in range(len(log.places)) if len(log.places) > 1]
-    groups += [("batch", k, BATCH_DAYS) for k in range(len(log.batches)) if len(log.batches) > 1]
-    for kind, which, rate in groups:
-        nats, sizes = [], []
-        for day in days:
-            step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
-            size, sigma, robots = pooled(told(log, p, segment, levels, left, step.rows(log)), jump)
-            nats.append(gain(size, sigma, jump) if np.isfinite(sigma) else -np.inf)
-            sizes.append((size, sigma, robots))
-        if not nats or not np.isfinite(max(nats)):
-            continue
-        k = int(np.argmax(nats))
-        gap = float(days[-1] - days[0]) / len(days) if len(days) > 1 else 1.0
-        odds = float(np.logaddexp.reduce(nats)) + np.log(gap / rate)
-        if best is None or odds > best[0]:
-            size, sigma, robots = sizes[k]
-            best = odds, Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
-    is_sure = best is not None and best[0] > SURE_NATS and abs(best[1].size) > LEAST_PART * jump
-    return best[1] if best is not None and is_sure else None
+    groups = [("place", k) for k in range(len(log.places)) if len(log.places) > 1]
+    groups += [("batch", k) for k in range(len(log.batches)) if len(log.batches) > 1]
+    found = [_best_step(log, p, segment, levels, left, kind, which, days) for kind, which in groups if len(days)]
+    sure = [(nats, step) for nats, step in found if step is not None]
+    return max(sure, key=lambda one: one[0])[1] if sure else None
+
+
+def _best_step(
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, kind: str, which: int, days: Array
+) -> tuple[float, Step | None]:
+    """Of one group: the date that explains most, if it is sure there."""
+    jump = log.constant.jump
+    if kind == "place":
+        # Each robot has a level of its own at the place, so that how far the place is off is free.
+        pair, segment = np.unique(2 * segment + (log.place == which), return_inverse=True)
+        levels = levels[pair // 2] * 0
+    nats, at = [], []
+    for day in days:
+        step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
+        seen = told(log, p, segment, levels, left, step.rows(log))
+        size, sigma, robots = pooled(seen, jump)
+        is_seen = bool(np.isfinite(sigma))
+        nats.append(explained(seen, size) if is_seen else -np.inf)
+        at.append((size, sigma, robots))
+    k = int(np.argmax(nats))
+    size, sigma, robots = at[k]
+    if not np.isfinite(sigma):
+        return -np.inf, None
+    # At one date of many, all equally likely beforehand.
+    odds = gain(size, sigma, jump) - np.log(DAYS[kind])
+    step = Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
+    return nats[k], step if odds > SURE_NATS and abs(size) > LEAST_PART * jump else None
 
 
 def causes(
@@ -111,10 +131,10 @@ def causes(
         return float(together + alone[~of_it].sum())
 
     for place in np.unique(log.place[mine & (shape > 0.0)]) if len(log.places) > 1 else ():
-        odds[f"place {log.places[place]}"] = of_group(log.place == place, PLACE_DAYS)
+        odds[f"place {log.places[place]}"] = of_group(log.place == place, DAYS["place"])
     batch = log.batch_of[robot]
     if len(log.batches) > 1:
-        odds[f"batch {log.batches[batch]}"] = of_group(log.batch_of[log.robot] == batch, BATCH_DAYS)
+        odds[f"batch {log.batches[batch]}"] = of_group(log.batch_of[log.robot] == batch, DAYS["batch"])
     most = max(odds.values())
     weight = {name: float(np.exp(value - most)) for name, value in odds.items()}
     return {name: value / sum(weight.values()) for name, value in weight.items()}
@@ -132,9 +152,8 @@ def with_step(p: Population, step: Step) -> Population:
 
 def pruned(p: Population, jump: float) -> Population:
     """Without the steps that are no longer sure, now that the robots' own changes are known."""
-    days = {"place": PLACE_DAYS, "batch": BATCH_DAYS}
     sure = [
         s for s in p.steps
-        if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(days[s.kind]) > SURE_NATS
+        if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(DAYS[s.kind]) > SURE_NATS
     ]  # fmt: skip
     return replace(p, steps=tuple(sure))
