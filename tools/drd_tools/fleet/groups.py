@@ -17,7 +17,7 @@ MOST_STEPS: Final = 4  # of a constant: limits a greedy search
 SURE_NATS: Final = 3.0  # 20 to 1
 LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
 CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
-MOST_SIGMAS: Final = 6.0  # that a robot may count
+ALIKE: Final = 1.0  # part of a group's step by which a robot's may differ
 MOST_DAYS: Final = 120  # that are tried
 
 
@@ -64,10 +64,11 @@ def pooled(found: Told, jump: float) -> tuple[float, float, int]:
 
 
 def explained(found: Told, size: float) -> float:
-    """Nats that one step of `size` explains in all robots; what is clipped has something of its own. (104)"""
-    z = found.score / np.sqrt(np.maximum(found.information, 1e-300))
-    off = z - size * np.sqrt(found.information)
-    return float(0.5 * np.sum(np.minimum(z**2, MOST_SIGMAS**2) - np.minimum(off**2, MOST_SIGMAS**2)))
+    """Nats that one step of `size` explains in the robots, without those that have something of their own. (104)"""
+    information = np.maximum(found.information, 1e-300)
+    gained = size * found.score - 0.5 * size**2 * information
+    off = np.abs(found.score / information - size) / max(abs(size), 1e-300)
+    return float(gained[off < ALIKE].sum())
 
 
 def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Array) -> Step | None:
