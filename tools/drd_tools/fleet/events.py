@@ -60,6 +60,11 @@ class Trend:
     level: Array
     sigma: Array
 
+    @property
+    def first(self) -> int:
+        """End of the first segment that is no single recording: where the robot set out from."""
+        return next((e for _, s, e in self.segments if e - s + 1 >= LEAST_SEEN), len(self.level) - 1)
+
 
 def smoothed(log: Log, p: Population, robot: int, segments: Segments, mean: float, value: Array) -> Trend:
     """The levels of a robot's segments, by Gaussian regression with outliers weighed down. (102)
@@ -123,8 +128,8 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
             size=float(trend.level[last] - trend.level[e0]),
             sigma=float(np.hypot(trend.sigma[last], trend.sigma[e0])),
             probability=changes.any_change(series, int(at[0]), int(at[-1])),
-            level=float(trend.level[last] - trend.level[segments[0][2]]),
-            level_sigma=float(np.hypot(trend.sigma[last], trend.sigma[segments[0][2]])),
+            level=float(trend.level[last] - trend.level[trend.first]),
+            level_sigma=float(np.hypot(trend.sigma[last], trend.sigma[trend.first])),
             causes={"robot": 1.0},
             seen=min(e0 - s0, e - s) + 1,
             until=float(day[e + 1]) if e + 1 < len(day) else np.inf,

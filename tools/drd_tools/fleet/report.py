@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib import colormaps
 
+from drd_tools.fleet.changes import CREEP
 from drd_tools.fleet.events import Event
 from drd_tools.fleet.pictures import COLOURS, overview, trend
 from drd_tools.fleet.sentences import Sentence, figure, headline, sentences
@@ -111,7 +112,9 @@ def _changes(found: Statistics, robots: Sequence[str]) -> Any:
 
 def _change(fitted: Fitted, robot: int) -> float:
     line = fitted.trends[robot]
-    return float(line.level[-1] - line.level[0]) if len(line.level) else np.nan
+    if not len(line.level):
+        return np.nan
+    return float(line.level[-1] - line.level[0 if line.segments[0][0] == CREEP else line.first])
 
 
 def _robots(
