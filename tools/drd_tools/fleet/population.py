@@ -20,6 +20,8 @@ LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from 
 # Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
 GROUP_PART: Final = 0.1
 FREEDOM: Final = 4.0  # degrees, of Student's t: robots that leak must not pull what all have in common
+LEAST_PAIRS: Final = 10  # of recordings that follow each other, to tell noise from
+HALVINGS: Final = 30  # of an interval: to nine digits
 NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
 
 
@@ -97,7 +99,7 @@ def first_guess(log: Log) -> Population:
     knots = np.linspace(low, max(high, low + 1.0), max(2, round((high - low) / KNOT_DAYS) + 1))
     zero_b, zero_p = np.zeros(len(log.batches)), np.zeros(len(log.places))
     scatter = (GROUP_PART * jump,) * 3
-    return Population(mean, max(spread, 0.1 * log.constant.spread), 0.0, (0.003 * jump) ** 2, zero_b, zero_b + 0.0,
+    return Population(mean, max(spread, 0.1 * log.constant.spread), _excess(log), (0.003 * jump) ** 2, zero_b, zero_b + 0.0,
                       zero_p, zero_p + 0.0, knots, np.zeros(len(knots)), (), scatter)  # fmt: skip
 
 
@@ -117,7 +119,7 @@ def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: I
         beta, covariance, level = _solved(log, found, X, prior, y, segment, levels, trust)
         left = y - X @ beta - level.mean[segment]
         trust = (FREEDOM + 1.0) / (FREEDOM + left**2 / (log.sigma**2 + found.excess**2))
-        found = _updated(log, found, beta, covariance, level, left, segment, levels)
+        found = _updated(log, found, beta, covariance, level, levels)
         prior = _precisions(log, found)
     return found
 
@@ -181,10 +183,9 @@ def _solved(
 
 
 def _updated(
-    log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, left: Array, segment: Integers,
-    levels: Integers,
-) -> Population:  # fmt: skip
-    """The M step: deviations from second moments; the noise, for outliers' sake, from the median. (101)"""
+    log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers
+) -> Population:
+    """The M step: deviations from second moments. (101)"""
     sigma = np.sqrt(np.diag(covariance))
     b, q, m = len(log.batches), len(log.places), len(p.knots)
     parts = np.cumsum([1, b, q, m])
@@ -197,16 +198,14 @@ def _updated(
     C = covariance[at, at]
     change2 = np.diff(beta[at]) ** 2 + np.diag(C)[1:] + np.diag(C)[:-1] - 2.0 * np.diag(C, 1)
     season = np.sqrt((change2.sum() + (GROUP_PART * jump) ** 2) / (len(change2) + 1.0))
-    free = 1.0 - np.minimum(0.9, 1.0 / np.bincount(segment)[segment])
     return replace(
         p,
         mean=float(beta[0]),
         spread=float(np.sqrt(spread2)),
-        excess=_excess(left**2 / free, log.sigma),
         batch=beta[1 : parts[1]],
         batch_sigma=sigma[1 : parts[1]],
         place=beta[parts[1] : parts[2]],
-        place_sigma=sigma[parts[1] : parts[2]] * (q > 1),
+        place_sigma=_about_their_mean(covariance[parts[1] : parts[2], parts[1] : parts[2]]),
         season=beta[at],
         steps=tuple(
             replace(s, size=float(beta[parts[3] + i]), sigma=float(sigma[parts[3] + i])) for i, s in enumerate(p.steps)
@@ -228,17 +227,28 @@ def _apart(values: Array, covariance: Array) -> Apart:
     return tuple(zip(size.tolist(), sigma.tolist(), strict=True))
 
 
+def _about_their_mean(covariance: Array) -> Array:
+    """Sigmas of what groups differ in; the rest is the mean's."""
+    k = len(covariance)
+    centre = np.eye(k) - 1.0 / k
+    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", centre, covariance, centre), 0.0))
+
+
 def _scatter(values: Array, sigmas: Array, prior: float) -> float:
     return float(np.sqrt((np.sum(values**2 + sigmas**2) + prior**2) / (len(values) + 1.0)))
 
 
-def _excess(square: Array, sigma: Array) -> float:
-    """Noise beyond the stated, so that the median of the squares is that of a Gaussian."""
-    if np.median(square / sigma**2) <= NORMAL_QUARTILE2:
+def _excess(log: Log) -> float:
+    """Noise beyond the stated, from a robot's recordings that follow each other in one place: changes are in few. (101)"""
+    order = np.lexsort((log.day, log.place, log.robot))
+    same = (np.diff(log.robot[order]) == 0) & (np.diff(log.place[order]) == 0)
+    square = np.diff(log.value[order])[same] ** 2
+    variance = (log.sigma[order][1:] ** 2 + log.sigma[order][:-1] ** 2)[same]
+    if len(square) < LEAST_PAIRS or np.median(square / variance) <= NORMAL_QUARTILE2:
         return 0.0
-    low, high = 0.0, float(np.sqrt(np.median(square) / NORMAL_QUARTILE2)) + float(sigma.max())
-    for _ in range(40):
+    low, high = 0.0, float(np.sqrt(np.median(square) / NORMAL_QUARTILE2))
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        is_more = np.median(square / (sigma**2 + middle**2)) > NORMAL_QUARTILE2
+        is_more = np.median(square / (variance + 2.0 * middle**2)) > NORMAL_QUARTILE2
         low, high = (middle, high) if is_more else (low, middle)
     return high

@@ -72,8 +72,12 @@ def write_report(
     names = list(found.fitted)
     overview(files[0], [r.name for r in robots], names, _changes(found, [r.name for r in robots]))
     page.heading("What to inspect first")
-    urgent = [(str(k), s.text, s.look_at) for k, s in enumerate(said[:URGENT], 1)]
-    page.table(("", "what", "look at"), urgent or [("", "nothing has changed", "")], _more(said), text_columns=(1, 2))
+    urgent, over = [s for s in said if not s.is_over], [s for s in said if s.is_over]
+    rows = [(str(k), s.text, s.look_at) for k, s in enumerate(urgent[:URGENT], 1)]
+    page.table(("", "what", "look at"), rows or [("", "nothing has changed", "")], _more(urgent), text_columns=(1, 2))
+    if over:
+        page.text("What was, and is back as it was:")
+        page.table(("", "what"), [(str(k), s.text) for k, s in enumerate(over[:URGENT], 1)], _more(over), text_columns=(1,))
     page.heading("Robots and effects")
     page.picture(files[0], "Blue: smaller than at first, red: larger; grey: not seen.")
     page.text("Each cell: the change since the robot's first recordings; framed: a change that is found. A robot's name "

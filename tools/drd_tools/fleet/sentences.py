@@ -25,12 +25,13 @@ LOOK_AT: Final = {
 
 
 class Sentence(NamedTuple):
-    """Something to read. `weight`: how urgent; `robot`: whose, or "" of a place or batch."""
+    """Something to read. `weight`: how urgent; `robot`: whose, or "" of a place or batch; `is_over`: put right."""
 
     text: str
     robot: str
     name: str
     weight: float
+    is_over: bool = False
 
     @property
     def look_at(self) -> str:
@@ -71,7 +72,7 @@ def _of_robot(chain: Sequence[Event]) -> Sentence:
         text += f"; {done}{when}: {creeps}{figure(event.name, event.level)}"
         text += "" if is_back else f" {constant.unit}"
     size = abs(last.level) / constant.jump * last.causes.get("robot", 0.0)
-    return Sentence(f"{text}.", first.robot, first.name, 0.1 * size if is_back else 1.0 + size)
+    return Sentence(f"{text}.", first.robot, first.name, 0.1 * size if is_back else 1.0 + size, is_back)
 
 
 def _of_groups(found: Statistics) -> Iterator[Sentence]:

@@ -111,9 +111,10 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
     change = _chances(log, done)
     p = known or _with_steps(log, whole)
     if known is None:
-        p = max((replace(p, walk=(part * log.constant.jump) ** 2) for part in WALKS),
-                key=lambda q: float(_cut(log, q, change)[1].sum()))  # fmt: skip
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
+            if turn:  # with the jumps taken out of what is common
+                p = max((replace(p, walk=(part * log.constant.jump) ** 2) for part in WALKS),
+                        key=lambda q: float(_cut(log, q, change)[1].sum()))  # fmt: skip
             trends = _trends(log, p, _cut(log, p, change)[0])
             p = fit(log, pruned(p, log.constant.jump), *_numbered(log, trends))
         p = pruned(p, log.constant.jump)
