@@ -40,7 +40,7 @@ class Event:
     level: float
     level_sigma: float
     causes: dict[str, float]
-    seen: int = LEAST_SEEN
+    seen: int
     maintenance: Maintained | None = None
     until: float = np.inf
     others: int = 0
@@ -131,7 +131,7 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
             level=float(trend.level[last] - trend.level[trend.first]),
             level_sigma=float(np.hypot(trend.sigma[last], trend.sigma[trend.first])),
             causes={"robot": 1.0},
-            seen=min(e0 - s0, e - s) + 1,
+            seen=min(e0 - s0 + 1, _beyond_half(trend, s, e) if kind == CREEP else e - s + 1),
             until=float(day[e + 1]) if e + 1 < len(day) else np.inf,
         )
 
@@ -155,7 +155,14 @@ def _creeping(log: Log, changes: Changes, series: int, robot: int, trend: Trend,
     day = log.day[rows]
     until = float(day[end + 1]) if end + 1 < len(day) else np.inf
     return Event(log.robots[robot], log.name, "creep", 0, float(day[0]), float(day[0]), float(day[0]),
-                 log.recordings[rows.start], size, sigma, p, size, sigma, {"robot": 1.0}, until=until)  # fmt: skip
+                 log.recordings[rows.start], size, sigma, p, size, sigma, {"robot": 1.0},
+                 _beyond_half(trend, 0, end), until=until)  # fmt: skip
+
+
+def _beyond_half(trend: Trend, first: int, last: int) -> int:
+    """How many recordings show more than half of what crept: with one alone, it may as well be an outlier."""
+    crept = (trend.level[first : last + 1] - trend.level[first]) / (trend.level[last] - trend.level[first])
+    return int((crept > 0.5).sum())
 
 
 def with_maintenance(event: Event, done: Sequence[Maintained]) -> Event:
