@@ -53,7 +53,8 @@ def test_a_segment_without_outliers_is_a_gaussian(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(changes, "OUTLIERS", 1e-300)
     random = np.random.default_rng(3)
     n, mean, spread, jump, walk = 6, 0.2, 0.5, 1.0, 0.03
-    day, value, variance = np.cumsum(random.uniform(0.5, 2.0, n)), random.standard_normal(n), random.uniform(0.1, 0.3, n)
+    day, value = np.cumsum(random.uniform(0.5, 2.0, n)), random.standard_normal(n)
+    variance = random.uniform(0.1, 0.3, n)
     prior = Prior(np.array([mean]), spread, jump, slope, walk, np.zeros((1, n)))
     found = evidence(day[None], value[None], variance[None], prior)
     for kind in range(found.log.shape[1]):

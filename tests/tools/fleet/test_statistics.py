@@ -62,7 +62,7 @@ def test_the_first_robots_on_a_new_floor_are_not_blamed() -> None:
 
 
 def test_what_is_apart_ever_since() -> None:
-    s = analyse(made_table(12, 20, 3, lambda r, k, place, batch: 0.01 * (place == "p2") + 0.02 * (r == 5), places=3))
+    s = analyse(made_table(12, 20, 3, lambda r, _, place, __: 0.01 * (place == "p2") + 0.02 * (r == 5), places=3))
     assert {(o.kind, o.who) for o in s.standing_out} == {("place", "p2"), ("robot", "5")}
     assert s.found == []
 
@@ -72,7 +72,8 @@ def test_maintenance_makes_a_change_likelier() -> None:
 
     def probability(*what: str) -> float:
         log = [{"date": day(28), "robot": "3", "what": w} for w in what]
-        return max((e.probability for e in analyse(table, log).fitted["radius_left"].events if e.robot == "3"), default=0)
+        events = analyse(table, log).fitted["radius_left"].events
+        return max((e.probability for e in events if e.robot == "3"), default=0.0)
 
     assert probability("left tyre changed") > 0.95
     assert probability() == probability("right tyre changed") < 0.9
@@ -109,7 +110,7 @@ def test_a_leak_creeps() -> None:
 
 
 def test_a_season_is_nobodys_change() -> None:
-    s = analyse(made_table(20, 90, 8, lambda r, k, *_: 0.001 * float(np.sin(k / 30.0))))
+    s = analyse(made_table(20, 90, 8, lambda _, k, *__: 0.001 * float(np.sin(k / 30.0))))
     assert s.found == []
     season = s.fitted["radius_left"].population.season
     assert np.ptp(season) == pytest.approx(0.001, abs=0.0002)

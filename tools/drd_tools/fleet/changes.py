@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.arrays import Array
 
-Integers = npt.NDArray[np.int64]
-LEVEL, CREEP = 0, 1
+CREEP: Final = 1  # kind of a segment; 0 is a level
 # A recording in so many is off by about a jump: a lidar that lost itself, a load, a passenger.
 OUTLIERS: Final = 0.01
 # Of segments, where the constant can creep at all: leaks are rarer than what happens at once.
@@ -64,7 +62,7 @@ class Changes(NamedTuple):
 
 
 def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidence:
-    """Filter each segment of each series. `day`, `value`, `variance`: (series, n); NaN at the end: no observation. (102)
+    """Filter each segment. `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation. (102)
 
     Outliers are a mixture of two, which is collapsed to one Gaussian after each observation.
     """
@@ -104,9 +102,9 @@ def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidenc
     return Evidence(log, level, spread)
 
 
-def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array, Array]:
+def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
     """Evidence of segments with the prior of their kind and of no change within; log h before each observation."""
-    kinds, n = log.shape[1], log.shape[2]
+    kinds = log.shape[1]
     kind = np.log([1.0 - CREEPING, CREEPING]) if kinds == 2 else np.zeros(1)
     with np.errstate(divide="ignore"):
         begins = np.log(change)
@@ -115,12 +113,12 @@ def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array, Array]:
     stays[:, 0] = 0.0
     stay = np.cumsum(stays, 1)
     segments = log + kind[None, :, None, None] + (stay[:, None, None, :] - stay[:, None, :, None])
-    return segments, begins, np.arange(n)
+    return segments, begins
 
 
 def posterior(log: Array, change: Array) -> Changes:
     """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (103)"""
-    segments, begins, _ = _prior_of_segments(log, change)
+    segments, begins = _prior_of_segments(log, change)
     series, _, n = segments.shape[:3]
     before = np.zeros((series, n + 1))  # log evidence of the observations before k
     for e in range(n):
@@ -148,8 +146,8 @@ def _sum(terms: Array) -> Array:
 
 def most_likely(log: Array, change: Array) -> list[list[tuple[int, int, int]]]:
     """The likeliest segments (kind, first, last) of each series. (103)"""
-    segments, begins, _ = _prior_of_segments(log, change)
-    series, kinds, n = segments.shape[:3]
+    segments, begins = _prior_of_segments(log, change)
+    series, _, n = segments.shape[:3]
     best = np.zeros((series, n + 1))
     came = np.zeros((series, n), np.int64)
     for e in range(n):

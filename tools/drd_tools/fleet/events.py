@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,8 @@ class Event:
 
     `first`: number of the robot's first recording after it, `day` that one's; the date is from `low` to `high` with
     90 %. `size`, `sigma`: of the change, SI; what creeps: so far. `probability`: that there is a change; `causes`:
-    whose it is; `seen`: recordings on its shorter side. `level`, `level_sigma`: since then, less the robot's first level. `maintenance`: what was done then.
+    whose it is; `seen`: recordings on its shorter side. `level`, `level_sigma`: since then, less the robot's first
+    level. `until`: the day of its next change; `others`: robots that did not change so then.
     """
 
     robot: str
@@ -106,7 +108,7 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
     kind, _, end = segments[0]
     if kind == CREEP and end:
         yield _creeping(log, changes, series, robot, trend, end)
-    for (_, s0, e0), (kind, s, e) in zip(segments, segments[1:], strict=False):
+    for (_, s0, e0), (kind, s, e) in pairwise(segments):
         at = np.arange(s0 + 1, e + 1)
         mass = changes.change[series, at]
         # Its own date: neighbours that no change at all lies between.

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from drd.arrays import Array
@@ -16,15 +17,14 @@ from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, ORANGE, SERIES, VER
 
 LABELLED: Final = 60  # robots whose names still fit
 COLOURS: Final = "RdBu_r"
-NAMES_IN_LEGEND: Final = 6
 
 
 def overview(file: Path, robots: Sequence[str], names: Sequence[str], changes: Array) -> None:
     """All robots (columns) and constants (rows): `changes` (constants, robots), in prior sigmas of a change."""
     with picture(file, 12.0, 1.4 + 0.32 * len(names)) as figure:
         axes: Any = figure.subplots()
-        image = axes.imshow(changes, aspect="auto", cmap=COLOURS, vmin=-1.0, vmax=1.0, interpolation="nearest")
-        image.cmap.set_bad("#D8D8D8")
+        colours = colormaps[COLOURS].with_extremes(bad="#D8D8D8")
+        image = axes.imshow(changes, aspect="auto", cmap=colours, vmin=-1.0, vmax=1.0, interpolation="nearest")
         axes.set_yticks(range(len(names)), [CONSTANTS[n].label for n in names])
         if len(robots) <= LABELLED:
             axes.set_xticks(range(len(robots)), robots, rotation=90, fontsize=7)
@@ -36,7 +36,7 @@ def overview(file: Path, robots: Sequence[str], names: Sequence[str], changes: A
 
 
 def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> None:
-    """A robot's constant: its recordings by place, the level with its 90 % band, changes, maintenance, and the others."""
+    """A robot's constant: its recordings by place, the level with a 90 % band, changes, maintenance, the others."""
     log, p, c = fitted.log, fitted.population, fitted.log.constant
     number = log.robots.index(robot)
     rows, line = log.rows(number), fitted.trends[number]
@@ -48,7 +48,8 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
             at = log.place[rows] == place
             style: Any = {"color": SERIES[k % len(SERIES)], "fmt": "o", "markersize": 3.5, "elinewidth": 0.7}
             name = log.places[place] or "recordings"
-            axes.errorbar(times(log.day[rows][at]), c.factor * own[at], c.factor * log.sigma[rows][at], label=name, **style)
+            half = c.factor * log.sigma[rows][at]
+            axes.errorbar(times(log.day[rows][at]), c.factor * own[at], half, label=name, **style)
         for _, s, e in line.segments:
             at = slice(s, e + 1)
             level, half = c.factor * line.level[at], c.factor * 1.645 * line.sigma[at]
@@ -66,7 +67,7 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
 
 def _others(axes: Any, fitted: Fitted, number: int) -> None:
     """Where nine of ten of the other robots' levels are."""
-    log, factor = fitted.log, fitted.log.constant.factor
+    factor = fitted.log.constant.factor
     level = [t.level[-1] for i, t in enumerate(fitted.trends) if i != number and len(t.level)]
     if len(level) > 1:
         low, high = np.quantile(level, (0.05, 0.95))

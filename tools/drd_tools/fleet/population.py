@@ -20,6 +20,7 @@ LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from 
 # Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
 GROUP_PART: Final = 0.1
 FREEDOM: Final = 4.0  # degrees, of Student's t: robots that leak must not pull what all have in common
+WALK_PART: Final = 0.003  # of a jump, per square root of a day: before it is estimated
 LEAST_PAIRS: Final = 10  # of recordings that follow each other, to tell noise from
 HALVINGS: Final = 30  # of an interval: to nine digits
 NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
@@ -97,10 +98,12 @@ def first_guess(log: Log) -> Population:
     spread = 1.4826 * float(np.nanmedian(np.abs(middle - mean))) if robots >= LEAST_ROBOTS else log.constant.spread
     low, high = float(log.day.min()), float(log.day.max())
     knots = np.linspace(low, max(high, low + 1.0), max(2, round((high - low) / KNOT_DAYS) + 1))
-    zero_b, zero_p = np.zeros(len(log.batches)), np.zeros(len(log.places))
-    scatter = (GROUP_PART * jump,) * 3
-    return Population(mean, max(spread, 0.1 * log.constant.spread), _excess(log), (0.003 * jump) ** 2, zero_b, zero_b + 0.0,
-                      zero_p, zero_p + 0.0, knots, np.zeros(len(knots)), (), scatter)  # fmt: skip
+    none, nowhere = np.zeros(len(log.batches)), np.zeros(len(log.places))
+    spread, walk = max(spread, 0.1 * log.constant.spread), (WALK_PART * jump) ** 2
+    return Population(
+        mean, spread, _excess(log), walk, none, none, nowhere, nowhere, knots, np.zeros(len(knots)), (),
+        (GROUP_PART * jump,) * 3,
+    )  # fmt: skip
 
 
 def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: Integers) -> Population:
@@ -182,9 +185,7 @@ def _solved(
     return beta, covariance, _Levels(mean, share + np.einsum("ij,jk,ik->i", lever, covariance, lever))
 
 
-def _updated(
-    log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers
-) -> Population:
+def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers) -> Population:
     """The M step: deviations from second moments. (101)"""
     sigma = np.sqrt(np.diag(covariance))
     b, q, m = len(log.batches), len(log.places), len(p.knots)
@@ -239,7 +240,7 @@ def _scatter(values: Array, sigmas: Array, prior: float) -> float:
 
 
 def _excess(log: Log) -> float:
-    """Noise beyond the stated, from a robot's recordings that follow each other in one place: changes are in few. (101)"""
+    """Noise beyond the stated: of recordings that follow each other in one place, few have a change between. (101)"""
     order = np.lexsort((log.day, log.place, log.robot))
     same = (np.diff(log.robot[order]) == 0) & (np.diff(log.place[order]) == 0)
     square = np.diff(log.value[order])[same] ** 2

@@ -62,12 +62,13 @@ def _expected(fitted: Fitted, robot: str, day: float, place: str | None) -> Expe
 
 
 def write_prior(expected: list[Expected], robot: str, folder: Path) -> list[Path]:
-    """Write model.yaml, the effects, and prior.yaml, how sure they are, for the daemon's configuration. Raises OSError."""
+    """Write model.yaml, the effects, and prior.yaml, how sure they are, for the configuration. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / MODEL, folder / PRIOR]
     save_model(files[0], model_of(expected, robot), HEAD)
     text = yaml.safe_dump({"estimation": {"initial": initial_of(expected)}}, sort_keys=False)
-    files[1].write_text(f"# How sure that is: put it into the configuration of {robot}, beside model.file.\n{text}", "utf-8")
+    head = f"# How sure that is: put it into the configuration of {robot}, beside model.file."
+    files[1].write_text(f"{head}\n{text}", "utf-8")
     return files
 
 

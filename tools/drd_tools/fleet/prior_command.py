@@ -31,7 +31,8 @@ examples:
   drd fleet prior fleet --robot warthog --check recordings/warthog_*            (is it worth anything?)
 
 --check shows the position error of the first 60 and 120 s of recordings, with robot.yaml alone and with a prior of the
-recordings that began before each of them; nothing is written. A robot that the store does not know gets the population's mean, and its scatter.
+recordings that began before each of them; nothing is written. A robot that the store does not know gets the
+population's mean, and its scatter.
 
 Exit code: 0 done, 2 bad usage or input.
 """

@@ -67,21 +67,25 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     said = sentences(found)
     robots = _robots(found, said, constants, recordings, folder)
-    page = Page("Fleet", [*headline(found, len(robots), len(recordings)), *[s.text for s in said[:3]]])
+    page = Page("Fleet", [*headline(found, len(robots), len(recordings)), *[s.text for s in said[:3] if not s.is_over]])
     files = [folder / "overview.png"]
     names = list(found.fitted)
-    overview(files[0], [r.name for r in robots], names, _changes(found, [r.name for r in robots]))
     page.heading("What to inspect first")
     urgent, over = [s for s in said if not s.is_over], [s for s in said if s.is_over]
-    rows = [(str(k), s.text, s.look_at) for k, s in enumerate(urgent[:URGENT], 1)]
-    page.table(("", "what", "look at"), rows or [("", "nothing has changed", "")], _more(urgent), text_columns=(1, 2))
+    table = [(str(k), s.text, s.look_at) for k, s in enumerate(urgent[:URGENT], 1)]
+    page.table(("", "what", "look at"), table or [("", "nothing has changed", "")], _more(urgent), text_columns=(1, 2))
     if over:
         page.text("What was, and is back as it was:")
-        page.table(("", "what"), [(str(k), s.text) for k, s in enumerate(over[:URGENT], 1)], _more(over), text_columns=(1,))
+        rows = [(str(k), s.text) for k, s in enumerate(over[:URGENT], 1)]
+        page.table(("", "what"), rows, _more(over), text_columns=(1,))
+    if not names:
+        page.save(folder / PAGE)
+        return [folder / PAGE]
     page.heading("Robots and effects")
+    overview(files[0], [r.name for r in robots], names, _changes(found, [r.name for r in robots]))
     page.picture(files[0], "Blue: smaller than at first, red: larger; grey: not seen.")
-    page.text("Each cell: the change since the robot's first recordings; framed: a change that is found. A robot's name "
-              "leads to its recordings.")  # fmt: skip
+    page.text("Each cell: the change since the robot's first recordings; framed: a change that is found.")
+    page.text("A robot's name leads to its recordings.")
     labels = [f"{CONSTANTS[n].label}, {CONSTANTS[n].unit}" for n in names]
     page.markup(_markup("heat", robots, labels))
     page.heading("Trends and changes")
@@ -102,7 +106,7 @@ def _markup(part: str, robots: Sequence[Robot], labels: Sequence[str]) -> Markup
         loader=PackageLoader("drd_tools.fleet", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     template = environment.get_template("robots.html.j2")
-    return Markup(template.render(part=part, robots=robots, labels=labels, shown=SHOWN))  # noqa: S704  # it escapes
+    return Markup(template.render(part=part, robots=robots, labels=labels, shown=SHOWN))  # it escapes
 
 
 def _changes(found: Statistics, robots: Sequence[str]) -> Any:
@@ -152,7 +156,8 @@ def _cell(fitted: Fitted, robot: int | None, event: Event | None) -> Cell:
     r, g, b, _ = colormaps[COLOURS](0.5 + 0.5 * part)
     colour = "#" + "".join(f"{round(255 * v):02x}" for v in (r, g, b))
     title = "" if event is None else f"probability {event.probability:.2f}"
-    return Cell(figure(fitted.log.name, change), colour, "#fff" if abs(part) > 0.6 else "#222", title, event is not None)
+    ink = "#fff" if abs(part) > 0.6 else "#222"
+    return Cell(figure(fitted.log.name, change), colour, ink, title, event is not None)
 
 
 def _rows(
@@ -161,7 +166,8 @@ def _rows(
     """The recordings of each robot, the newest first."""
     names = list(found.fitted)
     values: dict[str, dict[str, str]] = {}
-    for recording, name, value, sigma in zip(*(constants[c] for c in ("recording", "name", "value", "sigma")), strict=True):
+    columns = [constants[c] for c in ("recording", "name", "value", "sigma")]
+    for recording, name, value, sigma in zip(*columns, strict=True):
         if name in CONSTANTS and value is not None and sigma is not None:
             c = CONSTANTS[name]
             values.setdefault(recording, {})[name] = f"{c.factor * value:.2f} ± {c.factor * sigma:.2f}"
@@ -169,8 +175,8 @@ def _rows(
     for row in recordings:
         by_robot.setdefault(str(row["robot"]), []).append(row)
     made = {}
-    for robot, own in by_robot.items():
-        own = sorted(own, key=lambda r: str(r["start_utc"] or ""), reverse=True)[:OLD]
+    for robot, every in by_robot.items():
+        own = sorted(every, key=lambda r: str(r["start_utc"] or ""), reverse=True)[:OLD]
         made[robot] = [
             Row(str(r["recording"]), str(r["place"] or ""), _when(r["start_utc"]),
                 [values.get(r["recording"], {}).get(n, "") for n in names], str(r.get("verdict") or ""),

@@ -144,5 +144,3 @@ def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
 
 def _steps(fitted: Iterable[Fitted], kind: str) -> int:
     return sum(step.kind == kind for f in fitted for step in f.population.steps)
-
-

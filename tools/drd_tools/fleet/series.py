@@ -116,7 +116,7 @@ def logs(table: Mapping[str, Sequence[Any]]) -> dict[str, Log]:
     for name in CONSTANTS:
         at = np.flatnonzero(names == name)
         at = [i for i in at if table["start_utc"][i] is not None and _is_number(table["value"][i], table["sigma"][i])]
-        if len(at):
+        if at:
             found[name] = _averaged(_log(name, table, at))
     return found
 

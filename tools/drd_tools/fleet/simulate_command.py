@@ -40,7 +40,8 @@ The folder written holds
 """
 EXAMPLES = """\
 examples:
-  drd fleet simulate --robots 40 --days 90 --summaries --output out/fleet       then: drd fleet report out/fleet/store ...
+  drd fleet simulate --robots 40 --days 90 --summaries --output out/fleet
+  drd fleet report out/fleet/store --output out/report
   drd fleet simulate --robots 3 --days 10 --output out/small
   drd fleet update out/small/recordings --store out/small/store --robots out/small/robots.yaml \\
       --maintenance out/small/maintenance.csv
@@ -146,7 +147,8 @@ def record(drive: Drive, number: int, seed: int, seconds: float, folder: Path) -
     truth = make_truth(make_drive(mission, seconds, DEFAULT.standstill_at_start_s), "warmup")
     random = stream(seed, f"recording {number}")
     nominal = replace(DEFAULT, name=drive.robot)
-    made = simulate(truth, nominal, effects_of(drive.constants), Conditions(), int(random.integers(2**31)), drive.recording)
+    own, effects = int(random.integers(2**31)), effects_of(drive.constants)
+    made = simulate(truth, nominal, effects, Conditions(), own, drive.recording)
     write_folder(made, folder / folder_of(drive), {"mission": mission, "constants": drive.constants})
 
 

@@ -277,7 +277,8 @@ def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
         others = np.delete(size, j)
         sigma = float(np.sqrt(others.var(ddof=1) * n / (n - 1.0) + trends[i].sigma[k] ** 2))
         off = float(size[j] - others.mean())
-        found.append(Offset("robot", log.robots[i], log.name, off, sigma, float(2.0 * stats.t.sf(abs(off) / sigma, n - 2))))
+        p_value = float(2.0 * stats.t.sf(abs(off) / sigma, n - 2))
+        found.append(Offset("robot", log.robots[i], log.name, off, sigma, p_value))
     for kind, names, apart in (("batch", log.batches, p.batch_apart), ("place", log.places, p.place_apart)):
         for name, (off, sigma) in zip(names, apart, strict=False):
             found.append(Offset(kind, name, log.name, off, sigma, float(2.0 * stats.norm.sf(abs(off) / sigma))))

@@ -20,7 +20,7 @@ class Part:
     kind: str
     text: str = ""
     png: str = ""
-    markup: Markup = Markup()
+    markup: Markup | None = None
     header: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     chosen: Collection[int] = ()

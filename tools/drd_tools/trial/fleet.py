@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
+from drd.monitor.findings import Z_90
 from drd_tools.fleet.events import Event
 from drd_tools.fleet.histories import BEGIN, RADII, Drive, Fleet, Happening, draw, maintenance_rows, summaries, table
 from drd_tools.fleet.population import Population
@@ -186,8 +187,8 @@ def _change(
     e = s.event
     return msgspec.structs.replace(
         base, after=after, first_off=first_k - true_k, off=k - true_k, is_own=e.cause == "robot",
-        sigmas=None if is_creep else (e.size - size) / e.sigma,
-        is_inside=e.low - BEGIN_DAY <= times[true_k] + 1e-6 and times[true_k - 1] - 1e-6 <= e.high - BEGIN_DAY,
+        sigmas=None if is_creep else float((e.size - size) / e.sigma),
+        is_inside=bool(e.low - BEGIN_DAY <= times[true_k] + 1e-6 and times[true_k - 1] - 1e-6 <= e.high - BEGIN_DAY),
     )  # fmt: skip
 
 
@@ -198,11 +199,9 @@ def _blame(blamed: dict[tuple[str, str, str], float], h: Happening) -> float | N
 
 def _is_group(e: Event, fleet: Fleet) -> bool:
     """Whether it is what the robot's place or batch does."""
-    places, batch, day = fleet.places[e.robot], fleet.batch[e.robot], e.day - BEGIN_DAY
-    return any(
-        h.name == e.name and h.kind != "robot" and (h.who in places or h.who == batch) and abs(day - h.day) <= GROUP_NEAR
-        for h in fleet.happenings
-    )
+    mine, day = {*fleet.places[e.robot], fleet.batch[e.robot]}, e.day - BEGIN_DAY
+    groups = [h for h in fleet.happenings if h.kind != "robot" and h.name == e.name and h.who in mine]
+    return any(abs(day - h.day) <= GROUP_NEAR for h in groups)
 
 
 def _line(s: Said) -> str:
@@ -257,7 +256,7 @@ def _false(rows: Sequence[FleetRow], every: Sequence[Change]) -> Table:
         ["false alarms", f"{false}: {1e3 * false / days:.2f} in 1,000 robot-days"],
         ["a robot blamed for its floor or batch", f"{misled}: {1e3 * misled / days:.2f} in 1,000 robot-days"],
         ["floors and batches that change: found", f"{sum(g[3] is not None for g in groups)} of {len(groups)}"],
-        ["sizes within 1.645 sigma (0.90)", f"{np.mean(np.abs(sigmas) < 1.645):.3f} of {len(sigmas)}" if len(sigmas) else ""],
+        ["sizes within 1.645 sigma (0.90)", f"{(np.abs(sigmas) < Z_90).sum()} of {len(sigmas)}"],
     ]
     return Table("What is not there, and honesty", ["figure", ""], lines)
 
