@@ -12,6 +12,7 @@ LOWEST := out/lowest
 LOWEST_DEV := tests/estimation/test_filter.py tests/fuzz/test_fuzz.py tests/tools/evaluate/test_evaluate_evo.py \
 	tests/tools/recordings/test_mcap_file.py tests/tools/trial/test_trial_others.py::test_other_methods_find_what_is_strong \
 	tests/output/test_zenoh_tls.py::test_watch_reads_with_a_certificate tests/output/test_foxglove.py tests/tools/export \
+	tests/tools/fleet/test_fleet_store.py tests/tools/fleet/test_fleet_engine.py tests/tools/fleet/test_fleet_bucket.py \
 	tests/tools/web/test_web_server.py::test_a_browser_gets_the_past_the_pose_the_health_and_the_status
 LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests/output/test_zenoh_link.py tests/tools/report \
 	tests/test_recording_daemon.py::test_a_killed_daemons_recording_reads_to_the_last_flush \

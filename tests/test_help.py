@@ -5,9 +5,11 @@ import re
 import pytest
 
 from drd.cli import COMMANDS, main
+from drd_tools.fleet.command import ACTIONS as FLEET
 
 KINDS = [("calibrate", kind) for kind in ("gyro", "noise", "wheels")]
-PAGES = [(name,) for name in COMMANDS if name != "calibrate"] + KINDS
+ACTIONS = [("fleet", action) for action in FLEET]
+PAGES = [(name,) for name in COMMANDS if name not in ("calibrate", "fleet")] + KINDS + ACTIONS
 
 
 def help_of(*command: str, capsys: pytest.CaptureFixture[str]) -> str:
@@ -28,7 +30,6 @@ def test_a_page_has_examples_and_exit_codes(command: tuple[str, ...], capsys: py
     assert max(map(len, page.splitlines())) <= 120
 
 
-def test_calibrate_lists_its_kinds(capsys: pytest.CaptureFixture[str]) -> None:
-    page = help_of("calibrate", capsys=capsys)
-    for _, kind in KINDS:
-        assert re.search(rf"^  {kind} ", page, re.MULTILINE)
+@pytest.mark.parametrize(("command", "kind"), KINDS + ACTIONS)
+def test_a_command_lists_its_kinds(command: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert re.search(rf"^  {kind} ", help_of(command, capsys=capsys), re.MULTILINE)

@@ -224,7 +224,7 @@ def options(*command: str) -> frozenset[str]:
 def test_a_command_that_is_shown_is_one(page: str, line: str) -> None:
     _, command, *arguments = shlex.split(line)
     assert command in COMMANDS, page
-    kind = arguments[:1] if command == "calibrate" else []
+    kind = arguments[:1] if command in ("calibrate", "fleet") else []
     assert {a for a in arguments if a.startswith("--")} <= options(command, *kind), page
 
 

@@ -25,11 +25,18 @@ def runs(pid: int) -> bool:
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("arguments", [["trial", "--plant", "."], ["diagnose", "one", "two", "--jobs", "2"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["trial", "--plant", ".", "--output", "out"],
+        ["diagnose", "one", "two", "--jobs", "2", "--output", "out"],
+        ["fleet", "update", ".", "--jobs", "2", "--store", "out"],
+    ],
+)
 def test_the_workers_end_with_the_command(arguments: list[str], number: signal.Signals, tmp_path: Path) -> None:
     for name in ("one", "two"):
         written(tmp_path / name, drive=("square-cw", 60.0))
-    command = [sys.executable, "-m", "drd", *arguments, "--output", "out"]
+    command = [sys.executable, "-m", "drd", *arguments]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(command, stderr=subprocess.PIPE, cwd=tmp_path, env=environment) as process:
         deadline_s = time.monotonic() + 180.0

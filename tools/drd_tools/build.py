@@ -1,16 +1,20 @@
 """The build of the diagnosis: results of one and of another are not to be mixed."""
 
 import hashlib
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 
 
-def fingerprint(*packages: ModuleType) -> str:
-    """Hash of the code of packages, or of modules."""
+def fingerprint(*names: str) -> str:
+    """Hash of the code of packages, with all that is below, and of modules; they need not be loaded."""
     digest = hashlib.sha256()
-    for package in packages:
-        for folder in getattr(package, "__path__", ()) or [str(package.__file__)]:
-            found = Path(folder)
-            for file in sorted(found.rglob("*.py")) if found.is_dir() else [found]:
-                digest.update(file.read_bytes())
+    for name in names:
+        spec = find_spec(name)
+        assert spec is not None
+        folders = spec.submodule_search_locations
+        files = (
+            [Path(str(spec.origin))] if folders is None else [f for p in folders for f in sorted(Path(p).rglob("*.py"))]
+        )
+        for file in files:
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

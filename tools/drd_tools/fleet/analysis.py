@@ -1,25 +1,13 @@
 """One recording's rows of all tables: read, diagnosed, and reduced to what a fleet asks of it."""
 
 import math
-import sys
 import threading
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-import drd.batch
-import drd.effects
-import drd.estimation
-import drd_tools.calibrate
-import drd_tools.diagnose
-import drd_tools.evaluate
-import drd_tools.limit
-import drd_tools.recordings
-import drd_tools.replay
-from drd_tools.build import fingerprint
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.diagnosis import Diagnosis
@@ -27,40 +15,12 @@ from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.results import Finding
 from drd_tools.diagnose.run import concluded
 from drd_tools.fleet import discover, labels, products
+from drd_tools.fleet.task import Rows, Task, about, build, failed
 from drd_tools.recordings.daemon_log import SINCE_START_S, read
 from drd_tools.recordings.folder import Recording
 
-FAILED: Final = "failed"  # in place of a verdict
-Rows = dict[str, list[dict[str, Any]]]  # by table
-
 # A worker with several threads does one recording at a time: how many threads a product takes is the process's.
 _ALONE: Final = threading.Lock()
-
-
-class Task(NamedTuple):
-    """A recording to be analysed: its name in the store, the build that is asked for, and its digest there, if any."""
-
-    seen: discover.Seen
-    recording: str
-    build: str
-    digest: str = ""
-
-
-@cache
-def build() -> str:
-    """Hash of the code that a recording's rows depend on."""
-    return fingerprint(
-        drd.batch,
-        drd.effects,
-        drd.estimation,
-        drd_tools.calibrate,
-        drd_tools.diagnose,
-        drd_tools.evaluate,
-        drd_tools.limit,
-        drd_tools.recordings,
-        drd_tools.replay,
-        *map(sys.modules.__getitem__, (labels.__name__, products.__name__, __name__)),
-    )
 
 
 def analysed(task: Task) -> Rows | None:
@@ -83,15 +43,6 @@ def analysed(task: Task) -> Rows | None:
             return failed(task, text, digest)
 
 
-def failed(task: Task, error: str, digest: str = "") -> Rows:
-    """Rows of a recording that could not be analysed. Without a digest it is tried again by the next update."""
-    row = _about(task, task.recording, digest, labels.Labels())
-    return {
-        "recordings": [{**row, "verdict": FAILED, "error": error}],
-        "errors": [{"recording": task.recording, "uri": task.seen.uri, "error": error}],
-    }
-
-
 def _rows(task: Task, place: Path, digest: str) -> Rows:
     recording = read(place)
     pieces, rows = parts(recording), Rows()
@@ -102,11 +53,11 @@ def _rows(task: Task, place: Path, digest: str) -> Rows:
         diagnosis = concluded(analysis)
         drive = diagnosis.series.recordings[0]
         found = analysis.conclusion.found
-        about = _about(task, name, digest, own)
-        about |= {"duration_s": drive.duration_s, "distance_m": drive.path_m, "verdict": diagnosis.verdict.value}
+        row = about(task, name, digest, own)
+        row |= {"duration_s": drive.duration_s, "distance_m": drive.path_m, "verdict": diagnosis.verdict.value}
         same = {f.effect for f in diagnosis.findings if products.EFFECTS & set(f.also_fits)}
         tables = {
-            "recordings": [about],
+            "recordings": [row],
             "findings": _findings(analysis, diagnosis),
             "constants": products.constants(found.problem, found.fit, same),
             "pose": _pose(diagnosis),
@@ -114,19 +65,8 @@ def _rows(task: Task, place: Path, digest: str) -> Rows:
         }
         for table, made in tables.items():
             more = {"duration_s": drive.duration_s} if table == "constants" else {}
-            rows.setdefault(table, []).extend({"recording": name, **more, **row} for row in made)
+            rows.setdefault(table, []).extend({"recording": name, **more, **own_row} for own_row in made)
     return rows
-
-
-def _about(task: Task, name: str, digest: str, own: labels.Labels) -> dict[str, Any]:
-    return {
-        "recording": name,
-        "uri": task.seen.uri,
-        "digest": digest,
-        "build": task.build,
-        "signature": task.seen.signature,
-        "own": labels.as_text(own),
-    }
 
 
 def own_labels(place: Path, recording: Recording) -> labels.Labels:

@@ -56,7 +56,7 @@ def _is_within(uri: str, url: str) -> bool:
 
 
 def _url(files: Files) -> str:
-    return files.root if files.is_local else files.system.unstrip_protocol(files.root)
+    return str(files.root if files.is_local else files.system.unstrip_protocol(files.root))
 
 
 def _below(url: str) -> Iterator[Seen]:

@@ -18,6 +18,7 @@ R = TypeVar("R")
 
 AHEAD: Final = 2  # calls for each process that are handed over: none waits for the next, and memory stays bounded
 KILLS: Final = 2  # of the process that had a call for itself: the call is then taken for the cause
+REACH_S: Final = 10.0  # for a scheduler to answer
 
 
 class Engine(NamedTuple):
@@ -42,9 +43,7 @@ def _pooled(call: Callable[[T], R], tasks: Sequence[T], lost: Callable[[T], R], 
     todo, suspects = deque(tasks), deque[T]()
     while todo or suspects:
         # The kill of one process breaks the pool: which call was to blame shows when each is alone in one.
-        while suspects:
-            task = suspects.popleft()
-            yield task, _alone(call, task, lost)
+        yield from _one_by_one(call, suspects, lost)
         pending: dict[Future[R], T] = {}
         with pool_of(min(jobs, max(len(todo), 1))) as pool:
             try:
@@ -66,37 +65,57 @@ def _is_done(future: Future[Any]) -> bool:
     return future.done() and not future.cancelled() and future.exception() is None
 
 
-def _alone(call: Callable[[T], R], task: T, lost: Callable[[T], R]) -> R:
-    for _ in range(KILLS):
+def _one_by_one(call: Callable[[T], R], tasks: deque[T], lost: Callable[[T], R]) -> Iterator[tuple[T, R]]:
+    kills = 0
+    while tasks:
         with pool_of(1) as pool:
             try:
-                return pool.submit(call, task).result()
+                while tasks:
+                    result = pool.submit(call, tasks[0]).result()
+                    yield tasks.popleft(), result
+                    kills = 0
             except BrokenProcessPool:
-                continue
-    return lost(task)
+                kills += 1
+        if kills == KILLS:
+            yield tasks[0], lost(tasks.popleft())
+            kills = 0
 
 
 def _distributed(
     call: Callable[[T], R], tasks: Sequence[T], lost: Callable[[T], R], engine: Engine
 ) -> Iterator[tuple[T, R]]:
-    from distributed import KilledWorker, as_completed  # noqa: PLC0415  # takes a second to load
+    from distributed import KilledWorker  # noqa: PLC0415  # takes a second to load
 
+    suspects = deque[T]()
     with ended_by_sigterm(), _client(engine) as client:
-        todo, pending = deque(tasks), {}
-        running = as_completed()
-        while todo or pending:
-            threads = max(sum(client.nthreads().values()), 1)  # workers come and go
-            while todo and len(pending) < AHEAD * threads:
-                future = client.submit(call, todo[0], pure=False)
-                pending[future.key] = todo.popleft()
-                running.add(future)
-            future = next(running)
-            task = pending.pop(future.key)
+        for task, future in _submitted(client, call, deque(tasks), AHEAD):
+            try:
+                yield task, future.result()
+            except KilledWorker:
+                suspects.append(task)
+        # Those that waited at a worker that was killed are blamed as well: alone, only who is to blame fails again.
+        for task, future in _submitted(client, call, suspects, 0):
             try:
                 result = future.result()
             except KilledWorker:
                 result = lost(task)
             yield task, result
+
+
+def _submitted(client: Any, call: Callable[[T], R], tasks: deque[T], ahead: int) -> Iterator[tuple[T, Any]]:
+    """Futures as they are done, of so many calls for each thread of the cluster, but at least of one, at a time."""
+    from distributed import as_completed  # noqa: PLC0415
+
+    pending: dict[str, T] = {}
+    running = as_completed()
+    while tasks or pending:
+        most = max(ahead * sum(client.nthreads().values()), 1)  # workers come and go
+        while tasks and len(pending) < most:
+            future = client.submit(call, tasks[0], pure=False)
+            pending[future.key] = tasks.popleft()
+            running.add(future)
+        future = next(running)
+        yield pending.pop(future.key), future
 
 
 @contextmanager
@@ -105,17 +124,19 @@ def _client(engine: Engine) -> Iterator[Any]:
     import dask  # noqa: PLC0415
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
-    # Recordings take what they take: workers are not ended for their memory before the machine has to.
-    with dask.config.set({"distributed.worker.memory.terminate": False}):
+    # Workers are not ended for their memory before the machine has to; one that is, is blamed no longer than a pool's.
+    with dask.config.set({"distributed.worker.memory.terminate": False, "distributed.scheduler.allowed-failures": 1}):
         if engine.scheduler is None:
             with (
-                LocalCluster(n_workers=engine.cluster, threads_per_worker=1, dashboard_address=None) as cluster,
+                LocalCluster(
+                    n_workers=engine.cluster, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+                ) as cluster,
                 Client(cluster) as client,
             ):
                 yield client
             return
         try:
-            client = Client(engine.scheduler, timeout="10s")
+            client = Client(engine.scheduler, timeout=REACH_S)
         except (OSError, ValueError) as error:
             got = f"{type(error).__name__}: {error}"
             raise ConfigError("--scheduler", "", "the address of a running Dask scheduler", got) from error

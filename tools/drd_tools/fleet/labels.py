@@ -20,6 +20,7 @@ from drd.config.schema import ConfigError
 from drd_tools.fleet.files import Files
 
 UNKNOWN: Final = "unknown"
+NULL: Final = ("", "~", "null")  # of YAML
 RUN: Final = re.compile(r"-(\d{8}T\d{6}Z)-[0-9a-f]+-\d+")  # in the name of a daemon's file
 HEADER: Final = ("date", "robot", "what")
 
@@ -66,7 +67,7 @@ def read_rules(file: str | None) -> list[Rule]:
     if file is None:
         return []
     try:
-        rules = msgspec.convert(yaml.safe_load(_text(file)), list[Rule])
+        rules = msgspec.convert(_loaded(_text(file)), list[Rule])
         for rule in rules:
             re.compile(rule.start_in_name or "")
     except (yaml.YAMLError, msgspec.ValidationError, re.error) as error:
@@ -87,8 +88,8 @@ def read_own(file: Path) -> Labels:
     if not file.exists():
         return Labels()
     try:
-        return msgspec.convert(yaml.safe_load(file.read_text("utf-8")), Labels)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, msgspec.ValidationError) as error:
+        return msgspec.convert(_loaded(file.read_text("utf-8")), Labels)
+    except (OSError, ValueError, yaml.YAMLError) as error:  # not UTF-8, no date, or another form
         raise ConfigError(str(file), "", "keys robot, place, batch, start", str(error)) from error
 
 
@@ -101,6 +102,20 @@ def start_of_run(name: str) -> datetime | None:
 def since_1970(seconds: float) -> datetime:
     """A time of seconds since 1970."""
     return datetime.fromtimestamp(seconds, UTC)
+
+
+def _loaded(text: str) -> Any:
+    """YAML in which what names something is text, even if it looks like a number: robot 7 is "7"."""
+    return _typed(yaml.load(text, yaml.BaseLoader))
+
+
+def _typed(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_typed(v) for v in value]
+    if isinstance(value, dict):
+        typed = {k: _typed(v) for k, v in value.items()}
+        return {k: datetime.fromisoformat(v) if k == "start" and isinstance(v, str) else v for k, v in typed.items()}
+    return None if value in NULL else value
 
 
 def read_maintenance(file: str) -> list[dict[str, Any]]:
@@ -135,10 +150,10 @@ def _text(file: str) -> str:
 
 def _date(name: str, found: re.Match[str]) -> datetime:
     parts = {key: int(value) for key, value in found.groupdict().items() if value}
-    if 0 <= parts.get("year", 0) < 100:
-        parts["year"] = 2000 + parts.get("year", 0)
+    if parts.get("year", 100) < 100:
+        parts["year"] += 2000
     try:
-        return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)  # type: ignore[arg-type]
+        return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)
     except (TypeError, ValueError) as error:
         raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
 

@@ -135,7 +135,9 @@ def constants(problem: Problem, fit: Fit, same: Collection[str] = ()) -> list[di
         *(c for c in fit.selection if c.id not in EFFECTS and c.id not in same),
     ]
     T = problem.tangents(selection)
-    soft = np.column_stack([problem.nuisance, *(discrepancies(problem, c) for c in selection)])
+    # Other shapes of the constants' own effects are of one another's form: a radius that changes in turns is a tread.
+    others = [c for c in selection if c.id not in EFFECTS]
+    soft = np.column_stack([problem.nuisance, *(discrepancies(problem, c) for c in others)])
     marginal, precision = Marginal(soft), np.concatenate([np.zeros(0), *map(precisions, selection)]) / WIDER**2
     at = np.array([c.number(name) for c in selection for name in c.free])
     left = problem.data - problem.effect_rows(selection)

@@ -8,11 +8,11 @@ from typing import Any, Final, NamedTuple
 
 from tqdm import tqdm
 
-from drd_tools.fleet.analysis import Rows, Task, analysed, build, failed
 from drd_tools.fleet.discover import Seen, discover
 from drd_tools.fleet.engine import Engine
 from drd_tools.fleet.labels import Labels, Rule, from_text, relabelled, ruled
 from drd_tools.fleet.store import MOST_PENDING, Store
+from drd_tools.fleet.task import Rows, Task, build, failed
 
 KILLED: Final = "its process was killed, more than once: memory?"
 HERE: Final = Engine()
@@ -43,9 +43,12 @@ def update(
     store: Store,
     rules: Sequence[Rule] = (),
     engine: Engine = HERE,
-    call: Callable[[Task], Rows | None] = analysed,
+    call: Callable[[Task], Rows | None] | None = None,
 ) -> Updated:
-    """Analyse what is new or has changed. A stopped update goes on where it was. Raises ConfigError."""
+    """Analyse what is new or has changed. A stopped update goes on where it was. Raises ConfigError.
+
+    `call`: in place of the analysis.
+    """
     with store.writing():
         store.compact()
         found = discover(folders)
@@ -69,7 +72,7 @@ def update(
             row for row in index.select(["uri", "recording", "error", "start_utc"]).to_pylist() if row["uri"] in here
         ]
     failures = [(row["recording"], row["error"]) for row in rows if row["error"] is not None]
-    undated = sum(row["start_utc"] is None for row in rows)
+    undated = sum(row["start_utc"] is None and row["error"] is None for row in rows)
     return Updated(len(found), len(fresh) - len(touched), len(other), undated, failures)
 
 
@@ -110,11 +113,19 @@ def _kept(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _analysed(
-    store: Store, rules: Sequence[Rule], engine: Engine, call: Callable[[Task], Rows | None], tasks: Sequence[Task]
+    store: Store,
+    rules: Sequence[Rule],
+    engine: Engine,
+    call: Callable[[Task], Rows | None] | None,
+    tasks: Sequence[Task],
 ) -> Iterator[Seen]:
     """Analyse and keep; yields the recordings whose files were touched but not changed."""
     if not tasks:
         return
+    if call is None:
+        from drd_tools.fleet.analysis import analysed  # noqa: PLC0415  # takes a second to load: not for nothing new
+
+        call = analysed
     with tqdm(total=len(tasks), desc="analysing", unit="recording", disable=None, leave=False) as bar:
         for count, (task, rows) in enumerate(engine.results(call, tasks, partial(failed, error=KILLED)), 1):
             bar.update()

@@ -13,13 +13,10 @@ from typing import Any, Final
 import msgspec
 from msgspec import UNSET, Struct, UnsetType, field
 
-import drd.effects
-import drd_tools.diagnose
-import drd_tools.simulate
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Values
-from drd_tools import build
+from drd_tools.build import fingerprint as fingerprint_of
 from drd_tools.diagnose.files import parted, plain
 from drd_tools.diagnose.results import Figures, Finding
 from drd_tools.report.json_file import converted, read_json
@@ -220,7 +217,7 @@ def si(true: TrueEffect) -> Values:
 
 def fingerprint() -> str:
     """Hash of the code that simulates and diagnoses: results of one and of another build are not to be mixed."""
-    return build.fingerprint(drd.effects, drd_tools.diagnose, drd_tools.simulate)
+    return fingerprint_of("drd.effects", "drd_tools.diagnose", "drd_tools.simulate")
 
 
 def _line(row: Head | Row) -> str:

@@ -1,0 +1,139 @@
+"""What is kept of a recording, from the command to the tables: a simulated drive with known constants."""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis_drives import selected
+from diagnosis_runs import written
+
+from drd.cli import main
+from drd.effects.catalogue import catalogue
+from drd_tools.fleet.discover import discover
+from drd_tools.fleet.store import Store
+
+LEFT, TREAD = -0.006, 0.01
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder: Path = tmp_path_factory.mktemp("fleet")
+    planted = selected("wheel_radius_error", left=LEFT, right=0.0), selected("tread_error", k=TREAD)
+    written(folder / "runs" / "yard" / "run_1", *planted, drive=("square-cw", 120.0))
+    (folder / "runs" / "yard" / "run_1" / "fleet.yaml").write_text("{robot: 7, batch: B, start: 2026-03-12}")
+    (folder / "runs" / "broken").mkdir()
+    (folder / "runs" / "broken" / "fog.csv").write_text("no header")
+    (folder / "robots.yaml").write_text("[{recordings: ['yard/*'], place: yard}]")
+    (folder / "log.csv").write_text("date,robot,what\n2026-03-01,7,left tyre changed\n")
+    assert _update(folder) == 0
+    return folder / "store"
+
+
+def _update(folder: Path) -> int:
+    files = ["--robots", str(folder / "robots.yaml"), "--maintenance", str(folder / "log.csv")]
+    return main(["fleet", "update", str(folder / "runs"), "--store", str(folder / "store"), "--jobs", "1", *files])
+
+
+def test_the_constants_are_there_whatever_was_found(store: Path) -> None:
+    table = Store(store).table("constants").to_pylist()
+    assert {(row["recording"], row["robot"], row["place"], row["batch"]) for row in table} == {
+        ("yard/run_1", "7", "yard", "B")
+    }
+    found = {row["name"]: (row["value"], row["sigma"]) for row in table}
+    true = {"radius_left": LEFT, "radius_right": 0.0, "tread": TREAD, "lag_s": 0.0, "gyro_scale": 0.0}
+    for name, value in true.items():
+        assert found[name][0] == pytest.approx(value, abs=4.0 * found[name][1]), name
+    assert found["radius_left"][1] < 0.002
+    assert found["tread"][1] < 0.01
+
+
+def test_score_and_information_give_the_sizes_again(store: Path) -> None:
+    """One question of a population, with one recording: the nominal model and radii, beside the nuisances."""
+    rows = Store(store).table("products").to_pylist()
+    information = np.array([row["information"] for row in rows])
+    assert information.shape == (len(rows), len(rows))
+    assert np.array_equal(information, information.T)
+    assert {row["kind"] for row in rows} == {"effect", "nuisance"}
+    wanted = [
+        i for i, r in enumerate(rows) if r["kind"] == "nuisance" or r["effect"] in ("wheel_radius_error", "tread_error")
+    ]
+    G = information[np.ix_(wanted, wanted)]
+    G = G + np.diag([float(rows[i]["kind"] == "nuisance") for i in wanted])
+    x = np.linalg.solve(G, np.array([rows[i]["score"] for i in wanted]))
+    sigma = np.sqrt(np.diag(np.linalg.inv(G)))
+    sizes = {(rows[i]["effect"], rows[i]["parameter"]): (x[j], sigma[j]) for j, i in enumerate(wanted)}
+    for key, value in ((("wheel_radius_error", "left"), LEFT), (("tread_error", "k"), TREAD)):
+        assert sizes[key][0] == pytest.approx(value, abs=4.0 * sizes[key][1])
+    effects = {row["effect"] for row in rows if row["kind"] == "effect"}
+    assert effects <= set(catalogue())
+    assert len(effects) > 12
+    assert 0.5 < (rows[0]["square"] - x @ [rows[i]["score"] for i in wanted]) / rows[0]["rows"] < 2.0
+
+
+def test_findings_and_figures_of_the_pose(store: Path) -> None:
+    findings = Store(store).table("findings").to_pylist()
+    radius = [row for row in findings if row["effect"] == "wheel_radius_error" and row["parameter"] == "left"]
+    assert len(radius) == 1
+    assert radius[0]["value"] == pytest.approx(LEFT, abs=4.0 * radius[0]["sigma"])
+    names = [row["parameter"] for row in findings if row["number"] == radius[0]["number"]]
+    assert radius[0]["covariance"][names.index("left")] == pytest.approx(radius[0]["sigma"] ** 2)
+    figures = {(r["model"], r["figure"]): r["value"] for r in Store(store).table("pose").to_pylist()}
+    assert figures["found", "position_rms_m"] < figures["nominal", "position_rms_m"]
+
+
+def test_what_fails_is_listed(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (row,) = Store(store).table("errors").to_pylist()
+    assert row["recording"] == "broken"
+    assert "robot.yaml: expected this file in the folder" in row["error"]
+    assert _update(store.parent) == 0
+    text = capsys.readouterr().out
+    assert "2 recordings: 0 analysed, 2 as they were" in text
+    assert "1 failed:\n    broken: ConfigError: " in text
+
+
+def query(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["fleet", "query", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_query_prints_tables(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = query(capsys, str(store)).split("\n")
+    assert ["errors", "1"] in map(str.split, lines)
+    assert ["maintenance", "1"] in map(str.split, lines)
+    assert "left tyre changed" in query(capsys, str(store), "maintenance", "--robot", "7")
+    text = query(capsys, str(store), "findings", "--effect", "wheel_radius_error", "--csv")
+    assert {row["effect"] for row in csv.DictReader(io.StringIO(text))} == {"wheel_radius_error"}
+    assert len(query(capsys, str(store), "findings", "--robot", "none", "--csv").splitlines()) == 1
+    row: dict[str, Any] = json.loads(query(capsys, str(store), "recordings", "--robot", "7", "--json"))
+    assert (row["recording"], row["start_utc"][:10]) == ("yard/run_1", "2026-03-12")
+    sql = "select c.name from constants c join maintenance m using (robot) where c.name = 'tread'"
+    assert query(capsys, str(store), "--sql", sql, "--csv").split() == ['"name"', '"tread"']
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["missing"], "a store of `drd fleet update`"),
+        (["{store}", "--sql", "select nothing"], "a query that gives a table"),
+        (["{store}", "pose", "--effect", "x"], "pose has no column effect"),
+        (["{store}", "pose", "--sql", "select 1"], "names its tables"),
+    ],
+)
+def test_a_query_that_makes_no_sense_is_refused(
+    store: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    try:
+        code = main(["fleet", "query", *(a.format(store=store) for a in arguments)])
+    except SystemExit as left:
+        code = int(str(left.code))
+    assert code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_own_files_are_all_a_part_of_the_recording(store: Path) -> None:
+    found = {seen.name: seen.files for seen in discover([store.parent / "runs"])}
+    assert found["yard/run_1"] == ("encoders.csv", "fleet.yaml", "fog.csv", "reference.csv", "robot.yaml")
