@@ -1,5 +1,6 @@
 """The dynamic programming against all segmentations, and the filter against the dense Gaussian."""
 
+from collections.abc import Iterator
 from itertools import combinations, product
 
 import numpy as np
@@ -8,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from drd.arrays import Array
 from drd_tools.fleet import changes
 from drd_tools.fleet.changes import CREEPING, Prior, evidence, most_likely, posterior
 
 
-def every_segmentation(log, change):
+def every_segmentation(log: Array, change: Array) -> Iterator[tuple[float, tuple[tuple[int, int, int], ...]]]:
     """Weight and segments of each way to cut a series; log: (kinds, n, n), change: (n,)."""
     kinds, n, _ = log.shape
     prior = np.log([1.0 - CREEPING, CREEPING]) if kinds == 2 else np.zeros(1)

@@ -1,6 +1,7 @@
 """A robot's prior: what its history and the fleet's say, in files that the daemon reads."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from drd_tools.fleet.series import day_of
 from drd_tools.fleet.statistics import analyse
 
 
-def joined(*tables):
+def joined(*tables: dict[str, list[Any]]) -> dict[str, list[Any]]:
     return {c: [v for t in tables for v in t[c]] for c in tables[0]}
 
 

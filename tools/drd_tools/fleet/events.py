@@ -115,8 +115,8 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
         near = _around(mass, s - s0 - 1)
         at, mass = at[near], mass[near]
         total = np.cumsum(mass) / mass.sum()
-        low = at[np.searchsorted(total, DATE_TAIL)]
-        high = at[min(np.searchsorted(total, 1.0 - DATE_TAIL), len(at) - 1)]
+        low = at[int(np.searchsorted(total, DATE_TAIL))]
+        high = at[min(int(np.searchsorted(total, 1.0 - DATE_TAIL)), len(at) - 1)]
         last = e if kind == CREEP else s
         yield Event(
             robot=log.robots[robot],

@@ -1,5 +1,6 @@
 """Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (104)"""
 
+import math
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -40,13 +41,17 @@ def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Arr
     robot = np.zeros(many, np.int64)
     robot[segment] = log.robot
     robots = len(log.robots)
-    return Told(np.bincount(robot, score, robots), np.bincount(robot, information, robots))
+    return Told(_sums(robot, score, robots), _sums(robot, information, robots))
+
+
+def _sums(of: Integers, values: Array, many: int) -> Array:
+    return np.bincount(of, values, many).astype(float)
 
 
 def gain(size: float, sigma: float, jump: float) -> float:
     """Log Bayes factor of a step of an estimate `size` +- `sigma` whose prior is N(0, jump^2)."""
     ratio = jump**2 / sigma**2
-    return 0.5 * ((size / sigma) ** 2 * ratio / (1.0 + ratio) - np.log1p(ratio))
+    return 0.5 * ((size / sigma) ** 2 * ratio / (1.0 + ratio) - math.log1p(ratio))
 
 
 def pooled(found: Told, jump: float) -> tuple[float, float, int]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from matplotlib import colormaps
@@ -60,8 +60,10 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
             if event.maintenance is not None:
                 axes.axvline(times(np.array([event.maintenance.day]))[0], color=GREEN, linewidth=1.2, dashes=(4, 2))
         tidy(axes, f"{robot}: {c.label}", y=c.unit)
-        axes.xaxis.set_major_locator(AutoDateLocator())
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(axes.xaxis.get_major_locator()))
+        dates: Any = AutoDateLocator  # neither it nor its formatter is typed
+        locator, formatter = dates(), cast(Any, ConciseDateFormatter)
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(formatter(locator))
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 

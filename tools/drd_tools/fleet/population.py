@@ -44,7 +44,7 @@ class Step:
     def rows(self, log: Log) -> Array:
         """1 where it has come, shape (n,)."""
         group = log.place if self.kind == "place" else log.batch_of[log.robot]
-        return ((group == self.which) & (log.day >= self.day)).astype(float)
+        return np.asarray((group == self.which) & (log.day >= self.day), float)
 
 
 # Of each group: how far it is off the others, and the sigma of that.
@@ -178,7 +178,7 @@ def _solved(
     Wy = np.bincount(segment, w * y, many)
     H = X.T @ (w[:, None] * X) - WX.T @ (share[:, None] * WX) + Q
     g = X.T @ (w * y) - WX.T @ (share * Wy)
-    covariance = np.linalg.inv(H)
+    covariance: Array = np.linalg.inv(H)
     beta = covariance @ g
     lever = share[:, None] * WX
     mean = share * (Wy - WX @ beta)
@@ -232,7 +232,7 @@ def _about_their_mean(covariance: Array) -> Array:
     """Sigmas of what groups differ in; the rest is the mean's."""
     k = len(covariance)
     centre = np.eye(k) - 1.0 / k
-    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", centre, covariance, centre), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", centre, covariance, centre), 0.0)))
 
 
 def _scatter(values: Array, sigmas: Array, prior: float) -> float:

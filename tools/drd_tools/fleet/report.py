@@ -202,7 +202,7 @@ def _report(uri: str | None, folder: Path) -> str:
 
 def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Path) -> list[Path]:
     """Pictures of the most urgent."""
-    files = []
+    files = list[Path]()
     for s in [s for s in said if s.robot][:TRENDS]:
         events = [e for e in found.found if (e.robot, e.name) == (s.robot, s.name)]
         files.append(folder / f"trend_{len(files)}.png")

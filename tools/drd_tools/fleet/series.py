@@ -114,7 +114,7 @@ def logs(table: Mapping[str, Sequence[Any]]) -> dict[str, Log]:
     names = np.asarray(table["name"], object)
     found = {}
     for name in CONSTANTS:
-        at = np.flatnonzero(names == name)
+        at = [int(i) for i in np.flatnonzero(names == name)]
         at = [i for i in at if table["start_utc"][i] is not None and _is_number(table["value"][i], table["sigma"][i])]
         if at:
             found[name] = _averaged(_log(name, table, at))

@@ -204,7 +204,7 @@ def _trends(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
 
 def _numbered(log: Log, trends: Sequence[Trend]) -> tuple[Integers, Array, Integers]:
     """Each recording's segment, what creeps in it, and which segments are their robots' first."""
-    segment, drift, first = np.zeros(len(log.value), np.int64), np.zeros(len(log.value)), []
+    segment, drift, first = np.zeros(len(log.value), np.int64), np.zeros(len(log.value)), list[int]()
     for robot, trend in enumerate(trends):
         start = log.rows(robot).start
         for kind, s, e in trend.segments:

@@ -151,7 +151,7 @@ def _scored(
         used |= {i for i, _ in mine}
         changes.append(_change(h, size, day, times, true_k, is_creep, [(said[i], k) for i, k in mine], fleet))
     groups = [(h.kind, h.who, h.day, _blame(blamed, h)) for h in fleet.happenings if h.kind != "robot" and h.day > 0]
-    false, misled = [], []
+    false, misled = list[str](), list[str]()
     for i, s in enumerate(said):
         if i in used or (s.event.cause != "robot" and _is_group(s.event, fleet)):
             continue
