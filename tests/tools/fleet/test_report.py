@@ -31,7 +31,7 @@ def test_a_page_of_a_thousand_robots(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "Robot 500, left tyre +0.8" in page
     assert "10000 recordings of 1000 robots" in page
     assert not re.search(r'(src|href)="https?:', page)  # it needs no server
-    assert len(files) == 3
+    assert len(files) == 4
 
 
 def test_links_go_to_the_recordings_own_reports(tmp_path: Path) -> None:

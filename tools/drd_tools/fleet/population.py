@@ -178,7 +178,7 @@ def _solved(
     Wy = np.bincount(segment, w * y, many)
     H = X.T @ (w[:, None] * X) - WX.T @ (share[:, None] * WX) + Q
     g = X.T @ (w * y) - WX.T @ (share * Wy)
-    covariance: Array = np.linalg.inv(H)
+    covariance = np.asarray(np.linalg.inv(H), float)
     beta = covariance @ g
     lever = share[:, None] * WX
     mean = share * (Wy - WX @ beta)

@@ -25,6 +25,11 @@ PAGE: Final = "fleet.html"
 SHOWN: Final = 50  # rows of the heat map that are not folded up
 TRENDS: Final = 12  # pictures; each takes a quarter of a second
 URGENT: Final = 25  # sentences of the table of what to inspect
+LEAST_TRENDS: Final = 4  # pictures, where less is found
+TREND: Final = (
+    "Line and band: the level with 90 %; red: when it changed, with 90 %; green: maintenance. What place, batch and "
+    "season do to all robots is taken off."
+)
 OLD: Final = 100  # recordings of a robot that are listed, the newest
 
 
@@ -201,26 +206,33 @@ def _report(uri: str | None, folder: Path) -> str:
 
 
 def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Path) -> list[Path]:
-    """Pictures of the most urgent."""
+    """Pictures of the most urgent, and of what has moved most where little is found."""
     files = list[Path]()
-    for s in [s for s in said if s.robot][:TRENDS]:
-        events = [e for e in found.found if (e.robot, e.name) == (s.robot, s.name)]
+    shown = {(s.robot, s.name): s.text for s in said if s.robot}
+    moved = [
+        (-abs(_change(f, i)) / f.log.constant.jump, robot, name)
+        for name, f in found.fitted.items()
+        for i, robot in enumerate(f.log.robots)
+        if len(f.trends[i].level) > 1
+    ]
+    for _, robot, name in sorted(moved)[:LEAST_TRENDS]:
+        shown.setdefault((robot, name), f"{robot}, {CONSTANTS[name].label}: no change is sure.")
+    for (robot, name), text in list(shown.items())[:TRENDS]:
+        events = [e for e in found.found if (e.robot, e.name) == (robot, name)]
         files.append(folder / f"trend_{len(files)}.png")
-        trend(files[-1], found.fitted[s.name], s.robot, events)
-        page.picture(files[-1], f"{s.text} Line and band: the level with 90 %; red: when it changed, with 90 %; "
-                     "green: maintenance. What place, batch and season do to all robots is taken off.")  # fmt: skip
+        trend(files[-1], found.fitted[name], robot, events)
+        page.picture(files[-1], f"{text} {TREND}")
     return files
 
 
 def _groups(page: Page, found: Statistics) -> None:
     """Places and batches against each other."""
-    rows = []
-    for f in found.fitted.values():
+    every = [(o, f) for f in found.fitted.values() for o in f.offsets if o.kind != "robot"]
+    rows, standing_out = [], found.standing_out
+    for o, f in sorted(every, key=lambda one: one[0].p)[:URGENT]:
         c = f.log.constant
-        for o in f.offsets:
-            if o.kind != "robot":
-                size = f"{c.factor * o.size:+.2f} ± {c.factor * o.sigma:.2f} {c.unit}"
-                rows.append((o.kind, o.who, c.label, size, f"{o.p:.2g}", "yes" if o in found.standing_out else ""))
+        size = f"{c.factor * o.size:+.2f} ± {c.factor * o.sigma:.2f} {c.unit}"
+        rows.append((o.kind, o.who, c.label, size, f"{o.p:.2g}", "yes" if o in standing_out else ""))
     if rows:
         page.heading("Places and batches")
         page.table(("", "which", "constant", "off the others", "p", "stands out"), rows, text_columns=(1, 2, 3))
