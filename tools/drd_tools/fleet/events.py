@@ -108,7 +108,7 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
     kind, _, end = segments[0]
     if kind == CREEP and end:
         yield _creeping(log, changes, series, robot, trend, end)
-    for (_, s0, e0), (kind, s, e) in pairwise(segments):
+    for (before, s0, e0), (kind, s, e) in pairwise(segments):
         at = np.arange(s0 + 1, e + 1)
         mass = changes.change[series, at]
         # Its own date: neighbours that no change at all lies between.
@@ -118,6 +118,9 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
         low = at[int(np.searchsorted(total, DATE_TAIL))]
         high = at[min(int(np.searchsorted(total, 1.0 - DATE_TAIL)), len(at) - 1)]
         last = e if kind == CREEP else s
+        # What crept before goes on until the change, which is at any time between the two recordings.
+        crept = (trend.level[e0] - trend.level[s0]) / (day[e0] - day[s0]) if before == CREEP and e0 > s0 else 0.0
+        further = crept * (day[s] - day[e0])
         yield Event(
             robot=log.robots[robot],
             name=log.name,
@@ -127,8 +130,8 @@ def events(log: Log, changes: Changes, series: int, robot: int, trend: Trend) ->
             low=float(day[low - 1]),
             high=float(day[high]),
             recording=log.recordings[rows.start + s],
-            size=float(trend.level[last] - trend.level[e0]),
-            sigma=float(np.hypot(trend.sigma[last], trend.sigma[e0])),
+            size=float(trend.level[last] - trend.level[e0] - 0.5 * further),
+            sigma=float(np.sqrt(trend.sigma[last] ** 2 + trend.sigma[e0] ** 2 + further**2 / 12.0)),
             probability=changes.any_change(series, int(at[0]), int(at[-1])),
             level=float(trend.level[last] - trend.level[trend.first]),
             level_sigma=float(np.hypot(trend.sigma[last], trend.sigma[trend.first])),

@@ -20,7 +20,7 @@ from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fi
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
 # Walks that are tried: per square root of a day, in parts of a jump.
-WALKS: Final = (0.001, 0.003, 0.01, 0.03)
+WALKS: Final = (0.001, 0.002, 0.004, 0.01, 0.03)
 MEANT, PERHAPS = 0.3, 0.05  # chance that work on a robot changes what it was done to; that says nothing
 ROUNDS: Final = 2  # populations and segments in turns
 FALSE: Final = 0.01  # expected share of false ones among the changes that are reported
