@@ -61,6 +61,12 @@ def test_the_first_robots_on_a_new_floor_are_not_blamed() -> None:
     assert all(e.cause != "robot" for e in s.found)
 
 
+def test_two_of_three_robots_do_not_speak_for_a_floor() -> None:
+    s = analyse(made_table(3, 30, 11, lambda r, k, *_: -0.01 * (r <= 2 and k >= 12), places=2, batches=1))
+    assert s.fitted["radius_left"].population.steps == ()
+    assert {e.robot for e in s.found} == {"1", "2"}
+
+
 def test_what_is_apart_ever_since() -> None:
     s = analyse(made_table(12, 20, 3, lambda r, _, place, __: 0.01 * (place == "p2") + 0.02 * (r == 5), places=3))
     assert {(o.kind, o.who) for o in s.standing_out} == {("place", "p2"), ("robot", "5")}

@@ -18,6 +18,7 @@ MOST_STEPS: Final = 4  # of a constant: limits a greedy search
 SURE_NATS: Final = 3.0  # 20 to 1
 LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
 CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
+MOSTLY: Final = 0.75  # of a group's robots must show its change: some have something of their own
 ALIKE: Final = 1.0  # part of a group's step by which a robot's may differ
 MOST_DAYS: Final = 120  # that are tried
 
@@ -55,17 +56,24 @@ def gain(size: float, sigma: float, jump: float) -> float:
 
 
 def pooled(found: Told, jump: float) -> tuple[float, float, int]:
-    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (104)"""
+    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (104)
+
+    The sigma is infinite where they do not show it alike.
+    """
     seen = found.information > 1.0 / jump**2
-    if seen.sum() < LEAST_GROUP:
-        return 0.0, np.inf, int(seen.sum())
+    many = int(seen.sum())
+    if many < LEAST_GROUP:
+        return 0.0, np.inf, many
     size, variance = found.score[seen] / found.information[seen], 1.0 / found.information[seen]
     middle = float(np.median(size))
+    # Two of three with a cause of their own must not speak for the third.
+    is_alike = np.abs(size - middle) < np.maximum(0.5 * abs(middle), 2.0 * np.sqrt(variance))
+    is_shared = bool(is_alike.sum() >= max(LEAST_GROUP, MOSTLY * many))
     scale = 1.4826 * float(np.median(np.abs(size - middle)))
     total = variance + max(0.0, scale**2 - float(np.median(variance)))
     size = np.clip(size, middle - CLIP * np.sqrt(total), middle + CLIP * np.sqrt(total))
     weight = 1.0 / total
-    return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())), int(seen.sum())
+    return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())) if is_shared else np.inf, many
 
 
 def explained(found: Told, size: float) -> float:
@@ -101,8 +109,7 @@ def _best_step(
         step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
         seen = told(log, p, segment, levels, left, step.rows(log))
         size, sigma, robots = pooled(seen, jump)
-        is_seen = bool(np.isfinite(sigma))
-        nats.append(explained(seen, size) if is_seen else -np.inf)
+        nats.append(explained(seen, size) if robots >= LEAST_GROUP else -np.inf)
         at.append((size, sigma, robots))
     k = int(np.argmax(nats))
     size, sigma, robots = at[k]
