@@ -266,6 +266,11 @@ class Effect:
             return "body"
         return "gyro" if self.id.startswith("gyro_") else "wheels"
 
+    @property
+    def is_diagnosed(self) -> bool:
+        """Whether a diagnosis may name it: by a regression, or by what raw readings show."""
+        return self.searched or self.symptom is not None
+
     def linear(self) -> tuple[str, ...]:
         """Names of the linear parameters."""
         return tuple(q.name for q in self.parameters if q.linear and not q.choices)

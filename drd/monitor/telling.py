@@ -146,6 +146,7 @@ class Teller:
             for e in catalogue().values()
             if e.covariate == "acceleration"
             and e.channel == ("wheels" if lag_s > 0.0 else "gyro")
+            and e.is_diagnosed
             and not e.needs_position
         ]
         effect, *others = effects

@@ -27,6 +27,7 @@ WHEELS = """
 """
 BODY = "lateral_slip_turning rotation_centre_offset"
 ACTS_ON = {i: where for where, ids in (("gyro", GYRO), ("wheels", WHEELS), ("body", BODY)) for i in ids.split()}
+BESIDE = {"encoder_lag": "wheels"}  # that are not the reference's
 COVARIATES = {
     "acceleration", "curvature", "heading", "lateral_acceleration", "place", "speed", "temperature",
     "temperature_rate", "time", "wheel_phase", "yaw_rate",
@@ -36,7 +37,7 @@ EVERY = pytest.mark.parametrize("effect", catalogue().values(), ids=lambda effec
 
 def test_the_effects_are_those_of_the_reference_and_act_where_it_says() -> None:
     assert len(ACTS_ON) == 31
-    assert {e.id: e.channel for e in catalogue().values()} == ACTS_ON
+    assert {e.id: e.channel for e in catalogue().values()} == ACTS_ON | BESIDE
 
 
 @pytest.mark.recordings
@@ -72,6 +73,10 @@ def test_each_effect_explains_itself(effect: Effect) -> None:
     # What removal leaves whole is what cannot be undone; and the reason is a clause, not a sentence.
     assert effect.remainder < 1.0 or effect.irreversible
     assert not effect.irreversible.endswith(".")
+
+
+def test_what_is_not_the_reference_s_is_no_rival_of_what_is() -> None:
+    assert {e.id for e in catalogue().values() if not e.is_diagnosed} == set(BESIDE)
 
 
 @EVERY

@@ -77,6 +77,7 @@ NOTHING: dict[str, dict[str, float | str]] = {
     "gyro_deadband": {"band": 0.0},
     "gyro_saturation": {"limit": 720.0},
     "gyro_sample_clock": {"ratio": 1.0},
+    "encoder_lag": {"tau": 0.0},
     "encoder_latency": {"delay": 0.0},
     "encoder_clock_skew": {"ppm": 0.0},
     "encoder_dropout": {"side": "left", "t0": 20.0, "t1": 20.0},
@@ -116,6 +117,7 @@ def steady() -> Motion:
         ("gyro_latency", {"delay": 0.2}, 0.2, 0.0),
         ("gyro_lag", {"tau": 0.2}, 0.2, 0.0),
         ("gyro_sample_clock", {"ratio": 1.01}, 0.2970297, 0.0),  # at 30 s: 30 - 30/1.01
+        ("encoder_lag", {"tau": 0.2}, 0.0, 0.2),
         ("encoder_latency", {"delay": 0.2}, 0.0, 0.2),
         ("encoder_clock_skew", {"ppm": -1000.0}, 0.0, 0.03),  # at 30 s
     ],

@@ -61,10 +61,23 @@ def test_constants_far_off_are_named_with_their_sizes_and_nothing_else_is() -> N
 
 
 def test_a_references_lag_is_told_as_its_own_fault() -> None:
-    lag = diagnosed().reference_lag
-    assert lag is not None
+    lag = diagnosed().reference["lag"]
     assert lag.value == pytest.approx(REFERENCE_S, abs=0.02)
-    assert analyse(recorded(SLALOM, 1)).reference_lag is None
+    assert analyse(recorded(SLALOM, 1)).reference == {}
+
+
+@pytest.mark.parametrize("ppm", [-400.0, 400.0])
+def test_without_a_gyro_clocks_that_drift_apart_a_little_are_no_clock_skew(ppm: float) -> None:
+    """Which of the two clocks drifts nothing tells, and real references' do."""
+    recording = replace(recorded(SLALOM, 3), fog=None)
+    assert recording.reference is not None
+    assert recording.wheels is not None
+    middle_s = float(recording.reference.time_s.mean())
+    time_s = recording.reference.time_s + 1e-6 * ppm * (recording.reference.time_s - middle_s)
+    analysis = analyse(replace(recording, reference=replace(recording.reference, time_s=time_s)))
+    assert [c.effect for c in analysis.conclusion.causes] == []
+    drift = analysis.reference["drift"]
+    assert drift.value == pytest.approx(ppm, abs=max(3.0 * drift.std, 100.0))
 
 
 def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None:
@@ -135,5 +148,4 @@ def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
     assert latency is not None
     assert 0.6 < tread.number("k") < 0.85
     assert 0.13 < latency.number("delay") < 0.2
-    assert analysis.reference_lag is not None
-    assert 0.26 < analysis.reference_lag.value < 0.55
+    assert 0.26 < analysis.reference["lag"].value < 0.55

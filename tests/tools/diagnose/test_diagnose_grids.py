@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, recorded, selected, simulated
+from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected, simulated
 
 from drd.batch.logs import FogLog
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe import grids
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.parts import cut_off
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.recordings.folder import Recording
+from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.robot import DEFAULT
 
 DRIVE = ("slalom", 120.0)
@@ -51,3 +54,28 @@ def test_what_a_fast_gyro_lacks_is_found_as_in_a_slow_one() -> None:
     (name,) = found.selected.free
     assert found.selected.number(name) == pytest.approx(0.02, abs=3.0 * found.selected.sigma(name))
     assert found.selected.sigma(name) < 0.005
+
+
+@pytest.mark.parametrize("period_s", [0.02, 0.05, 0.1, 0.13, 1.0])
+def test_without_a_gyro_steps_end_at_fixes_that_drift_and_the_path_stays(period_s: float) -> None:
+    """Fixes within steps would swing it: what two neighbours share of a step, its turns trade."""
+    recording = without_gyro(period_s)
+    evidence = gather(recording)
+    assert np.all((evidence.fix_share < 1e-6) | (evidence.fix_share > 1.0 - 1e-6))
+    assert np.all(np.diff(evidence.fix_time_s) > 0.04)
+    assert evidence.step_s.max() < 0.16
+    assert evidence.time_s == pytest.approx(evidence.time_s[0] - evidence.step_s[0] + np.cumsum(evidence.step_s))
+    problem = Problem(evidence)
+    paths = []
+    for _ in range(4):
+        problem = problem.around([])
+        paths.append(problem.path.pose)
+    assert np.abs(paths[-1] - paths[-2]).max() < 1e-3 * np.abs(paths[0] - paths[1]).max() + 1e-6
+
+
+def without_gyro(period_s: float) -> Recording:
+    """A slalom without a gyro, the reference's clock a little fast."""
+    recording = recorded(SLALOM, 3, conditions=Conditions(reference=Reference(period_s=period_s)))
+    reference = recording.reference
+    assert reference is not None
+    return replace(recording, fog=None, reference=replace(reference, time_s=1.0004 * reference.time_s))

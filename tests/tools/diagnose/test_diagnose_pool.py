@@ -4,6 +4,7 @@ from pathlib import Path
 
 import diagnosis_files
 import numpy as np
+import pytest
 from msgspec import UNSET
 from msgspec.structs import replace
 
@@ -85,6 +86,16 @@ def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp
 
 
 def test_constants_that_contradict_each_other_are_told(tmp_path: Path) -> None:
-    (finding,) = together(seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.002, tread(0.05))).findings
-    assert "contradict each other: k is 0.02 to 0.05." in finding.sentence
+    one, two, three = (seeing(tmp_path, 0.001, tread(*value)) for value in ((0.02,), (0.05,), (0.055, 0.02)))
+    results = [replace(r, recording=name) for r, name in ((one, "monday"), (two, "tuesday"), (three, "friday"))]
+    (finding,) = together(*results).findings
+    assert "contradict each other: k is 0.0200 +- 0.0020 in monday and 0.0500 +- 0.0020 in tuesday." in finding.sentence
     assert finding.parameters["k"].std > 0.01
+
+
+def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path: Path) -> None:
+    one, two = seeing(tmp_path, 0.001, tread(0.02, 0.01)), seeing(tmp_path, 0.002, tread(0.05, 0.01))
+    (finding,) = together(one, two).findings
+    assert "contradict" not in finding.sentence
+    assert finding.parameters["k"].value == pytest.approx(0.035)
+    assert "All together: k = 0.0350 +- 0.0071." in finding.sentence

@@ -12,7 +12,7 @@ from drd_tools.diagnose.select.library import is_possible
 from drd_tools.diagnose.select.search import (
     Found,
     Search,
-    _one_more,
+    _other_set,
     _relinearised_rivals,
     coarse_search,
     full_search,
@@ -29,7 +29,7 @@ def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
         replace(selected("surface_slip", t0=t0, t1=t1, left=0.01, right=0.008), free=free)
         for t0, t1 in ((40.0, 75.0), (76.0, 90.0))
     ]
-    fit = Search(p).backward_swapped(refine(p, pieces))
+    fit = Search(p).others(refine(p, pieces))[0]
     assert len(fit.selection) == 1
     assert fit.selection[0].number("t0") == pytest.approx(40.0, abs=4.0)
     assert fit.selection[0].number("t1") == pytest.approx(90.0, abs=4.0)
@@ -83,7 +83,8 @@ def test_events_are_never_joined() -> None:
         selected("surface_slip", t0=44.0, t1=90.0, left=0.01, right=0.01), free=("t0", "t1", "left", "right")
     )
     p = p.with_data(np.random.default_rng(5).standard_normal(len(p.data)) + p.effect_rows([dropout, slip]))
-    found = Search(p, [dropout]).backward_swapped(refine(p, [dropout, slip])).selection
+    fit = refine(p, [dropout, slip])
+    found = next(iter(Search(p, [dropout]).others(fit)), fit).selection
     assert {c.id for c in found} >= {"encoder_dropout"}
     assert found[0].number("t1") == 44.0
 
@@ -96,7 +97,7 @@ def test_two_that_hide_each_other_are_found_together() -> None:
     p = p.with_data(30.0 * (a + b) + np.random.default_rng(4).standard_normal(len(a)))
     search, empty = Search(p), refine(p, ())
     assert not {"bump_counts", "wheel_radius_speed"} & {c.id for _, c in search.ranked(empty)}
-    assert {c.id for c in search.grown(empty)[0].selection} == {"bump_counts", "wheel_radius_speed"}
+    assert {c.id for c in search.others(empty)[0].selection} == {"bump_counts", "wheel_radius_speed"}
 
 
 def test_pairs_are_rarely_found_in_noise() -> None:
@@ -104,7 +105,7 @@ def test_pairs_are_rarely_found_in_noise() -> None:
     found = []
     for seed in range(20):
         p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)))
-        found.append(bool(Search(p).grown(refine(p, ()))))
+        found.append(bool(Search(p).others(refine(p, ()))))
     assert sum(found) <= 2
 
 
@@ -162,6 +163,6 @@ def test_what_explains_less_than_nothing_did_before_is_no_error() -> None:
     late = problem(SLALOM, 1, selected("encoder_latency", delay=0.1))
     fit = refine(late, ())
     score = Search(late).score(fit)
-    found = _one_more(Search(late), Found(late, fit, score, score + 1e6))
+    found = _other_set(Search(late), Found(late, fit, score, score + 1e6))
     assert found is not None
     assert [c.id for c in found.fit.selection] == ["encoder_latency"]

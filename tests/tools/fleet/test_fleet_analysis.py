@@ -27,6 +27,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "runs" / "yard" / "run_1" / "fleet.yaml").write_text("{robot: 7, batch: B, start: 2026-03-12}")
     (folder / "runs" / "broken").mkdir()
     (folder / "runs" / "broken" / "fog.csv").write_text("no header")
+    (folder / "runs" / "broken" / "fleet.yaml").write_text("robot: 8")
     (folder / "robots.yaml").write_text("[{recordings: ['yard/*'], place: yard}]")
     (folder / "log.csv").write_text("date,robot,what\n2026-03-01,7,left tyre changed\n")
     assert _update(folder) == 0
@@ -87,7 +88,7 @@ def test_findings_and_figures_of_the_pose(store: Path) -> None:
 
 def test_what_fails_is_listed(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (row,) = Store(store).table("errors").to_pylist()
-    assert row["recording"] == "broken"
+    assert (row["recording"], row["robot"]) == ("broken", "8")
     assert "robot.yaml: expected this file in the folder" in row["error"]
     assert _update(store.parent) == 0
     text = capsys.readouterr().out

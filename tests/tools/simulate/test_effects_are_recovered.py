@@ -65,7 +65,7 @@ def test_a_model_takes_the_drift_off(name: str, tmp_path: Path, without_effect: 
     save_model(model, make_model([{"effect": name, "parameters": public}], recording="run"))
     nominal, corrected = errors(folder, None), errors(folder, model)
     # The wheels' lag is learned without a model, too: what its removal leaves is not better than that, but alike.
-    noise = 0.4 if name == "encoder_latency" else 0.15
+    noise = 0.4 if name in ("encoder_lag", "encoder_latency") else 0.15
     for drifted, left, none in zip(nominal, corrected, without_effect, strict=True):
         assert left <= none + max(0.1 * max(drifted - none, 0.0), noise * none)
     assert nominal != without_effect

@@ -7,13 +7,14 @@ from typing import Final
 import numpy as np
 
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
+from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios
 from drd_tools.diagnose.regression.problem import Inflation, Problem
-from drd_tools.diagnose.regression.refine import refine
-from drd_tools.diagnose.results import Amount, Array, Figures
+from drd_tools.diagnose.regression.refine import reference_drift, refine
+from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
 from drd_tools.diagnose.select.library import is_plausible, release
 from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.selected import Selected
@@ -28,11 +29,12 @@ NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched f
 class Analysis:
     """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
 
-    `recording`: with its reference's stamps put right by `reference_lag`, how late it is where that is more than usual.
+    `recording`: with its reference's stamps put right by `lag` of `reference`, how late it is where that is more than
+    usual; `drift`: by how much its clock and the wheels' drift apart, where no gyro tells which of them does.
     """
 
     recording: Recording
-    reference_lag: Amount | None
+    reference: dict[str, Amount]
     events: list[Event]
     null_problem: Problem
     null: Array
@@ -41,6 +43,11 @@ class Analysis:
     def noise_ratios(self) -> Figures:
         """Ratios of the fitted noise to the data sheets'."""
         return ratios(self.conclusion.found.problem)
+
+    def scatter(self) -> tuple[list[Scatter], list[Spread]]:
+        """Noise that is much larger than stated, and its course."""
+        found = self.conclusion.found
+        return scatter_of(found.problem, found.fit.left, self.recording.nominal)
 
 
 def analyse(recording: Recording) -> Analysis:
@@ -80,8 +87,10 @@ def analyse(recording: Recording) -> Analysis:
         release(problem)
     conclusion = conclude(found, audited.events, {c.id for c in start})
     release(found.problem)
-    lag = Amount(measured.lag_s, measured.lag_sigma_s, "s") if measured.lag_s else None
-    return Analysis(measured.recording, lag, audited.events, problem, null.left, conclusion)
+    faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
+    if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
+        faults["drift"] = drift
+    return Analysis(measured.recording, faults, audited.events, problem, null.left, conclusion)
 
 
 def _started(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> list[Selected]:

@@ -108,6 +108,8 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
         p = finding.evidence.family_wise_p
         print(f"  {finding.status}: {finding.effect} ({finding.gain_nats:.0f} nats, p {p or 0.0:.2g})")
         print(f"    {in_words(finding)}")
+    for noise in result.scatter:
+        print(f"  noise: {noise.sentence}")
     if result.next_drive:
         print(f"  {result.next_drive.sentence}".rstrip())
     if result.cut:

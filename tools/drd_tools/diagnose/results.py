@@ -195,10 +195,41 @@ class NextDrive(Struct, frozen=True):
     probability: float | None = None
 
 
+class Level(Struct, frozen=True):
+    """Size of a noise, over the stated one, with its deviation, in a bin of a covariate; `at`: the bin in words."""
+
+    at: str
+    middle: float
+    ratio: float
+    std: float
+
+
+class Scatter(Struct, frozen=True, kw_only=True):
+    """A noise that is much larger than stated, `ratio` times: with what it goes, and when it is largest.
+
+    `channel`: slip (of the wheels), gyro, or position and heading of the reference. `levels`: by bins of `covariate`,
+    None where none tells. `nats`: gain of the covariate's bins, `window_nats` of the interval of time, their
+    costs taken off.
+    """
+
+    kind: Literal["noise"] = "noise"
+    channel: str
+    ratio: float
+    covariate: str | None
+    unit: str
+    levels: tuple[Level, ...]
+    nats: float | None
+    window: Window | None
+    window_ratio: float | None
+    window_nats: float | None
+    sentence: str
+
+
 class Result(Struct, frozen=True, kw_only=True):
     """The content of diagnosis.json.
 
-    `noise`: sizes of the noise over those that are stated. `reference`: faults of the reference itself, as its lag.
+    `noise`: sizes of the noise over those that are stated; `scatter`: those that are much larger. `reference`: faults
+    of the reference itself: its lag and, without a gyro, its clock's drift.
     """
 
     schema: Literal[1] = 1
@@ -214,6 +245,7 @@ class Result(Struct, frozen=True, kw_only=True):
     next_drive: NextDrive | None
     cut: str | UnsetType = UNSET
     noise: Figures | UnsetType = UNSET
+    scatter: tuple[Scatter, ...] = ()
     reference: dict[str, Amount] | UnsetType = UNSET
 
     @property
@@ -322,6 +354,17 @@ class Bar(Struct, frozen=True):
     after: float | None
 
 
+class Spread(Struct, frozen=True, eq=False):
+    """Size of a channel's noise over the stated one, block by block."""
+
+    channel: str
+    time_s: Array
+    ratio: Array
+
+    def __post_init__(self) -> None:
+        _alike(self, "time_s", "ratio")
+
+
 class Series(Struct, frozen=True, kw_only=True):
     """The content of series.json."""
 
@@ -331,3 +374,4 @@ class Series(Struct, frozen=True, kw_only=True):
     residual: Residual
     held_out: list[Bar]
     noise: Figures
+    scatter: list[Spread] = []

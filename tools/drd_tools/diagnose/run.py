@@ -21,8 +21,22 @@ from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
+from drd_tools.diagnose.observe.constants import constants
 from drd_tools.diagnose.observe.parts import cut_off
-from drd_tools.diagnose.results import Bar, Course, Drive, Fit, Result, Series, Status, Train, Unexplained
+from drd_tools.diagnose.results import (
+    Bar,
+    Course,
+    Drive,
+    Figures,
+    Fit,
+    Result,
+    Scatter,
+    Series,
+    Spread,
+    Status,
+    Train,
+    Unexplained,
+)
 from drd_tools.diagnose.validate.trajectory import checked, judged, paths
 from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.processes import pool_of
@@ -92,7 +106,9 @@ def concluded(analysis: Analysis, held_out: Sequence[Recording] = ()) -> Diagnos
         validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
         train, drive = _trained(analysis, model_file if validated.model.terms else None)
         unseen = _unseen(analysis)
-        result, series = _result(analysis, validated, train, unseen), _series(analysis, validated, drive, unseen)
+        scatter, spreads = analysis.scatter()
+        result = _result(analysis, validated, train, unseen, scatter)
+        series = _series(analysis, validated, drive, unseen, spreads)
         statistics = sufficient_statistics(conclusion.found.problem, conclusion.found.fit)
     return Diagnosis(result, series, validated.model, recording.notes, statistics)
 
@@ -105,9 +121,12 @@ def together(
     build = partial(outcome.model_of, recording=recordings[0], names=names, version=drd.__version__)
     with tempfile.TemporaryDirectory() as folder:
         terms = outcome.terms_found(f for f in result.findings if f.status is not Status.SUSPECTED)
-        validated = validate(Path(folder) / "model.yaml", build, terms, result.findings, held_out)
-    fit = Fit(result.fit.train, validated.figures)
-    verdict = checked(result.verdict, validated.findings, validated.poses_after)
+        model_file = Path(folder) / "model.yaml"
+        validated = validate(model_file, build, terms, result.findings, held_out)
+        own = _with_common_model(recordings, made, model_file if validated.model.terms else None)
+    verdict = checked(result.verdict, validated.findings, own.values(), validated.poses_after)
+    after = result.fit.train.after | {f"{name}: {q}": v for name, figures in own.items() for q, v in figures.items()}
+    fit = Fit(Train(result.fit.train.before, after), validated.figures)
     result = msgspec.structs.replace(
         result, recording=names, verdict=verdict, findings=tuple(validated.findings), fit=fit
     )
@@ -119,6 +138,15 @@ def together(
         held_out=validated.bars,
     )
     return Diagnosis(result, series, validated.model)
+
+
+def _with_common_model(
+    recordings: Sequence[Recording], made: Sequence[Diagnosis], model: Path | None
+) -> dict[str, Figures]:
+    """Figures of each recording by its name, with the model of all: its own has told of itself alone."""
+    if model is None:
+        return {r.name: d.result.fit.train.before for r, d in zip(recordings, made, strict=True)}
+    return {r.name: judged(constants(r).recording, model)[0] for r in recordings}
 
 
 def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
@@ -139,7 +167,7 @@ def _unseen(analysis: Analysis) -> Bar:
     return Bar(OTHER_HALF, quantity, "1", *unseen_rms(found.problem, found.fit))
 
 
-def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar) -> Result:
+def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar, scatter: Sequence[Scatter]) -> Result:
     conclusion, e = analysis.conclusion, analysis.conclusion.found.problem.evidence
     figures = msgspec.structs.replace(
         validated.figures,
@@ -149,7 +177,7 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
     cut = cut_off(analysis.recording, e)
     return Result(
         recording=analysis.recording.name,
-        verdict=checked(outcome.verdict(conclusion), validated.findings, [train.after, *validated.poses_after]),
+        verdict=checked(outcome.verdict(conclusion), validated.findings, [train.after], validated.poses_after),
         findings=tuple(validated.findings),
         unexplained=Unexplained(conclusion.unexplained, train.after.get("end_error_m")),
         ruled_out=conclusion.ruled_out,
@@ -160,15 +188,17 @@ def _result(analysis: Analysis, validated: Validated, train: Train, unseen: Bar)
         next_drive=next_drive(conclusion, analysis.recording.nominal),
         cut=UNSET if cut is None else cut,
         noise=analysis.noise_ratios(),
-        reference=UNSET if analysis.reference_lag is None else {"lag": analysis.reference_lag},
+        scatter=tuple(scatter),
+        reference=analysis.reference or UNSET,
     )
 
 
-def _series(analysis: Analysis, validated: Validated, drive: Drive, unseen: Bar) -> Series:
+def _series(analysis: Analysis, validated: Validated, drive: Drive, unseen: Bar, spreads: list[Spread]) -> Series:
     return Series(
         recordings=[drive],
         findings=[outcome.course_of(c) for c in analysis.conclusion.causes],
         residual=outcome.residual_of(analysis.null, analysis.null_problem, analysis.conclusion),
         held_out=[*validated.bars, unseen],
         noise=analysis.noise_ratios(),
+        scatter=spreads,
     )

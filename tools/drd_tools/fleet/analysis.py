@@ -28,7 +28,7 @@ def analysed(task: Task) -> Rows | None:
 
     Raises nothing that a recording could cause.
     """
-    seen, place, digest = task.seen, Path(task.seen.uri), ""
+    seen, place, digest, own = task.seen, Path(task.seen.uri), "", labels.Labels()
     with _ALONE, threadpool_limits(limits=1):
         try:
             if build() != task.build:
@@ -37,16 +37,17 @@ def analysed(task: Task) -> Rows | None:
                 digest = discover.contents(place, seen)
                 if digest == task.digest:
                     return None
-                return _rows(task, place, digest)
+                own = labels.read_own(place.with_suffix(".fleet.yaml") if place.is_file() else place / "fleet.yaml")
+                return _rows(task, place, digest, own)
         except Exception as error:
             text = f"{type(error).__name__}: {error}".replace(str(place), seen.uri)
-            return failed(task, text, digest)
+            return failed(task, text, digest, own)
 
 
-def _rows(task: Task, place: Path, digest: str) -> Rows:
+def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
     recording = read(place)
     pieces, rows = parts(recording), Rows()
-    own = own_labels(place, recording)
+    own = own.over(_told(place, recording))
     for piece in pieces:
         name = task.recording if len(pieces) == 1 else f"{task.recording}{piece.name.removeprefix(recording.name)}"
         analysis = analyse(piece)
@@ -69,15 +70,14 @@ def _rows(task: Task, place: Path, digest: str) -> Rows:
     return rows
 
 
-def own_labels(place: Path, recording: Recording) -> labels.Labels:
-    """Labels that the recording brings, or has in its data."""
-    beside = place.with_suffix(".fleet.yaml") if recording.config is not None else place / "fleet.yaml"
+def _told(place: Path, recording: Recording) -> labels.Labels:
+    """Labels that are in the recording's data, or in the name of a run."""
     reference = recording.reference
     start_s = float(reference.time_s[0]) if reference is not None and len(reference.time_s) else 0.0
     start = labels.start_of_run(place.name)
     if start is None and start_s > SINCE_START_S:
         start = labels.since_1970(start_s)
-    return labels.read_own(beside).over(labels.Labels(robot=recording.nominal.name, start=start))
+    return labels.Labels(robot=recording.nominal.name, start=start)
 
 
 def _findings(analysis: Analysis, diagnosis: Diagnosis) -> list[dict[str, Any]]:

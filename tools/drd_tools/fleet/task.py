@@ -8,6 +8,7 @@ from drd_tools.fleet.discover import Seen
 from drd_tools.fleet.labels import Labels, as_text
 
 FAILED: Final = "failed"  # in place of a verdict
+NO_LABELS: Final = Labels()
 Rows = dict[str, list[dict[str, Any]]]  # by table
 # What a recording's rows depend on.
 CODE: Final = (
@@ -42,9 +43,9 @@ class Task(NamedTuple):
     digest: str = ""
 
 
-def failed(task: Task, error: str, digest: str = "") -> Rows:
+def failed(task: Task, error: str, digest: str = "", own: Labels = NO_LABELS) -> Rows:
     """Rows of a recording that could not be analysed. Without a digest it is tried again by the next update."""
-    row = about(task, task.recording, digest, Labels())
+    row = about(task, task.recording, digest, own)
     return {
         "recordings": [{**row, "verdict": FAILED, "error": error}],
         "errors": [{"recording": task.recording, "uri": task.seen.uri, "error": error}],

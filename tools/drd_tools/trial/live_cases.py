@@ -64,7 +64,8 @@ class Drawn:
 
 def seen_live() -> list[Effect]:
     """Effects that begin in mid-run and that a monitor can see."""
-    return [e for e in catalogue().values() if not e.needs_position and e.begins is not Begins.POWER_ON]
+    diagnosed = (e for e in catalogue().values() if e.is_diagnosed)
+    return [e for e in diagnosed if not e.needs_position and e.begins is not Begins.POWER_ON]
 
 
 def cases(each: int, nulls: int, seed: int) -> list[Case]:

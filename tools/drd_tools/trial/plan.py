@@ -64,8 +64,8 @@ LARGE_BESIDE: Final = 4  # one case in so many is given to the other methods, wh
 
 
 def reversible() -> list[str]:
-    """Names of the effects that come in any size."""
-    return [effect.id for effect in catalogue().values() if not effect.irreversible]
+    """Names of the effects that come in any size, as far as a diagnosis may name them."""
+    return [effect.id for effect in catalogue().values() if not effect.irreversible and effect.is_diagnosed]
 
 
 def events() -> list[str]:

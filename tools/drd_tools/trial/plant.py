@@ -66,7 +66,7 @@ def plan(folder: Path, seed: int) -> Untouched:
 def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
     """Effects to plant, by case, and the cases that this drive cannot show."""
     whitener, plantings, not_visible = Whitener.of(recording), {}, []
-    for effect in catalogue().values():
+    for effect in (x for x in catalogue().values() if x.is_diagnosed):
         for d in DISTANCES:
             # The same shape for each distance, whatever other effects the catalogue has.
             random = np.random.default_rng([seed, zlib.crc32(f"{recording.name}.{effect.id}".encode())])

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
+from drd_tools.diagnose.conclude.conclusion import rounded
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import (
     Amount,
@@ -71,6 +73,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         not_observable=_unobservable(results, {*found, *detectable}),
         classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
         fit=Fit(Train(before, after), results[0].fit.held_out),
+        scatter=tuple(replace(n, sentence=f"{_name(r)}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
     )
 
@@ -94,11 +97,13 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
     log_e = sum(math.log(max(f.evidence.e_value or 0.0, LEAST)) for f in found)
     where = ", ".join(r for r, _ in said)
+    parameters = _mean([f.parameters for f in found])
+    text = f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_of_all(parameters, said)}"
     return replace(
         best,
         status=max((f.status for f in found), key=SURER.index),
         also_fits=tuple(sorted(set.intersection(*(set(f.also_fits) for f in found)))),
-        parameters=_mean([f.parameters for f in found]),
+        parameters=parameters,
         seen=united([f.seen for f in found]),
         evidence=Support(
             sum(f.gain_nats for f in found),
@@ -106,20 +111,34 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
             math.exp(min(LARGEST_NATS, log_e)),
         ),
         explains=sum(f.explains or 0.0 for f in found) / count,
-        sentence=f"{best.sentence} Found in {len(said)} of {count} recordings ({where}).{_apart(found)}",
+        sentence=text + _apart(said),
         probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
 
 
-def _apart(found: Sequence[Finding]) -> str:
-    """Sentence about values that contradict each other, by parameter."""
+def _of_all(parameters: Mapping[str, Amount], said: Sequence[_Said]) -> str:
+    """Sentence with the values of several recordings together; those before it are of the one that shows it best."""
+    shown = [
+        f"{n} = {rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") for n, a in parameters.items() if a.std > 0.0
+    ]
+    return f" All together: {', '.join(shown)}." if len(said) > 1 and shown else ""
+
+
+def _apart(said: Sequence[_Said]) -> str:
+    """Sentence about values that contradict each other, by parameter: the two that do so most, and where."""
     told = []
-    for name, first in found[0].parameters.items():
-        values = [f.parameters[name] for f in found if name in f.parameters]
-        if _contradict(values):
-            spread = f"{min(v.value for v in values):.3g} to {max(v.value for v in values):.3g} {first.unit}"
-            told.append(f"{name} is {spread.removesuffix(' 1')}")
-    return f" They contradict each other: {', '.join(told)}." if told else ""
+    for name in said[0].finding.parameters:
+        values = [(f.parameters[name], recording) for recording, f in said if name in f.parameters]
+        if _contradict([amount for amount, _ in values]):
+            pair = max(combinations(values, 2), key=lambda two: _sigmas(two[0][0], two[1][0]))
+            shown = [f"{rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") + f" in {where}" for a, where in pair]
+            told.append(f"{name} is {shown[0]} and {shown[1]}")
+    return f" They contradict each other: {'; '.join(told)}." if told else ""
+
+
+def _sigmas(a: Amount, b: Amount) -> float:
+    """How far two values are apart, in deviations of their difference."""
+    return abs(a.value - b.value) / math.hypot(a.std, b.std)
 
 
 def _borne_out(finding: Finding, said: Sequence[_Said], results: Sequence[Result]) -> Finding:

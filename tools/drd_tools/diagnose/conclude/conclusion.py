@@ -1,9 +1,8 @@
 """Causes from selected effects: how sure each is, what else it could be, where, and in words."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -18,7 +17,7 @@ from drd_tools.diagnose.conclude.confirm import (
     predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
-from drd_tools.diagnose.conclude.rivals import posterior, rivals_of, unique
+from drd_tools.diagnose.conclude.rivals import near_sets, posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
@@ -27,6 +26,7 @@ from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.results import NOTHING, UNNAMED, Array, Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple, ripples
 from drd_tools.diagnose.select.search import Found, Search
+from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
 
@@ -69,11 +69,12 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
     found, findings = _in_place_of_several(found, search, splines, chance, constants)
+    near = near_sets(found, search)
     periodic = ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)
     total += sum(ripple.gain for ripple in periodic)
     for selected, reported in zip(
         found.fit.selection,
-        reported_estimates(found.problem, found.fit, search.known, partial(search.scatter, found.fit)),
+        reported_estimates(found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter),
         strict=True,
     ):
         event = by_logic.get(selected.id)
@@ -81,7 +82,7 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
             findings.append(_event_finding(selected, event))
         else:
             findings.append(
-                _finding(found, search, splines, selected, reported, chance, total, selected.id in constants)
+                _finding(found, search, splines, selected, reported, near, chance, total, selected.id in constants)
             )
     left = splines.best(found.fit.selection)
     unexplained = 0.0
@@ -190,6 +191,7 @@ def _finding(
     splines: SplineTerms,
     selected: Selected,
     reported: Selected,
+    near: Mapping[frozenset[str], float],
     chance: Array,
     total: float,
     is_constant: bool,
@@ -202,7 +204,7 @@ def _finding(
     p = family_wise_p(worth, chance)
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
-    rivals = rivals_of(found, search, selected, rest)
+    rivals = rivals_of(found, search, selected, rest, near)
     rival, asked = splines.best(fit.selection, selected), max(GENERIC_NATS, _generic_share(problem) * worth)
     # A constant that a calibration gives is no curve, whatever varies about it.
     unnamed = None if is_constant or rival is None else rival.gain - asked
@@ -332,7 +334,7 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
         elif not (q.fixed or (q.linear and q.name not in selected.free)):
             unit = "" if q.unit == "1" else f" {q.unit}"
             value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
-            shown.append(f"{q.name} = {_rounded(value, sigma)}{unit}")
+            shown.append(f"{q.name} = {rounded(value, sigma)}{unit}")
     share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
     text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
@@ -340,7 +342,8 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
     return f"{text} {selected.effect.caveat}".rstrip()
 
 
-def _rounded(value: float, sigma: float) -> str:
+def rounded(value: float, sigma: float) -> str:
+    """A value with its deviation, with as many digits as that warrants."""
     if sigma <= 0.0:
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))

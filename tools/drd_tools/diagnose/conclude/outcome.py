@@ -10,9 +10,9 @@ from drd.effects.motion import Motion
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import rms_per_block
+from drd_tools.diagnose.conclude.scatter import is_loud
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
-from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
 from drd_tools.diagnose.select.orders import Ripple
@@ -20,22 +20,19 @@ from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained
-MOST_NOISE: Final = 2.0  # times what is stated, of the wheels' slip: data sheets are right within a factor of 1.5
 BAND_SIGMAS: Final = 1.96  # 95 % of a Gaussian
 
 
 def verdict(conclusion: Conclusion) -> Verdict:
     """The verdict of a conclusion. Much more noise than is stated may be physics, too."""
     causes = conclusion.causes
+    loud = is_loud(conclusion.found.problem)
     if not causes:
-        return Verdict.NOTHING
+        return Verdict.PARTLY if loud else Verdict.NOTHING
     if all(c.selected is None for c in causes):
         return Verdict.UNKNOWN
-    if any(c.selected is None for c in causes) or conclusion.unexplained > WHOLE_SHARE:
-        return Verdict.PARTLY
-    if (ratios(conclusion.found.problem).get("slip") or 0.0) > MOST_NOISE:
-        return Verdict.PARTLY
-    return Verdict.EXPLAINED
+    has_unnamed = any(c.selected is None for c in causes)
+    return Verdict.PARTLY if has_unnamed or loud or conclusion.unexplained > WHOLE_SHARE else Verdict.EXPLAINED
 
 
 def term_of(m: Motion, selected: Selected) -> Term:

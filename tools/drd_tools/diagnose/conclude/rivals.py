@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from drd.effects.effect import ActsOn
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine_all
@@ -51,8 +53,18 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
     return {n: w / sum(kept.values()) for n, w in sorted(kept.items(), key=lambda item: -item[1])}
 
 
-def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit) -> Rivals:
-    """Try other names beside `rest`, the fit without the effect."""
+def near_sets(found: Found, search: Search) -> dict[frozenset[str], float]:
+    """Scores of the sets of names that may be true, by their names."""
+    scores = {frozenset(c.id for c in found.fit.selection): found.score}
+    for fit in search.near(found.fit, found.score - FAR_NATS):
+        scores.setdefault(frozenset(c.id for c in fit.selection), search.score(fit))
+    return scores
+
+
+def rivals_of(
+    found: Found, search: Search, selected: Selected, rest: Fit, near: Mapping[frozenset[str], float]
+) -> Rivals:
+    """Try other names beside `rest`, the fit without the effect. `near`: scores of other sets. (80)"""
     problem, nothing = found.problem, search.score(rest)
     tried = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:TRIED]
     fits = refine_all(problem, [[*rest.selection, r] for r in tried], found.score - FAR_NATS)
@@ -65,7 +77,12 @@ def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit) -> Ri
         others[rival.id] = max(score - nothing, others.get(rival.id, -math.inf))
         if score + _forgiven_nats(problem, selected, rival) > found.score - CLASS_NATS:
             alike.append(fit.selection[-1])
-    return Rivals(selected.id, found.score - nothing, others, unique(alike))
+    for names, score in near.items():
+        if selected.id not in names:
+            for name in names & others.keys() - {c.id for c in rest.selection}:
+                others[name] = float(np.logaddexp(others[name], score - nothing))
+    own = np.logaddexp.reduce([score - nothing for names, score in near.items() if selected.id in names])
+    return Rivals(selected.id, float(own), others, unique(alike))
 
 
 def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:

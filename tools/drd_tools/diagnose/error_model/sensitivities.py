@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
@@ -26,8 +26,12 @@ TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 LATENCY_S = 0.010  # of a reference, prior
+DRIFT = "reference_drift"
+# Growth of a reference's delay, prior: real drives' lags change by twice that in a run, and no gyro tells whose.
+DRIFT_S_PER_S = 1.5e-4
 LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
+AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
 
 
 def motion_along(e: Evidence, path: Path) -> Motion:
@@ -176,6 +180,14 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
+    if e.gyro_rad is None:
+        since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
+        found.append((DRIFT, DRIFT_S_PER_S, Sensitivity(fix=-dp * since_s)))
     if e.is_far:
-        found.append(("reference_ahead", AHEAD_M, Sensitivity(fix=np.column_stack([c, s, zero]))))
+        passed = np.cumsum(moved, axis=0)
+        mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
+        found += [
+            ("reference_ahead", AHEAD_M, Sensitivity(fix=np.column_stack([c, s, zero]))),
+            ("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])),
+        ]
     return found

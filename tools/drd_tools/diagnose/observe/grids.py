@@ -15,6 +15,9 @@ from drd_tools.recordings.folder import Recording, ReferenceLog
 
 # A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the way within a turn.
 STEP_S: Final = 0.1
+SHORTEST_S: Final = 0.045  # references of 20 Hz and more: of faster ones some rows are enough
+MOST_SHARE: Final = 0.55  # of a step: at half, as of two fixes to a step, nothing grows; stamps jitter
+WITHIN_SHARE: Final = 1e-6  # of a step: rounding
 # Time and memory are bounded: what is longer is cut.
 MOST_STEPS: Final = 36_000  # an hour at 0.1 s
 LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
@@ -67,11 +70,37 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
-    """Grid of equal steps while there are wheels, the first fix at the end of one: noise in a step is not followed."""
-    first = 0.0 if reference is None else float((reference.time_s[0] - log.time_s[0]) % STEP_S)
-    time_s = np.arange(log.time_s[0] + first + STEP_S, log.time_s[-1] + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
-    nothing = np.full(len(time_s), np.nan)
-    return Grid(time_s, np.full(len(time_s), STEP_S), None, nothing, np.zeros(len(time_s)))
+    """Grid of equal steps while there are wheels, the first fix at the end of one: noise in a step is not followed.
+
+    Where fixes would be early in steps, these end at fixes instead, and are nearly equal.
+    """
+    begin_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
+    fix_s = np.zeros(0) if reference is None else reference.time_s
+    fix_s = fix_s[(fix_s >= begin_s) & (fix_s <= end_s + 1e-9)]
+    since = (fix_s - (fix_s[0] if len(fix_s) else 0.0)) / STEP_S
+    if not swings(np.ceil(since - WITHIN_SHARE) - since):
+        first = 0.0 if reference is None else float((reference.time_s[0] - begin_s) % STEP_S)
+        time_s = np.arange(begin_s + first + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
+        return Grid(time_s, np.full(len(time_s), STEP_S), None, np.full(len(time_s), np.nan), np.zeros(len(time_s)))
+    kept = [float(fix_s[0])]
+    for at_s in fix_s[1:].tolist():
+        if at_s - kept[-1] >= SHORTEST_S:
+            kept.append(at_s)
+    count = np.maximum(np.round(np.diff(kept) / STEP_S), 1.0).astype(int)
+    later = np.cumsum(count)[np.repeat(np.arange(len(count)), count)] - 1 - np.arange(count.sum())
+    step_s = np.repeat(np.diff(kept) / count, count)
+    after_s = np.arange(kept[-1] + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)
+    time_s = np.concatenate([np.repeat(kept[1:], count) - later * step_s, after_s])[:MOST_STEPS]
+    step_s = np.concatenate([step_s, np.full(len(after_s), STEP_S)])[:MOST_STEPS]
+    return Grid(time_s, step_s, None, np.full(len(time_s), np.nan), np.zeros(len(time_s)))
+
+
+def swings(share: Array) -> bool:
+    """Whether a path that is bent to fixes, which are such shares of a step before its end, swings ever wider.
+
+    Where no gyro holds the turns, the errors of neighbouring ones grow by twice the share each time.
+    """
+    return bool(np.any((share > MOST_SHARE) & (share < 1.0 - WITHIN_SHARE)))
 
 
 def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
@@ -86,10 +115,13 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, "none")
     step = np.searchsorted(time_s, at - 1e-9)
     fix = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])[within]
+    share = (time_s[step] - at) / step_s[step]
+    kept = np.ones(len(at), np.bool_)
     if len(at) > MOST_STEPS:  # a step's last one is enough then
-        last = np.append(np.diff(step) > 0, True)
-        step, at, fix = step[last], at[last], fix[last]
-    return step, (time_s[step] - at) / step_s[step], fix
+        kept = np.append(np.diff(step) > 0, True)
+    if recording.fog is None and swings(share):  # those within steps of `even_grid` come too often
+        kept &= (share < WITHIN_SHARE) | (share > 1.0 - WITHIN_SHARE)
+    return step[kept], share[kept], fix[kept]
 
 
 def travel(reference: ReferenceLog | None, edges: Array) -> Array:

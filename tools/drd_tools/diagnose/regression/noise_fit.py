@@ -45,7 +45,7 @@ def inflated(problem: Problem, left: Array, searched: bool) -> Inflation:
     """
     e = problem.evidence
     step_s = float(np.median(e.step_s))
-    wheels, fixes = _not_inflated(problem, left)
+    wheels, fixes = not_inflated(problem, left)
     moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
     slow = _slow(wheels[moving], step_s)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
@@ -70,7 +70,7 @@ def tails(rows: Array, moving: npt.NDArray[np.bool_]) -> float | Array:
     return np.where(moving, np.sqrt(1.0 + (rows / scales[nu]) ** 2 / nu), 1.0)
 
 
-def _not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
+def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
     """Rows of the wheels, none without a gyro, and of the fixes (m, 3), as the filter alone whitens them.
 
     Without wheels only the fixes' headings are there.
@@ -103,7 +103,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     Of few fixes none is inflated before the search for effects: one by itself may be all that tells of them.
     """
     e, noise = problem.evidence, problem.noise
-    wheels, fixes = _not_inflated(problem, fit.left)
+    wheels, fixes = not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
     walk = stated = e.datasheet.walk_rad_per_sqrt_s
     if len(wheels):

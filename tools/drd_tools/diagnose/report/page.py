@@ -1,6 +1,7 @@
 """HTML page of a diagnosis, with its pictures, from its files."""
 
 from pathlib import Path
+from typing import Final
 
 from tqdm import tqdm
 
@@ -11,6 +12,8 @@ from drd_tools.diagnose.report.verdict import lead, title
 from drd_tools.diagnose.results import Result, Series
 from drd_tools.report.page import Page
 
+PICTURES: Final = ("finding_*.png", "scatter_*.png", "residual.png", "held_out.png")  # which a diagnosis may lack
+
 
 def write_report(folder: Path) -> list[Path]:
     """Draw `report.html` and its pictures into `folder`, from its diagnosis.json and series.json; return the files.
@@ -18,7 +21,12 @@ def write_report(folder: Path) -> list[Path]:
     Raises ConfigError where one of the two is missing or not of its form, OSError where the folder cannot be written.
     """
     d, s = files.load(folder)
-    for old in (*folder.glob("finding_*.png"), folder / "residual.png", folder / "held_out.png"):
+    for old in (
+        *folder.glob("finding_*.png"),
+        *folder.glob("scatter_*.png"),
+        folder / "residual.png",
+        folder / "held_out.png",
+    ):
         old.unlink(missing_ok=True)  # of an earlier diagnosis
     page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
     if d.cut:
@@ -94,6 +102,17 @@ def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path])
         page.table(report_text.FIT_HEADER, rows, "The data that were fitted, by drd's own estimate", text_columns=(1,))
     if sentence := report_text.noise_sentence(s):
         page.text(sentence)
+    _scatter(page, d, s, folder, drawn)
+
+
+def _scatter(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
+    for sentence in report_text.scatter_sentences(d):
+        page.text(sentence)
+    for noise, spread in zip(d.scatter, s.scatter, strict=True) if len(s.recordings) == 1 else ():
+        if spread.time_s.size:
+            drawn.append(folder / f"scatter_{noise.channel}.png")
+            pictures.scatter_picture(drawn[-1], noise, spread)
+            page.picture(drawn[-1], f"Noise of the {report_text.CHANNELS[noise.channel]}, over what is stated.")
 
 
 def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from drd_tools.diagnose.report.text import named_quantity, pretty
-from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual
+from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual, Scatter, Spread
 from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
 
 WIDTH_IN: Final = 10.0  # a page's, inches
@@ -16,6 +16,7 @@ MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
 ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: one wild bin would flatten all else
 LONGEST_BAR: Final = 1.6  # of what it was before; a longer one is cut, its number stands beside it
 ALONE: Final[dict[str, Any]] = {"color": BLUE, "linewidth": 1.6, "zorder": 3}  # the nominal path, if it is the only one
+FEW: Final = 4  # labels of an axis, which fit beside each other
 WORSE: Final = 1.02  # times what it was before: less than that is chance
 Windows = Sequence[Sequence[float]]
 
@@ -171,6 +172,27 @@ def residual_picture(file: Path, residual: Residual, has_findings: bool = True) 
         axes.set_ylabel("rms / sigmas of noise")
         tidy(axes, "Residual, block by block", 7)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+
+
+def scatter_picture(file: Path, noise: Scatter, spread: Spread) -> None:
+    """Draw a noise over its stated size: over time and, where one tells, by bins of a covariate. Raises OSError."""
+    with picture(file, WIDTH_IN, 3.4) as figure:
+        panels: Any = figure.subplots(1, 2 if noise.levels else 1, squeeze=False)[0]
+        panels[0].plot(spread.time_s, spread.ratio, color=BLUE, linewidth=1.2, marker=".")
+        _shade(panels[0], () if noise.window is None else (noise.window,))
+        panels[0].set_xlabel("time / s")
+        tidy(panels[0], "Over time", 6)
+        if noise.levels:
+            x = np.arange(len(noise.levels))
+            sizes, sigmas = ([getattr(row, name) for row in noise.levels] for name in ("ratio", "std"))
+            panels[1].errorbar(x, sizes, sigmas, color=BLUE, linestyle="none", marker="o", capsize=4)
+            panels[1].set_xticks(x, [row.at for row in noise.levels], rotation=20 if len(x) <= FEW else 90)
+            panels[1].set_xlabel(quantity(spaced(noise.covariate or ""), noise.unit))
+            tidy(panels[1], f"By {spaced(noise.covariate or '')}", len(x))
+        for axes in panels:
+            axes.axhline(1.0, color=INK, linewidth=1.0)
+            axes.set_ylim(bottom=0.0)
+            axes.set_ylabel("times as stated")
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:

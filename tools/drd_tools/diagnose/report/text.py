@@ -37,6 +37,12 @@ DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible 
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
 MOST: Final = 1e100  # a larger e-value is shown as more than this
 UNITS: Final = ("m", "deg", "percent", "s")
+CHANNELS: Final = {
+    "slip": "wheels",
+    "gyro": "gyro at rest",
+    "position": "reference's positions",
+    "heading": "reference's headings",
+}
 SEGMENT_HEADER: Final = ("manoeuvre", "times", "minutes")
 SETTLED_HEADER: Final = ("question", "probability that it is settled", "nats expected")
 FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
@@ -154,6 +160,11 @@ def noise_sentence(s: Series) -> str:
     """Sentence on how the noise compares with its data sheet."""
     parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s.noise.items() if size is not None]
     return f"Noise as fitted, in units of its data sheet: {', '.join(parts)}." if parts else ""
+
+
+def scatter_sentences(d: Result) -> list[str]:
+    """Sentences on noise that is much larger than stated."""
+    return [f"{n.sentence[0].upper()}{n.sentence[1:]}." for n in d.scatter]
 
 
 def next_drive_sentences(d: Result) -> list[str]:

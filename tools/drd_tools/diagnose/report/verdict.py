@@ -5,7 +5,7 @@ from typing import Final
 
 from msgspec import UnsetType
 
-from drd_tools.diagnose.conclude.outcome import MOST_NOISE
+from drd_tools.diagnose.conclude.scatter import ROBOT
 from drd_tools.diagnose.report.text import (
     FIXED,
     channel,
@@ -17,11 +17,14 @@ from drd_tools.diagnose.report.text import (
     rms,
     with_sigma,
 )
-from drd_tools.diagnose.results import Figures, Finding, Result, Series, Verdict
+from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
-SCATTER: Final = {"slip": "the wheels scatter", "gyro": "the gyro scatters"}
+FAULTS: Final = {
+    "lag": "the reference is late by {}, which was taken off",
+    "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
+}
 ALL: Final = 0.005  # less than this share is left
 
 TITLES: Final = {
@@ -55,6 +58,8 @@ def _nothing(d: Result, s: Series) -> list[str]:
         first = f"Over {drive} something is left that the noise does not bring, but nothing could be named."
     size = rms(s.residual.before)
     second = "" if size is None else f"Its residual is {size:.3g} times what the noise alone gives."
+    if noise := "; ".join(_noise(d)):
+        second = f"{noise[0].upper()}{noise[1:]}."
     if all(r.path.reference is None for r in s.recordings):
         third = (
             "Without a reference the sensors could only be judged against each other: an error of the path that both "
@@ -114,9 +119,7 @@ def _what_is_left(d: Result, s: Series) -> str:
         parts.append(
             f"the end of the path is {'still ' if any(f.is_named for f in d.findings) else ''}{length(end_m)} off"
         )
-    outside = d.fit.train.after.get(OUTSIDE)
-    if outside is not None and not is_predicted(d.fit.train.after):
-        parts.append(f"{percent(0.01 * outside)} of the poses leave their own 99 % bound")
+    parts += _outside(d)
     for row in s.held_out:
         if row.before is None or row.after is None:
             continue
@@ -129,21 +132,31 @@ def _what_is_left(d: Result, s: Series) -> str:
     return f"{text[0].upper()}{text[1:]}."
 
 
+def _outside(d: Result) -> list[str]:
+    """Words for poses that leave their own bound, in the recordings of the fit and in others."""
+    own = {
+        q.removesuffix(OUTSIDE).rstrip(": "): {OUTSIDE: v} for q, v in d.fit.train.after.items() if q.endswith(OUTSIDE)
+    }
+    others = {name: figures for name, figures in d.fit.held_out.after.items() if isinstance(figures, dict)}
+    found = []
+    for name, figures in [*own.items(), *others.items()]:
+        if not is_predicted(figures):
+            share = percent(0.01 * (figures[OUTSIDE] or 0.0))
+            found.append(f"{share} of the poses{f' of {name}' if name else ''} leave their own 99 % bound")
+    return found[:MOST_IN_WORDS]
+
+
 def _noise(d: Result) -> list[str]:
-    """Words for noise that is much larger than stated: it may be physics, too."""
-    ratios: Figures = {} if isinstance(d.noise, UnsetType) else d.noise
-    large = [
-        (SCATTER[name], ratio) for name, ratio in ratios.items() if name in SCATTER and ratio and ratio > MOST_NOISE
-    ]
-    return [f"{who} {ratio:.2g} times as much as stated, which the model takes for noise" for who, ratio in large]
+    """Words for noise that is much larger than stated, of the sensors: it may be physics, too."""
+    return [f"{noise.sentence}, which the model takes for noise" for noise in d.scatter if noise.channel in ROBOT]
 
 
 def _reference(d: Result) -> list[str]:
     """Words for the reference's own faults."""
     if isinstance(d.reference, UnsetType):
         return []
-    lag = d.reference["lag"]
-    return [f"the reference is late by {with_sigma(lag.value, lag.std, lag.unit)}, which was taken off"]
+    shown = {name: with_sigma(fault.value, fault.std, fault.unit) for name, fault in d.reference.items()}
+    return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 
 def _share(d: Result) -> str:

@@ -40,12 +40,6 @@ class Candidate:
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
         return 0.5 * float(b @ x), self.selected(x)
 
-    def as_it_is(self, G: Array, b: Array) -> tuple[float, Selected | None]:
-        """Gain of what is not scaled: a threshold cannot be, and a longer delay has another shape. Of others -inf."""
-        if self.effect.acts_on not in (ActsOn.READOUT, ActsOn.TIMING) or self.names != ("",):
-            return -math.inf, None
-        return float(b[0] - 0.5 * G[0, 0]), self.selected(np.ones(1))
-
     def selected(self, coefficients: Array) -> Selected | None:
         """The effect with parameters from the regression's coefficients; None where they make no sense."""
         values = dict(self.shape)

@@ -60,15 +60,17 @@ def _figures(run: Run | None) -> Figures:
     return found
 
 
-def checked(verdict: Verdict, findings: Iterable[Finding], figures: Iterable[Figures]) -> Verdict:
+def checked(
+    verdict: Verdict, findings: Iterable[Finding], own: Iterable[Figures], held_out: Iterable[Figures]
+) -> Verdict:
     """Posterior predictive check: nothing is explained where poses with the model leave their own 99 % bound. (91)
 
-    `figures`: of the recordings, with the model. What no model can take off is not held against it.
+    `own`: of the recordings of the fit, with the model; `held_out`: of others. What no model can take off is not held
+    against it: in others only where it lasts.
     """
-    lasts = any(f.is_named and catalogue()[f.effect].irreversible for f in findings)
-    if verdict is not Verdict.EXPLAINED or lasts or all(is_predicted(f) for f in figures):
-        return verdict
-    return Verdict.PARTLY
+    lost = [effect for f in findings if f.is_named and (effect := catalogue()[f.effect]).irreversible]
+    figures = [*(() if lost else own), *(() if any(effect.lasting for effect in lost) else held_out)]
+    return verdict if verdict is not Verdict.EXPLAINED or all(map(is_predicted, figures)) else Verdict.PARTLY
 
 
 def is_predicted(figures: Figures) -> bool:

@@ -1,0 +1,217 @@
+"""All sets of up to four effects, scored by one Gram matrix, each effect in the variant that is best there. (80)"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.effects.effect import END, START
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.regression.marginal import Marginal
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import nuisance_columns, nuisance_design
+from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.select.intervals import Columns, joined, same_window
+from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
+from drd_tools.diagnose.selected import Selected, parameter, shape_of
+
+LEFT_SHARE: Final = 1e-3  # of a column's square that the others of its set must leave
+FREE_SHARE: Final = 1e-5  # that what is held must leave: products of single precision are no better
+RIDGE: Final = 1e-4  # of a column's square, as their prior: two columns that are alike have finite sizes
+LEAST_SQUARE: Final = 1e-300  # of a column that is nothing
+
+
+class _Group(NamedTuple):
+    """Candidates of one width w: which (c,), their columns (c, w) and these' products (c, w, w), penalties (c,), nats.
+
+    `least` (c, w): of a coefficient.
+    """
+
+    candidates: npt.NDArray[np.intp]
+    columns: npt.NDArray[np.intp]
+    blocks: Array
+    penalty: Array
+    least: Array
+
+
+class _Set(NamedTuple):
+    """A set of candidates and its score, nats. Beside it: `b` (p,), `own` (p,), the squares of all columns.
+
+    `D` (m, p): their products with its m columns, made orthonormal.
+    """
+
+    chosen: tuple[int, ...]
+    score: float
+    D: Array
+    b: Array
+    own: Array
+
+
+class Sets:
+    """Sets of effects beside those of `held`, which stay. `near`: effects whose own shapes are variants, too. (80)"""
+
+    def __init__(self, problem: Problem, held: Sequence[Selected], near: Sequence[Selected] = ()):
+        self._problem, self._library = problem, library_of(problem)
+        shapes, _ = nuisance_columns(problem, near)
+        self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
+        left = self._marginal.projected(problem.data - problem.effect_rows(held))
+        self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
+        # One by one, a long interval is found in pieces, or with another effect's name.
+        others = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one)), *self._intervals()]
+        extra, columns = self._variants([*near, *others])
+        own: Columns = np.concatenate([self._library.columns, columns], axis=1)
+        between, count = columns.T @ own, self._library.columns.shape[1]
+        products = np.block([[self._library.products, between[:, :count].T], [between]])
+        G, b = self._beside(own, products)
+        self._scale = 1.0 / np.sqrt(np.maximum(np.diag(G), LEAST_SQUARE))
+        self._G = G * self._scale[:, None] * self._scale + RIDGE * np.eye(len(G))
+        self._b = b * self._scale
+        free, taken = np.diag(G) > FREE_SHARE * np.diag(products), {c.id for c in held if not c.effect.repeats}
+        candidates = [*self._library.candidates, *extra]
+        self.candidates = [c for c in candidates if c.effect.id not in taken and free[list(c.columns)].all()]
+        labels = [self._label(c, near) for c in self.candidates]
+        names = sorted(set(labels))
+        self._name = np.array([names.index(label) for label in labels], int)
+        self._names = len(names)
+        self._groups = [self._group(width) for width in sorted({len(c.columns) for c in self.candidates})]
+
+    def _beside(self, columns: Columns, products: Columns) -> tuple[Array, Array]:
+        """Products of columns (r, p) among themselves, (p, p), and with the data, (p,), beside those that are held."""
+        cross = np.asarray(columns.T @ self._held, float)
+        return self._marginal.beside(products, cross.T), np.asarray(columns.T @ self._left, float)
+
+    def _intervals(self) -> Iterator[Selected]:
+        """Each effect of an interval of time, and each choice of its sizes, in the interval where it explains most."""
+        for each in self._library.intervals:
+            products = self._beside(each.columns, each.products)
+            for which in choices(each.effect, each.names):
+                names = tuple(each.names[i] for i in which)
+                if (best := each.best(names, *products)) is not None:
+                    values = {**best.shape, **dict.fromkeys(each.names, 0.0)}
+                    yield Selected(each.effect, values, (*names, START.name, END.name))
+
+    def _variants(self, near: Sequence[Selected]) -> tuple[list[Candidate], Columns]:
+        """Candidates with the shapes of effects that were refined, and their columns, after the library's."""
+        candidates: list[Candidate] = []
+        sensitivities: list[Sensitivity] = []
+        for one in near:
+            first = self._library.columns.shape[1] + len(sensitivities)
+            made, own = columns_of(self._problem, one.effect, dict(shape_of(one.effect, one.values)), first)
+            candidates += made
+            sensitivities += own
+        if not sensitivities:
+            return [], np.zeros((len(self._problem.data), 0), np.float32)
+        return candidates, self._problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False)
+
+    def scatter(self, selected: Selected) -> float:
+        """How much more an effect of an interval scatters over this drive than its deviations say; 1 of any other."""
+        for each in self._library.intervals:
+            if each.effect.id == selected.id:
+                return each.scatter(selected, *self._beside(each.columns, each.products))
+        return 1.0
+
+    def ranked(self) -> list[tuple[float, Selected]]:
+        """Gain of each effect, nats, with its best variant; best first."""
+        found = [(score, self._selected(chosen)) for score, chosen in self.scored(1).values()]
+        return sorted(((score, one[0]) for score, one in found if one), key=lambda r: -r[0])
+
+    @staticmethod
+    def _label(candidate: Candidate, near: Sequence[Selected]) -> str:
+        """Name of an effect; where it may be there more than once, each that was refined has its own."""
+        if candidate.effect.repeats:
+            for i, one in enumerate(near):
+                if candidate.effect is one.effect and candidate.shape == shape_of(one.effect, one.values):
+                    return f"{one.id} {i}"
+        return candidate.effect.id
+
+    def _group(self, width: int) -> "_Group":
+        """The candidates of so many columns."""
+        which = [i for i, c in enumerate(self.candidates) if len(c.columns) == width]
+        chosen = [self.candidates[i] for i in which]
+        columns = np.array([c.columns for c in chosen], int)
+        blocks = self._G[columns[:, :, None], columns[:, None, :]]
+        least = np.array([_least(c) for c in chosen])
+        return _Group(np.array(which), columns, blocks, np.array([c.penalty for c in chosen]), least)
+
+    def best(self, count: int, largest: int) -> list[tuple[Selected, ...]]:
+        """The best sets of so many effects at most, the best first, with the sizes that fit together."""
+        order = sorted(self.scored(largest).values(), key=lambda found: -found[0])
+        made = (self._selected(chosen) for _, chosen in order)
+        return list(itertools.islice((selection for selection in made if selection is not None), count))
+
+    def scored(self, largest: int) -> dict[frozenset[int], tuple[float, tuple[int, ...]]]:
+        """Score of each set of names, nats, with its best candidates.
+
+        A set of n + 1 names is met n + 1 times, each time with another name as the last, in its best variant.
+        """
+        last = {
+            frozenset[int](): _Set((), 0.0, np.zeros((0, len(self._b))), self._b, np.full(len(self._b), 1.0 + RIDGE))
+        }
+        found = {names: (one.score, one.chosen) for names, one in last.items()}
+        for size in range(largest):
+            better: dict[frozenset[int], tuple[float, frozenset[int], int]] = {}
+            for names, one in last.items():
+                gains = self._gains(one)
+                order = np.argsort(gains)
+                best = np.full(self._names, -1)
+                best[self._name[order]] = order
+                for name, i in enumerate(best.tolist()):
+                    if name not in names and gains[i] > -np.inf:
+                        key, total = names | {name}, one.score + float(gains[i])
+                        if key not in better or total > better[key][0]:
+                            better[key] = total, names, i
+            found |= {key: (total, (*last[rest].chosen, i)) for key, (total, rest, i) in better.items()}
+            if size < largest - 1:
+                last = {key: self._grown(last[rest], i, total) for key, (total, rest, i) in better.items()}
+        return found
+
+    def _grown(self, one: "_Set", i: int, score: float) -> "_Set":
+        """A set with one candidate more."""
+        columns = list(self.candidates[i].columns)
+        left = self._G[columns] - one.D[:, columns].T @ one.D
+        L = np.linalg.cholesky(left[:, columns])
+        D = np.linalg.solve(L, left)
+        b = one.b - np.linalg.solve(L, one.b[columns]) @ D
+        return _Set((*one.chosen, i), score, np.concatenate([one.D, D]), b, one.own - np.einsum("mi,mi->i", D, D))
+
+    def _gains(self, one: "_Set") -> Array:
+        """Gain of each candidate beside a set less its cost, nats; -inf where nothing is left, or its sign is wrong."""
+        gains = np.full(len(self.candidates), -np.inf)
+        enough = one.own > LEFT_SHARE
+        for group in self._groups:
+            at = group.columns
+            if at.shape[1] == 1:
+                i = at[:, 0]
+                x = (one.b[i] / np.maximum(one.own[i], LEFT_SHARE))[:, None]
+            else:
+                taken = one.D[:, at]
+                blocks = group.blocks - np.einsum("mcw,mcv->cwv", taken, taken)
+                blocks[~enough[at].all(axis=1)] = np.eye(at.shape[1])
+                x = np.linalg.solve(blocks, one.b[at][:, :, None])[:, :, 0]
+            seen = (enough[at] & (x >= group.least)).all(axis=1)
+            nats = 0.5 * (one.b[at] * x).sum(axis=1) - group.penalty
+            gains[group.candidates] = np.where(seen, nats, -np.inf)
+        return gains
+
+    def _selected(self, chosen: Sequence[int]) -> tuple[Selected, ...] | None:
+        """The effects of a set, with the sizes that fit together; None where they make no sense."""
+        candidates = [self.candidates[i] for i in chosen]
+        columns = [i for c in candidates for i in c.columns]
+        x = np.linalg.solve(self._G[np.ix_(columns, columns)], self._b[columns]) * self._scale[columns]
+        made, k = [], 0
+        for candidate in candidates:
+            one = candidate.selected(x[k : k + len(candidate.columns)])
+            if one is None:
+                return None
+            made.append(one)
+            k += len(candidate.columns)
+        return tuple(made)
+
+
+def _least(candidate: Candidate) -> list[float]:
+    """The least coefficient that each column may have."""
+    if candidate.angle:
+        return [-np.inf] * len(candidate.columns)
+    return [-np.inf if name == "" or parameter(candidate.effect, name).signed else 0.0 for name in candidate.names]
