@@ -62,7 +62,7 @@ class Changes(NamedTuple):
 
 
 def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidence:
-    """Filter each segment. `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation. (102)
+    """Filter each segment. `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation. (104)
 
     Outliers are a mixture of two, which is collapsed to one Gaussian after each observation.
     """
@@ -117,7 +117,7 @@ def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
 
 
 def posterior(log: Array, change: Array) -> Changes:
-    """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (103)"""
+    """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (105)"""
     segments, begins = _prior_of_segments(log, change)
     series, _, n = segments.shape[:3]
     before = np.zeros((series, n + 1))  # log evidence of the observations before k
@@ -145,7 +145,7 @@ def _sum(terms: Array) -> Array:
 
 
 def most_likely(log: Array, change: Array) -> list[list[tuple[int, int, int]]]:
-    """The likeliest segments (kind, first, last) of each series. (103)"""
+    """The likeliest segments (kind, first, last) of each series. (105)"""
     segments, begins = _prior_of_segments(log, change)
     series, _, n = segments.shape[:3]
     best = np.zeros((series, n + 1))

@@ -1,4 +1,4 @@
-"""False discovery rates over a fleet: robots times effects are many chances to be wrong. (105)"""
+"""False discovery rates over a fleet: robots times effects are many chances to be wrong. (107)"""
 
 import numpy as np
 import numpy.typing as npt

@@ -69,7 +69,7 @@ class Trend:
 
 
 def smoothed(log: Log, p: Population, robot: int, segments: Segments, mean: float, value: Array) -> Trend:
-    """The levels of a robot's segments, by Gaussian regression with outliers weighed down. (102)
+    """The levels of a robot's segments, by Gaussian regression with outliers weighed down. (104)
 
     `value`: of all recordings, less what they share; `mean`: the robot's level beforehand.
     """
@@ -94,7 +94,7 @@ def smoothed(log: Log, p: Population, robot: int, segments: Segments, mean: floa
 
 
 def _inliers(off: Array, variance: Array, jump: float) -> Array:
-    """Weights that stand for the mixture of (102)."""
+    """Weights that stand for the mixture of (104)."""
     far = variance + jump**2
     odds = np.log(OUTLIERS / (1.0 - OUTLIERS)) + 0.5 * (np.log(variance / far) + off**2 * (1.0 / variance - 1.0 / far))
     outlier = 1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0)))

@@ -1,4 +1,4 @@
-"""Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (104)"""
+"""Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (106)"""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ class Told(NamedTuple):
 
 
 def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Told:
-    """Of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (104)"""
+    """Of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
     w = 1.0 / p.variance(log)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
@@ -56,7 +56,7 @@ def gain(size: float, sigma: float, jump: float) -> float:
 
 
 def pooled(found: Told, jump: float) -> tuple[float, float, int]:
-    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (104)
+    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (106)
 
     The sigma is infinite where they do not show it alike.
     """
@@ -77,7 +77,7 @@ def pooled(found: Told, jump: float) -> tuple[float, float, int]:
 
 
 def explained(found: Told, size: float) -> float:
-    """Nats that one step of `size` explains in the robots, without those that have something of their own. (104)"""
+    """Nats that one step of `size` explains in the robots, without those that have something of their own. (106)"""
     information = np.maximum(found.information, 1e-300)
     gained = size * found.score - 0.5 * size**2 * information
     off = np.abs(found.score / information - size) / max(abs(size), 1e-300)
@@ -125,7 +125,7 @@ def causes(
     log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, shape: Array,
     beside: Array,
 ) -> dict[str, float]:  # fmt: skip
-    """Probabilities that a change of a robot is its own, a place's, or its batch's. (104)
+    """Probabilities that a change of a robot is its own, a place's, or its batch's. (106)
 
     `shape`: the change's course over all recordings, shape (n,), of unit size. `beside`: which robots change alike at
     that time, this one among them, shape (robots,); `segment`, `left`: with none of that taken off. A group's change is

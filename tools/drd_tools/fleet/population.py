@@ -107,7 +107,7 @@ def first_guess(log: Log) -> Population:
 
 
 def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: Integers) -> Population:
-    """Estimate all figures anew, for given segments. (100), (101)
+    """Estimate all figures anew, for given segments. (102), (103)
 
     `segment`: each recording's number, shape (n,); `drift`: what creeps within it, shape (n,); `levels`: 1 of a
     segment that is its robot's first, 0 of others, shape (segments,).
@@ -167,7 +167,7 @@ def _solved(
     log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers,
     trust: Array,
 ) -> tuple[Array, Array, _Levels]:  # fmt: skip
-    """Generalised least squares with the segments' levels marginalised, and these; `trust`: weights (n,). (100)"""
+    """Generalised least squares with the segments' levels marginalised, and these; `trust`: weights (n,). (102)"""
     w = trust / (log.sigma**2 + p.excess**2)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
@@ -186,7 +186,7 @@ def _solved(
 
 
 def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers) -> Population:
-    """The M step: deviations from second moments. (101)"""
+    """The M step: deviations from second moments. (103)"""
     sigma = np.sqrt(np.diag(covariance))
     b, q, m = len(log.batches), len(log.places), len(p.knots)
     parts = np.cumsum([1, b, q, m])
@@ -240,7 +240,7 @@ def _scatter(values: Array, sigmas: Array, prior: float) -> float:
 
 
 def _excess(log: Log) -> float:
-    """Noise beyond the stated: of recordings that follow each other in one place, few have a change between. (101)"""
+    """Noise beyond the stated: of recordings that follow each other in one place, few have a change between. (103)"""
     order = np.lexsort((log.day, log.place, log.robot))
     same = (np.diff(log.robot[order]) == 0) & (np.diff(log.place[order]) == 0)
     square = np.diff(log.value[order])[same] ** 2

@@ -32,7 +32,7 @@ class Expected(NamedTuple):
 
 
 def expect(found: Statistics, robot: str, day: float, place: str | None = None) -> list[Expected]:
-    """The constants of a recording of `robot` on `day`, in a known place or any. (106)
+    """The constants of a recording of `robot` on `day`, in a known place or any. (108)
 
     A robot that was never seen is one of the population. Raises ConfigError where the store has no constants.
     """

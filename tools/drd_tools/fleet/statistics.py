@@ -144,7 +144,7 @@ def _with_steps(log: Log, whole: list[Segments]) -> Population:
 
 
 def _chances(log: Log, done: list[Maintained]) -> Array:
-    """Prior probability of a change before each recording, shape (n,). (103)"""
+    """Prior probability of a change before each recording, shape (n,). (105)"""
     gap = np.diff(log.day, prepend=log.day[0]).clip(0.0)
     stays = np.exp(-gap / ROBOT_DAYS)
     number = {name: k for k, name in enumerate(log.robots)}
@@ -265,7 +265,7 @@ def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own:
 
 
 def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
-    """Robots against their batch, batches and places against the others: sizes and p-values. (105)"""
+    """Robots against their batch, batches and places against the others: sizes and p-values. (107)"""
     found = []
     last = {i: t.segments[0][2] for i, t in enumerate(trends) if t.segments}
     size = np.array([trends[i].level[k] - p.expected(log)[i] for i, k in last.items()])
