@@ -26,6 +26,7 @@ from drd_tools.fleet.schema import LABELS, MAINTENANCE, PENDING, TABLES, VERSION
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # of a recording, by table
 
 ABOUT, INDEX, NAMES_OF_DONE = "store.json", "index.parquet", "maintenance.parquet"
+MOST_PUT: Final = 2000  # recordings without products in a file
 MOST_PENDING: Final = 256  # recordings that are compacted at once: limits the memory to some tens of MB
 
 
@@ -105,6 +106,13 @@ class Store:
         table = pa.Table.from_pylist([{name: list(rows.get(name, ())) for name in TABLES}], PENDING)
         name = hashlib.sha256(rows["recordings"][0]["uri"].encode()).hexdigest()[:24]
         self.files.write(f"pending/{name}.parquet", _parquet(table))
+
+    def put_all(self, rows: Sequence[Rows]) -> None:
+        """Keep the rows of many recordings at once, and sort them into the tables' files."""
+        for at in range(0, len(rows), MOST_PUT):
+            part = [{name: list(one.get(name, ())) for name in TABLES} for one in rows[at : at + MOST_PUT]]
+            self.files.write(f"pending/all-{at:06d}.parquet", _parquet(pa.Table.from_pylist(part, PENDING)))
+        self.compact()
 
     def rows(self, recordings: Collection[str]) -> dict[str, dict[str, list[dict[str, Any]]]]:
         """Rows of compacted recordings, by recording and by table."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from drd import __version__
 
@@ -19,6 +20,7 @@ class Part:
     kind: str
     text: str = ""
     png: str = ""
+    markup: Markup | None = None
     header: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     chosen: Collection[int] = ()
@@ -26,7 +28,7 @@ class Part:
 
 
 class Page:
-    """Collects the parts in their order, then writes the file. All text is escaped."""
+    """Collects the parts in their order, then writes the file. All text is escaped, but for `markup`."""
 
     def __init__(self, title: str, lead: Iterable[str]):
         """`lead`: the few sentences a reader in a hurry needs."""
@@ -62,6 +64,10 @@ class Page:
         cells = [[str(cell) for cell in row] for row in rows]
         part = Part(kind="table", text=caption, header=header, rows=cells, chosen=chosen, wide=text_columns)
         self._parts.append(part)
+
+    def markup(self, markup: Markup) -> None:
+        """A piece of HTML that a template of the caller's has made, which escapes what it is given."""
+        self._parts.append(Part(kind="markup", markup=markup))
 
     def inputs(self, sha256: Mapping[str, str]) -> None:
         """Which files it was made from, and their digests."""

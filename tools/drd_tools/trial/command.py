@@ -11,8 +11,8 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts, distances, live, live_cases, plant, sbmi
-from drd_tools.trial.figures import Figures
+from drd_tools.trial import baselines, contacts, distances, fleet, live, live_cases, plant, sbmi
+from drd_tools.trial.figures import Figures, Table
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers
@@ -52,6 +52,10 @@ effect, seen with d = 12, apart from each of the others: distances.csv and .json
 mid-run with d = 8, 12 and 25 per 100 m, N of each, and four times as many with nothing missing, with stressed noise, on
 asphalt, and on ground that changes; scored are the right class within 60 s or 100 m, its onset, and false names.
 
+--fleet takes the statistics of a fleet (drd fleet) instead: N fleets of 40 robots and 90 days as drd fleet simulate
+--summaries makes them, analysed evening by evening; scored are changes found, when, how well dated and of whom, and
+what is not there.
+
 A case is kept as soon as it is ready: the same command goes on where it was stopped. Results of another build of the
 diagnosis are moved aside, to results.old.jsonl.
 """
@@ -64,6 +68,7 @@ examples:
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
   {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)
   {PROGRAM} --live 1 --output out/live                            (the monitor; five minutes)
+  {PROGRAM} --fleet 5 --output out/fleets                         (the fleet's statistics; a minute each)
   {PROGRAM} --draw out/large --quote tools/drd_tools/trial/README.md     (print and draw again, and quote)
 
 Exit code: 0 done, 2 bad usage or input.
@@ -78,6 +83,8 @@ def main(argv: list[str]) -> int:
         return _drawn(chosen.draw, chosen.quote)
     if chosen.live:
         return _live(parser, chosen)
+    if chosen.fleet:
+        return _fleet(parser, chosen)
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
     if chosen.output is None or not (drawn or instead):
         parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
@@ -108,11 +115,28 @@ def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
         files = [live.save(chosen.output, rows), chosen.output / "live.html"]
         origin = f"Made by `drd trial --live {chosen.live}`, seed {chosen.seed}: {len(rows)} cases."
         live_figures.write_page(rows, origin, files[1])
-    for table in live_figures.tables(rows):
-        print("\n".join([table.caption, *columns([table.header, *table.rows]), ""]))
-    print("\n".join(live_figures.lines(rows)))
-    print(f"\nwrote {', '.join(str(f) for f in files)}")
+    _tell(live_figures.tables(rows), live_figures.lines(rows), files)
     return 0
+
+
+def _fleet(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
+    others = chosen.folder or chosen.each or chosen.large or chosen.plant or chosen.distances
+    if chosen.output is None or others:
+        parser.error("--fleet goes with --output DIR, and without --each, --large, --folder, --plant and --distances")
+    seeds = range(chosen.seed, chosen.seed + chosen.fleet)
+    with writing(chosen.output):
+        rows = sorted(fleet.run(seeds, chosen.jobs), key=lambda row: row.seed)
+        files = [fleet.save(chosen.output, rows), chosen.output / "fleet.html"]
+        fleet.write_page(rows, f"Made by `drd trial --fleet {chosen.fleet}`, seed {chosen.seed}.", files[1])
+    _tell(fleet.tables(rows), fleet.lines(rows), files)
+    return 0
+
+
+def _tell(tables: Sequence[Table], lines: Sequence[str], files: Sequence[Path]) -> None:
+    for table in tables:
+        print("\n".join([table.caption, *columns([table.header, *table.rows]), ""]))
+    print("\n".join(lines))
+    print(f"\nwrote {', '.join(str(f) for f in files)}")
 
 
 def _run(chosen: argparse.Namespace) -> None:
@@ -223,6 +247,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
     add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
     add("--live", type=whole(0), default=0, metavar="N", help="N cases of each effect and d for the monitor, instead")
+    add("--fleet", type=whole(0), default=0, metavar="N", help="N fleets for the fleet's statistics, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")
     add("--minutes", type=float, nargs=2, default=(4.0, 10.0), metavar=("LOW", "HIGH"), help="of a drive (4 10)")

@@ -1,0 +1,166 @@
+"""Changes of a series: the exact posterior over all ways to cut it into segments.
+
+A segment is a random walk about a level, or about one that creeps. `Prior` says how likely changes are and how large;
+`evidence` filters each segment, over run lengths; `posterior` sums over all segmentations by dynamic programming
+(Fearnhead 2006; Adams and MacKay 2007), `most_likely` takes the best. All series of a fleet are done at once.
+"""
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.arrays import Array
+
+CREEP: Final = 1  # kind of a segment; 0 is a level
+# A recording in so many is off by about a jump: a lidar that lost itself, a load, a passenger.
+OUTLIERS: Final = 0.01
+# Of segments, where the constant can creep at all: leaks are rarer than what happens at once.
+CREEPING: Final = 0.2
+ROOM: Final = 2_000_000  # segments that are held at once: limits memory to some 100 MB
+LOG_2PI: Final = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """`mean`, `spread`: of the first level, shape (series,) and one; `jump`, `slope`: sigma of later levels beyond the
+    spread, and of what creeps per day; `walk`: variance that a day adds. `change`: probability of a change before each
+    observation, shape (series, n), of which the first column is not used.
+    """
+
+    mean: Array
+    spread: float
+    jump: float
+    slope: float
+    walk: float
+    change: Array
+
+
+class Evidence(NamedTuple):
+    """Log evidence of segments [kind, first, last], shape (series, kinds, n, n); level and variance at their ends."""
+
+    log: Array
+    level: Array
+    variance: Array
+
+
+class Changes(NamedTuple):
+    """`log_evidence`: of each series, shape (series,). `change`: posterior of a change before each observation, shape
+    (series, n); `creeps`: that, and of a segment that creeps from there on. `segments`: posterior of each segment,
+    shape (series, kinds, n, n).
+    """
+
+    log_evidence: Array
+    change: Array
+    creeps: Array
+    segments: Array
+
+    def any_change(self, series: int, first: int, last: int) -> float:
+        """Posterior of at least one change before an observation from `first` to `last`."""
+        spanning = self.segments[series, :, :first, last:]
+        return float(np.clip(1.0 - spanning.sum(), 0.0, 1.0))
+
+
+def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidence:
+    """Filter each segment. `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation. (104)
+
+    Outliers are a mixture of two, which is collapsed to one Gaussian after each observation.
+    """
+    series, n = value.shape
+    kinds = 2 if prior.slope > 0.0 else 1
+    log = np.full((series, kinds, n, n), -np.inf)
+    level, spread = np.zeros_like(log), np.zeros_like(log)
+    m0, m1, p00, p01, p11, total = (np.zeros((series, kinds, n)) for _ in range(6))
+    for k in range(n):
+        at = slice(0, k + 1)
+        if k:
+            gap = np.nan_to_num(day[:, k] - day[:, k - 1])[:, None, None]
+            m0[..., :k] += gap * m1[..., :k]
+            p00[..., :k] += 2.0 * gap * p01[..., :k] + gap**2 * p11[..., :k] + prior.walk * gap
+            p01[..., :k] += gap * p11[..., :k]
+        m0[..., k] = prior.mean[:, None]
+        p00[..., k] = prior.spread**2 + (prior.jump**2 if k else 0.0)
+        p11[:, CREEP:, k] = prior.slope**2
+        is_there = np.isfinite(value[:, k])[:, None, None]
+        off = np.where(is_there, np.nan_to_num(value[:, k])[:, None, None] - m0[..., at], 0.0)
+        near = p00[..., at] + np.where(is_there, np.nan_to_num(variance[:, k])[:, None, None], 1.0)
+        far = near + prior.jump**2
+        a = np.log1p(-OUTLIERS) - 0.5 * (np.log(near) + off**2 / near + LOG_2PI)
+        b = np.log(OUTLIERS) - 0.5 * (np.log(far) + off**2 / far + LOG_2PI)
+        either = np.logaddexp(a, b)
+        w = np.exp(a - either)
+        gain = np.where(is_there, w / near + (1.0 - w) / far, 0.0)
+        less = gain - np.where(is_there, w * (1.0 - w) * (off * (1.0 / near - 1.0 / far)) ** 2, 0.0)
+        total[..., at] += np.where(is_there, either, 0.0)
+        c0, c1 = p00[..., at].copy(), p01[..., at].copy()
+        m0[..., at] += gain * c0 * off
+        m1[..., at] += gain * c1 * off
+        p00[..., at] -= less * c0 * c0
+        p01[..., at] -= less * c0 * c1
+        p11[..., at] -= less * c1 * c1
+        log[..., at, k], level[..., at, k], spread[..., at, k] = total[..., at], m0[..., at], p00[..., at]
+    return Evidence(log, level, spread)
+
+
+def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
+    """Evidence of segments with the prior of their kind and of no change within; log h before each observation."""
+    kinds = log.shape[1]
+    kind = np.log([1.0 - CREEPING, CREEPING]) if kinds == 2 else np.zeros(1)
+    with np.errstate(divide="ignore"):
+        begins = np.log(change)
+    begins[:, 0] = 0.0
+    stays = np.log1p(-change)
+    stays[:, 0] = 0.0
+    stay = np.cumsum(stays, 1)
+    segments = log + kind[None, :, None, None] + (stay[:, None, None, :] - stay[:, None, :, None])
+    return segments, begins
+
+
+def posterior(log: Array, change: Array) -> Changes:
+    """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (105)"""
+    segments, begins = _prior_of_segments(log, change)
+    series, _, n = segments.shape[:3]
+    before = np.zeros((series, n + 1))  # log evidence of the observations before k
+    for e in range(n):
+        before[:, e + 1] = _sum(segments[:, :, : e + 1, e] + (before[:, : e + 1] + begins[:, : e + 1])[:, None])
+    after = np.zeros((series, n + 1))  # of those from k on, if a segment begins there
+    ends = np.zeros((series, n))
+    for s in range(n - 1, -1, -1):
+        ends[:, s] = 0.0 if s == n - 1 else begins[:, s + 1] + after[:, s + 1]
+        after[:, s] = _sum(segments[:, :, s, s:] + ends[:, None, s:])
+    joint = segments + (before[:, :n] + begins)[:, None, :, None] + ends[:, None, None, :]
+    p = np.exp(joint - before[:, n][:, None, None, None])
+    starts = p.sum(3)
+    found = starts.sum(1)
+    found[:, 0] = 0.0
+    creeps = starts[:, CREEP] if p.shape[1] > 1 else np.zeros_like(found)
+    return Changes(before[:, n], found, creeps, p)
+
+
+def _sum(terms: Array) -> Array:
+    """Log of the sum of exponentials, over all but the first axis."""
+    flat = terms.reshape(len(terms), -1)
+    most = flat.max(1)
+    return np.asarray(most + np.log(np.exp(flat - most[:, None]).sum(1)))
+
+
+def most_likely(log: Array, change: Array) -> list[list[tuple[int, int, int]]]:
+    """The likeliest segments (kind, first, last) of each series. (105)"""
+    segments, begins = _prior_of_segments(log, change)
+    series, _, n = segments.shape[:3]
+    best = np.zeros((series, n + 1))
+    came = np.zeros((series, n), np.int64)
+    for e in range(n):
+        score = segments[:, :, : e + 1, e] + (best[:, : e + 1] + begins[:, : e + 1])[:, None]
+        flat = score.reshape(series, -1)
+        came[:, e] = flat.argmax(1)
+        best[:, e + 1] = flat.max(1)
+    found = []
+    for i in range(series):
+        path, e = [], n - 1
+        while e >= 0:
+            kind, s = divmod(int(came[i, e]), e + 1)
+            path.append((kind, s, e))
+            e = s - 1
+        found.append(path[::-1])
+    return found

@@ -1,0 +1,28 @@
+"""False discovery rates over a fleet: robots times effects are many chances to be wrong. (107)"""
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array
+
+Mask = npt.NDArray[np.bool_]
+
+
+def benjamini_hochberg(p: Array, level: float) -> Mask:
+    """Which of the p-values, shape (n,), are discoveries of which a share of `level` is false on average (1995)."""
+    n = len(p)
+    order = np.argsort(p)
+    below = np.flatnonzero(p[order] <= level * np.arange(1, n + 1) / max(n, 1))
+    found = np.zeros(n, bool)
+    found[order[: below[-1] + 1 if len(below) else 0]] = True
+    return found
+
+
+def by_probability(probability: Array, level: float, least: float) -> Mask:
+    """Which of the posterior probabilities, shape (n,), to report: as many as keep the expected share of false ones at
+    `level`, and none below `least` (Newton et al. 2004)."""
+    order = np.argsort(-probability, kind="stable")
+    share = np.cumsum(1.0 - probability[order]) / np.arange(1, len(probability) + 1)
+    found = np.zeros(len(probability), bool)
+    found[order[share <= level]] = True
+    return found & (probability >= least)

@@ -1,0 +1,172 @@
+"""Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (106)"""
+
+import math
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.fleet.population import Population, Step
+from drd_tools.fleet.series import Integers, Log
+
+# Days between changes of a robot's constant, of a floor's and of a batch's.
+ROBOT_DAYS: Final = 2000.0
+DAYS: Final = {"place": 2000.0, "batch": 2000.0}
+LEAST_GROUP: Final = 3  # robots, of which the median is not led by one
+MOST_STEPS: Final = 4  # of a constant: limits a greedy search
+SURE_NATS: Final = 3.0  # 20 to 1
+LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to no group, such as wear
+CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
+MOSTLY: Final = 0.75  # of a group's robots must show its change: some have something of their own
+ALIKE: Final = 1.0  # part of a group's step by which a robot's may differ
+MOST_DAYS: Final = 120  # that are tried
+
+
+class Told(NamedTuple):
+    """Score and information of a unit step, for each segment's robot; shape (robots,)."""
+
+    score: Array
+    information: Array
+
+
+def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Told:
+    """Of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
+    w = 1.0 / p.variance(log)
+    own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
+    many = len(levels)
+    total = np.bincount(segment, w, many) + 1.0 / own
+    wx, wr = np.bincount(segment, w * x, many), np.bincount(segment, w * left, many)
+    score = np.bincount(segment, w * x * left, many) - wx * wr / total
+    information = np.bincount(segment, w * x * x, many) - wx * wx / total
+    robot = np.zeros(many, np.int64)
+    robot[segment] = log.robot
+    robots = len(log.robots)
+    return Told(_sums(robot, score, robots), _sums(robot, information, robots))
+
+
+def _sums(of: Integers, values: Array, many: int) -> Array:
+    return np.bincount(of, values, many).astype(float)
+
+
+def gain(size: float, sigma: float, jump: float) -> float:
+    """Log Bayes factor of a step of an estimate `size` +- `sigma` whose prior is N(0, jump^2)."""
+    ratio = jump**2 / sigma**2
+    return 0.5 * ((size / sigma) ** 2 * ratio / (1.0 + ratio) - math.log1p(ratio))
+
+
+def pooled(found: Told, jump: float) -> tuple[float, float, int]:
+    """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (106)
+
+    The sigma is infinite where they do not show it alike.
+    """
+    seen = found.information > 1.0 / jump**2
+    many = int(seen.sum())
+    if many < LEAST_GROUP:
+        return 0.0, np.inf, many
+    size, variance = found.score[seen] / found.information[seen], 1.0 / found.information[seen]
+    middle = float(np.median(size))
+    # Two of three with a cause of their own must not speak for the third.
+    is_alike = np.abs(size - middle) < np.maximum(0.5 * abs(middle), 2.0 * np.sqrt(variance))
+    is_shared = bool(is_alike.sum() >= max(LEAST_GROUP, MOSTLY * many))
+    scale = 1.4826 * float(np.median(np.abs(size - middle)))
+    total = variance + max(0.0, scale**2 - float(np.median(variance)))
+    size = np.clip(size, middle - CLIP * np.sqrt(total), middle + CLIP * np.sqrt(total))
+    weight = 1.0 / total
+    return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())) if is_shared else np.inf, many
+
+
+def explained(found: Told, size: float) -> float:
+    """Nats that one step of `size` explains in the robots, without those that have something of their own. (106)"""
+    information = np.maximum(found.information, 1e-300)
+    gained = size * found.score - 0.5 * size**2 * information
+    off = np.abs(found.score / information - size) / max(abs(size), 1e-300)
+    return float(gained[off < ALIKE].sum())
+
+
+def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Array) -> Step | None:
+    """The surest change of a place or a batch in what is left of a model without it; None: none is sure."""
+    days = np.unique(np.floor(log.day))[1:]
+    days = days[:: max(1, len(days) // MOST_DAYS)]
+    groups = [("place", k) for k in range(len(log.places)) if len(log.places) > 1]
+    groups += [("batch", k) for k in range(len(log.batches)) if len(log.batches) > 1]
+    found = [_best_step(log, p, segment, levels, left, kind, which, days) for kind, which in groups if len(days)]
+    sure = [(nats, step) for nats, step in found if step is not None]
+    return max(sure, key=lambda one: one[0])[1] if sure else None
+
+
+def _best_step(
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, kind: str, which: int, days: Array
+) -> tuple[float, Step | None]:
+    """Of one group: the date that explains most, if it is sure there."""
+    jump = log.constant.jump
+    if kind == "place":
+        # Each robot has a level of its own at the place, so that how far the place is off is free.
+        pair, segment = np.unique(2 * segment + (log.place == which), return_inverse=True)
+        levels = levels[pair // 2] * 0
+    nats, at = [], []
+    for day in days:
+        step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
+        seen = told(log, p, segment, levels, left, step.rows(log))
+        size, sigma, robots = pooled(seen, jump)
+        nats.append(explained(seen, size) if robots >= LEAST_GROUP else -np.inf)
+        at.append((size, sigma, robots))
+    k = int(np.argmax(nats))
+    size, sigma, robots = at[k]
+    if not np.isfinite(sigma):
+        return -np.inf, None
+    # At one date of many, all equally likely beforehand.
+    odds = gain(size, sigma, jump) - np.log(DAYS[kind])
+    step = Step(kind, which, float(days[k]), size, sigma, float(1.0 / (1.0 + np.exp(-odds))), robots)
+    return nats[k], step if odds > SURE_NATS and abs(size) > LEAST_PART * jump else None
+
+
+def causes(
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, robot: int, shape: Array,
+    beside: Array,
+) -> dict[str, float]:  # fmt: skip
+    """Probabilities that a change of a robot is its own, a place's, or its batch's. (106)
+
+    `shape`: the change's course over all recordings, shape (n,), of unit size. `beside`: which robots change alike at
+    that time, this one among them, shape (robots,); `segment`, `left`: with none of that taken off. A group's change is
+    the same in all of its robots, and those beside that are not of it have changes of their own.
+    """
+    jump, mine = log.constant.jump, log.robot == robot
+    each = told(log, p, segment, levels, left, shape)
+    alone = np.maximum(0.0, _nats(each.score, each.information, jump) - np.log(ROBOT_DAYS)) * beside
+    odds = {"robot": float(alone.sum() - alone[robot] + _nats(each.score, each.information, jump)[robot])}
+    odds["robot"] -= float(np.log(ROBOT_DAYS))
+
+    def of_group(inside: Array, days: float) -> float:
+        found = told(log, p, segment, levels, left, shape * inside)
+        of_it = np.bincount(log.robot, inside * (shape > 0.0), len(log.robots)) > 0.0
+        together = _nats(found.score.sum(), found.information.sum(), jump) - np.log(days)
+        return float(together + alone[~of_it].sum())
+
+    for place in np.unique(log.place[mine & (shape > 0.0)]) if len(log.places) > 1 else ():
+        odds[f"place {log.places[place]}"] = of_group(log.place == place, DAYS["place"])
+    batch = log.batch_of[robot]
+    if len(log.batches) > 1:
+        odds[f"batch {log.batches[batch]}"] = of_group(log.batch_of[log.robot] == batch, DAYS["batch"])
+    most = max(odds.values())
+    weight = {name: float(np.exp(value - most)) for name, value in odds.items()}
+    return {name: value / sum(weight.values()) for name, value in weight.items()}
+
+
+def _nats(score: Any, information: Any, jump: float) -> Any:
+    """Log Bayes factor of one size N(0, jump^2) against none."""
+    return 0.5 * (score**2 / (information + jump**-2) - np.log1p(jump**2 * information))
+
+
+def with_step(p: Population, step: Step) -> Population:
+    """The population with one more step."""
+    return replace(p, steps=(*p.steps, step))
+
+
+def pruned(p: Population, jump: float) -> Population:
+    """Without the steps that are no longer sure, now that the robots' own changes are known."""
+    sure = [
+        s for s in p.steps
+        if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(DAYS[s.kind]) > SURE_NATS
+    ]  # fmt: skip
+    return replace(p, steps=tuple(sure))

@@ -1,0 +1,255 @@
+"""What robots have in common: the population of a constant, by partial pooling.
+
+    value = mean + batch + robot + place + season(time) + steps + noise
+
+is linear and Gaussian; how much robots, batches, places and noise scatter is estimated with it (empirical Bayes, EM).
+A robot's level is one for each of its segments (`changes`).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.fleet.series import Integers, Log
+
+ROUNDS: Final = 12  # of EM; the deviations move by less than a tenth from then on
+KNOT_DAYS: Final = 14.0  # of the season: weather and load change over weeks
+LEAST_ROBOTS: Final = 5  # with fewer, what all have in common is not told from what one has
+# Scatter as if seen before, in parts of the prior's jump, with the weight of one: groups are few.
+GROUP_PART: Final = 0.1
+FREEDOM: Final = 4.0  # degrees, of Student's t: robots that leak must not pull what all have in common
+WALK_PART: Final = 0.003  # of a jump, per square root of a day: before it is estimated
+LEAST_PAIRS: Final = 10  # of recordings that follow each other, to tell noise from
+HALVINGS: Final = 30  # of an interval: to nine digits
+NORMAL_QUARTILE2: Final = 0.4549  # median of chi-square with one degree of freedom
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change that all robots of a group show: `kind` is place or batch, `which` its number.
+
+    `robots`: that were seen both before and since. `size`, `sigma`: SI.
+    """
+
+    kind: str
+    which: int
+    day: float
+    size: float
+    sigma: float
+    probability: float
+    robots: int
+
+    def rows(self, log: Log) -> Array:
+        """1 where it has come, shape (n,)."""
+        group = log.place if self.kind == "place" else log.batch_of[log.robot]
+        return np.asarray((group == self.which) & (log.day >= self.day), float)
+
+
+# Of each group: how far it is off the others, and the sigma of that.
+Apart = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Population:
+    """`spread`: of robots about their batch; `walk`: variance per day; `excess`: of recordings beyond their sigma.
+
+    `batch`, `place` with `batch_sigma`, `place_sigma`, and the `season` at `knots` (days): SI.
+    """
+
+    mean: float
+    spread: float
+    excess: float
+    walk: float
+    batch: Array
+    batch_sigma: Array
+    place: Array
+    place_sigma: Array
+    knots: Array
+    season: Array
+    steps: tuple[Step, ...] = ()
+    scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of batches, places, knots
+    batch_apart: Apart = ()
+    place_apart: Apart = ()
+
+    def shared(self, log: Log) -> Array:
+        """What place, season and steps add to each recording, shape (n,)."""
+        found = self.place[log.place] + np.interp(log.day, self.knots, self.season)
+        for step in self.steps:
+            found = found + step.size * step.rows(log)
+        return np.asarray(found)
+
+    def variance(self, log: Log) -> Array:
+        """Of each recording about its robot's level, shape (n,)."""
+        return np.asarray(log.sigma**2 + self.excess**2 + self.place_sigma[log.place] ** 2)
+
+    def expected(self, log: Log) -> Array:
+        """A robot's level before anything is seen of it, shape (robots,)."""
+        return np.asarray(self.mean + self.batch[log.batch_of])
+
+
+def first_guess(log: Log) -> Population:
+    """Robust figures to set out from: medians."""
+    robots = len(log.robots)
+    middle = np.array([np.median(log.value[log.rows(i)]) if np.any(log.robot == i) else np.nan for i in range(robots)])
+    mean = float(np.nanmedian(middle))
+    jump = log.constant.jump
+    spread = 1.4826 * float(np.nanmedian(np.abs(middle - mean))) if robots >= LEAST_ROBOTS else log.constant.spread
+    low, high = float(log.day.min()), float(log.day.max())
+    knots = np.linspace(low, max(high, low + 1.0), max(2, round((high - low) / KNOT_DAYS) + 1))
+    none, nowhere = np.zeros(len(log.batches)), np.zeros(len(log.places))
+    spread, walk = max(spread, 0.1 * log.constant.spread), (WALK_PART * jump) ** 2
+    return Population(
+        mean, spread, _excess(log), walk, none, none, nowhere, nowhere, knots, np.zeros(len(knots)), (),
+        (GROUP_PART * jump,) * 3,
+    )  # fmt: skip
+
+
+def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: Integers) -> Population:
+    """Estimate all figures anew, for given segments. (102), (103)
+
+    `segment`: each recording's number, shape (n,); `drift`: what creeps within it, shape (n,); `levels`: 1 of a
+    segment that is its robot's first, 0 of others, shape (segments,).
+    """
+    X, prior = _design(log, before)
+    found = before
+    robot_of = np.zeros(len(levels), np.int64)
+    robot_of[segment] = log.robot
+    y = log.value - drift
+    trust = np.ones(len(y))
+    for _ in range(ROUNDS):
+        beta, covariance, level = _solved(log, found, X, prior, y, segment, levels, trust)
+        left = y - X @ beta - level.mean[segment]
+        trust = (FREEDOM + 1.0) / (FREEDOM + left**2 / (log.sigma**2 + found.excess**2))
+        found = _updated(log, found, beta, covariance, level, levels)
+        prior = _precisions(log, found)
+    return found
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """Of segments, beyond what their groups say."""
+
+    mean: Array
+    variance: Array
+
+
+def _design(log: Log, p: Population) -> tuple[Array, Array]:
+    """Columns of the mean, batches, places, knots and steps, and the precision that each has beforehand."""
+    n, batch = len(log.value), log.batch_of[log.robot]
+    knots = np.column_stack([np.interp(log.day, p.knots, unit) for unit in np.eye(len(p.knots))])
+    steps = [step.rows(log)[:, None] for step in p.steps]
+    one_of = [np.eye(len(names))[which] for names, which in ((log.batches, batch), (log.places, log.place))]
+    return np.hstack([np.ones((n, 1)), *one_of, knots, *steps]), _precisions(log, p)
+
+
+def _precisions(log: Log, p: Population) -> Array:
+    """Of the columns beforehand, shape (k, k): the season is a random walk about 0, the others are independent."""
+    jump, (batch, place, season) = log.constant.jump, p.scatter
+    few = len(log.robots) < LEAST_ROBOTS
+    season = 1e-6 * jump if few else season
+    batch = 1e-6 * jump if len(log.batches) < 2 else batch
+    place = 1e-6 * jump if len(log.places) < 2 else place
+    widths = [100.0 * max(jump, log.constant.spread), *[batch] * len(log.batches), *[place] * len(log.places)]
+    k, m = len(widths), len(p.knots)
+    Q = np.zeros((k + m + len(p.steps),) * 2)
+    Q[range(k), range(k)] = 1.0 / np.square(widths)
+    change = np.eye(m)[1:] - np.eye(m)[:-1]
+    # The mean of the season is the mean's.
+    Q[k : k + m, k : k + m] = (change.T @ change + np.full((m, m), 1.0 / m)) / season**2
+    at = range(k + m, len(Q))
+    Q[at, at] = 1.0 / jump**2
+    return Q
+
+
+def _solved(
+    log: Log, p: Population, X: Array, Q: Array, y: Array, segment: Integers, levels: Integers,
+    trust: Array,
+) -> tuple[Array, Array, _Levels]:  # fmt: skip
+    """Generalised least squares with the segments' levels marginalised, and these; `trust`: weights (n,). (102)"""
+    w = trust / (log.sigma**2 + p.excess**2)
+    own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
+    many = len(levels)
+    total = np.bincount(segment, w, many)
+    share = 1.0 / (total + 1.0 / own)
+    WX = np.zeros((many, X.shape[1]))
+    np.add.at(WX, segment, w[:, None] * X)
+    Wy = np.bincount(segment, w * y, many)
+    H = X.T @ (w[:, None] * X) - WX.T @ (share[:, None] * WX) + Q
+    g = X.T @ (w * y) - WX.T @ (share * Wy)
+    covariance = np.asarray(np.linalg.inv(H), float)
+    beta = covariance @ g
+    lever = share[:, None] * WX
+    mean = share * (Wy - WX @ beta)
+    return beta, covariance, _Levels(mean, share + np.einsum("ij,jk,ik->i", lever, covariance, lever))
+
+
+def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Levels, levels: Integers) -> Population:
+    """The M step: deviations from second moments. (103)"""
+    sigma = np.sqrt(np.diag(covariance))
+    b, q, m = len(log.batches), len(log.places), len(p.knots)
+    parts = np.cumsum([1, b, q, m])
+    jump = log.constant.jump
+    first = np.flatnonzero(levels)
+    # The spread as a prior: one robot's worth of what robots of its kind have.
+    spread2 = (np.sum(level.mean[first] ** 2 + level.variance[first]) + log.constant.spread**2) / (len(first) + 1.0)
+    pulled = [_scatter(beta[i:j], sigma[i:j], GROUP_PART * jump) for i, j in ((1, parts[1]), (parts[1], parts[2]))]
+    at = slice(parts[2], parts[3])
+    C = covariance[at, at]
+    change2 = np.diff(beta[at]) ** 2 + np.diag(C)[1:] + np.diag(C)[:-1] - 2.0 * np.diag(C, 1)
+    season = np.sqrt((change2.sum() + (GROUP_PART * jump) ** 2) / (len(change2) + 1.0))
+    return replace(
+        p,
+        mean=float(beta[0]),
+        spread=float(np.sqrt(spread2)),
+        batch=beta[1 : parts[1]],
+        batch_sigma=sigma[1 : parts[1]],
+        place=beta[parts[1] : parts[2]],
+        place_sigma=_about_their_mean(covariance[parts[1] : parts[2], parts[1] : parts[2]]),
+        season=beta[at],
+        steps=tuple(
+            replace(s, size=float(beta[parts[3] + i]), sigma=float(sigma[parts[3] + i])) for i, s in enumerate(p.steps)
+        ),
+        scatter=(pulled[0], pulled[1], float(season)),
+        batch_apart=_apart(beta[1 : parts[1]], covariance[1 : parts[1], 1 : parts[1]]),
+        place_apart=_apart(beta[parts[1] : parts[2]], covariance[parts[1] : parts[2], parts[1] : parts[2]]),
+    )
+
+
+def _apart(values: Array, covariance: Array) -> Apart:
+    """Each against the median of all; of two, against the other. The sigma is that against the mean of the others."""
+    k = len(values)
+    if k < 2:
+        return ()
+    contrast = (k * np.eye(k) - 1.0) / (k - 1.0)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", contrast, covariance, contrast))
+    size = contrast @ values if k == 2 else values - np.median(values)
+    return tuple(zip(size.tolist(), sigma.tolist(), strict=True))
+
+
+def _about_their_mean(covariance: Array) -> Array:
+    """Sigmas of what groups differ in; the rest is the mean's."""
+    k = len(covariance)
+    centre = np.eye(k) - 1.0 / k
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", centre, covariance, centre), 0.0)))
+
+
+def _scatter(values: Array, sigmas: Array, prior: float) -> float:
+    return float(np.sqrt((np.sum(values**2 + sigmas**2) + prior**2) / (len(values) + 1.0)))
+
+
+def _excess(log: Log) -> float:
+    """Noise beyond the stated: of recordings that follow each other in one place, few have a change between. (103)"""
+    order = np.lexsort((log.day, log.place, log.robot))
+    same = (np.diff(log.robot[order]) == 0) & (np.diff(log.place[order]) == 0)
+    square = np.diff(log.value[order])[same] ** 2
+    variance = (log.sigma[order][1:] ** 2 + log.sigma[order][:-1] ** 2)[same]
+    if len(square) < LEAST_PAIRS or np.median(square / variance) <= NORMAL_QUARTILE2:
+        return 0.0
+    low, high = 0.0, float(np.sqrt(np.median(square) / NORMAL_QUARTILE2))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        is_more = np.median(square / (variance + 2.0 * middle**2)) > NORMAL_QUARTILE2
+        low, high = (middle, high) if is_more else (low, middle)
+    return high

@@ -1,0 +1,190 @@
+"""The robots' constants over time: `CONSTANTS`, `Log` (a constant of all robots as arrays), `logs` of a table."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drd.arrays import Array
+from drd.units import DEG_PER_RAD
+
+Integers = npt.NDArray[np.int64]
+S_PER_DAY: Final = 86_400.0
+NOWHERE: Final = ""  # the place, and the batch, of a recording that tells none
+# Of a robot's longest series: the search for changes takes the square of it. More recordings are averaged.
+MOST: Final = 512
+
+
+class Constant(NamedTuple):
+    """A constant of a robot. `factor`: from SI to the `unit` of texts.
+
+    `jump`: prior sigma of a change, `spread` of robots, `slope` of what creeps, per day (0: it does not creep), SI.
+    `words`: in the log of maintenance, that mean it; `side`: what a side named there must be.
+    """
+
+    label: str
+    unit: str
+    factor: float
+    jump: float
+    spread: float
+    slope: float = 0.0
+    words: tuple[str, ...] = ()
+    side: str = ""
+
+
+TYRE: Final = ("tyre", "tire", "wheel", "tube", "inflat", "pump")
+GYRO: Final = ("gyro", "fog", "imu")
+# Jumps: a tyre that is worn, swapped or loses air changes by a per cent; so does a gyro by tenths of one, when it is
+# exchanged. A leak takes weeks for a per cent.
+CONSTANTS: Final = {
+    "radius_left": Constant("left tyre", "%", 100.0, 0.01, 0.005, 0.0005, TYRE, "left"),
+    "radius_right": Constant("right tyre", "%", 100.0, 0.01, 0.005, 0.0005, TYRE, "right"),
+    "tread": Constant("effective tread", "%", 100.0, 0.03, 0.03, 0.0, (*TYRE, "axle", "track")),
+    "lag_s": Constant("lag", "ms", 1e3, 0.02, 0.02, 0.0, (*GYRO, "encoder", "cable", "bus", "computer", "firmware")),
+    "gyro_scale": Constant("gyro scale", "%", 100.0, 0.005, 0.003, 0.0, GYRO),
+    "bias_per_c": Constant("bias by temperature", "deg/h/degC", DEG_PER_RAD * 3600.0, 1e-5, 1e-5, 0.0, GYRO),
+}
+
+
+class Maintained(NamedTuple):
+    """Something that was done to a robot, at a day since 1970."""
+
+    day: float
+    robot: str
+    what: str
+
+    def means(self, name: str) -> bool | None:
+        """Whether it was done to what the constant is of; None: it does not say."""
+        text = self.what.lower()
+        if not any(word in text for c in CONSTANTS.values() for word in c.words):
+            return None
+        constant = CONSTANTS[name]
+        sides = [side for side in ("left", "right") if side in text]
+        return any(w in text for w in constant.words) and (not constant.side or not sides or constant.side in sides)
+
+
+@dataclass(frozen=True)
+class Log:
+    """A constant in n recordings, sorted by robot, then by time.
+
+    `robot`, `place`, `batch`: numbers into the names, shape (n,); `batch_of`: of each robot. `day`: since 1970;
+    `value`, `sigma`: SI.
+    """
+
+    name: str
+    robots: list[str]
+    places: list[str]
+    batches: list[str]
+    robot: Integers
+    place: Integers
+    batch_of: Integers
+    day: Array
+    value: Array
+    sigma: Array
+    recordings: list[str]
+
+    @property
+    def constant(self) -> Constant:
+        """What it is."""
+        return CONSTANTS[self.name]
+
+    def rows(self, robot: int) -> slice:
+        """Of a robot."""
+        low, high = np.searchsorted(self.robot, [robot, robot + 1])
+        return slice(int(low), int(high))
+
+    def until(self, day: float) -> "Log":
+        """The same as if it was that day."""
+        keep = self.day <= day
+        return Log(self.name, self.robots, self.places, self.batches, self.robot[keep], self.place[keep], self.batch_of,
+                   self.day[keep], self.value[keep], self.sigma[keep],
+                   [r for r, k in zip(self.recordings, keep, strict=True) if k])  # fmt: skip
+
+
+def logs(table: Mapping[str, Sequence[Any]]) -> dict[str, Log]:
+    """The constants of a table with the columns recording, robot, place, batch, start_utc, name, value, sigma.
+
+    Rows without a time, or without a finite value and a sigma above 0, are left out; names that are none of CONSTANTS
+    as well.
+    """
+    names = np.asarray(table["name"], object)
+    found = {}
+    for name in CONSTANTS:
+        at = [int(i) for i in np.flatnonzero(names == name)]
+        at = [i for i in at if table["start_utc"][i] is not None and _is_number(table["value"][i], table["sigma"][i])]
+        if at:
+            found[name] = _averaged(_log(name, table, at))
+    return found
+
+
+def _is_number(value: float | None, sigma: float | None) -> bool:
+    return value is not None and sigma is not None and math.isfinite(value) and math.isfinite(sigma) and sigma > 0.0
+
+
+def _log(name: str, table: Mapping[str, Sequence[Any]], at: Sequence[int]) -> Log:
+    def coded(column: str) -> tuple[list[str], Integers]:
+        texts = [str(table[column][i] or NOWHERE) for i in at]
+        known = sorted(set(texts), key=natural)
+        number = {text: k for k, text in enumerate(known)}
+        return known, np.array([number[text] for text in texts], np.int64)
+
+    robots, robot = coded("robot")
+    places, place = coded("place")
+    batches, batch = coded("batch")
+    day = np.array([day_of(table["start_utc"][i]) for i in at])
+    order = np.lexsort((day, robot))
+    robot = robot[order]
+    last = np.append(np.flatnonzero(np.diff(robot)), len(robot) - 1)  # the gyro that is in the robot now
+    value = np.array([float(table["value"][i]) for i in at])[order]
+    sigma = np.array([float(table["sigma"][i]) for i in at])[order]
+    recordings = [str(table["recording"][at[k]]) for k in order]
+    return Log(name, robots, places, batches, robot, place[order], batch[order][last], day[order], value, sigma,
+               recordings)  # fmt: skip
+
+
+def _averaged(log: Log) -> Log:
+    """Neighbours of one place averaged, where a robot has more than MOST recordings; each has the last one's name."""
+    counts = np.bincount(log.robot, minlength=len(log.robots))
+    if counts.max() <= MOST:
+        return log
+    of_robot = np.arange(len(log.robot)) - np.concatenate([[0], np.cumsum(counts)])[log.robot]
+    each = -(-counts // (MOST // max(len(log.places), 1)))[log.robot]
+    key = np.column_stack([log.robot, of_robot // np.maximum(each, 1), log.place])
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    group = group.ravel()
+    weight = 1.0 / log.sigma**2
+    total = np.bincount(group, weight)
+
+    def mean(values: Array) -> Array:
+        return np.bincount(group, weight * values) / total
+
+    last = np.full(len(first), -1)
+    np.maximum.at(last, group, np.arange(len(group)))
+    order = np.lexsort((mean(log.day), log.robot[first]))
+    return Log(log.name, log.robots, log.places, log.batches, log.robot[first][order], log.place[first][order],
+               log.batch_of, mean(log.day)[order], mean(log.value)[order], np.sqrt(1.0 / total)[order],
+               [log.recordings[i] for i in last[order]])  # fmt: skip
+
+
+def natural(text: str) -> tuple[Any, ...]:
+    """A key that sorts robot 10 behind robot 9."""
+    digits = "".join(c if c.isdigit() else " " for c in text).split()
+    return "".join(c for c in text if not c.isdigit()), tuple(map(int, digits)), text
+
+
+def day_of(when: Any) -> float:
+    """Days since 1970 of a time with a zone (without one: UTC), or of seconds since 1970."""
+    if isinstance(when, datetime):
+        return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp() / S_PER_DAY
+    if isinstance(when, np.datetime64):
+        return float(when.astype("datetime64[us]").astype(np.int64)) / 1e6 / S_PER_DAY
+    return float(when) / S_PER_DAY
+
+
+def maintained(rows: Sequence[Mapping[str, Any]]) -> list[Maintained]:
+    """The log of maintenance: rows with date, robot and what; by date."""
+    return sorted(Maintained(day_of(row["date"]), str(row["robot"]), str(row["what"])) for row in rows)
