@@ -122,8 +122,8 @@ class Sets:
         return 1.0
 
     def ranked(self) -> list[tuple[float, Selected]]:
-        """Gain of each effect, nats, with its best variant; best first."""
-        found = [(score, self._selected(chosen)) for score, chosen in self.scored(1).values()]
+        """Gain of each effect that is worth its cost, nats, with its best variant; best first."""
+        found = [(score, self._selected(chosen)) for score, chosen in self.scored(1).values() if score > 0.0]
         return sorted(((score, one[0]) for score, one in found if one), key=lambda r: -r[0])
 
     @staticmethod
