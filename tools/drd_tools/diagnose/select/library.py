@@ -35,6 +35,11 @@ class Candidate:
     angle: str
     penalty: float
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it is a threshold or a delay, whose form changes with its size."""
+        return self.effect.acts_on in (ActsOn.READOUT, ActsOn.TIMING) and self.names == ("",)
+
     def fitted(self, G: Array, b: Array) -> tuple[float, Selected | None]:
         """Gain, nats, and fitted parameters, from its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)

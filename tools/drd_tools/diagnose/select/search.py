@@ -224,13 +224,18 @@ class Search:
         """
         known = [c for c in fit.selection if c.id in self.known]
         found = sorted((c for c in fit.selection if c.id not in self.known), key=self._size)
-        sets: list[list[Selected]] = []
+        more = Sets(self.problem, fit.selection)
+        sets = [[*fit.selection, *chosen] for chosen in (*more.best(RIVALS, 1), *((c,) for c in more.as_they_are()))]
+        if len(found) >= MOST_SELECTED:
+            sets.clear()
         for i in range(0, max(len(found), 1), REPLACED):
             replaced = found[i : i + REPLACED]
             held = [*known, *(c for c in found if c not in replaced)]
             if len(held) < len(known) + MOST_SELECTED:
                 largest = min(len(replaced) + MORE, LARGEST)
-                sets += [[*held, *chosen] for chosen in Sets(self.problem, held, replaced).best(SETS, largest)]
+                beside = Sets(self.problem, held, replaced, more.intervals)
+                sets += [[*held, *chosen] for chosen in beside.best(SETS, largest)]
+                sets += [[*held, one] for one in beside.as_they_are()]
         tried = (t for t in refine_all(self.problem, sets, least) if _is_plausible(self.problem, t))
         return sorted(tried, key=self.score, reverse=True)
 

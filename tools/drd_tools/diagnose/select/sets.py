@@ -1,6 +1,5 @@
 """All sets of up to four effects, scored by one Gram matrix, each effect in the variant that is best there. (80)"""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
@@ -50,17 +49,27 @@ class _Set(NamedTuple):
 
 
 class Sets:
-    """Sets of effects beside those of `held`, which stay. `near`: effects whose own shapes are variants, too. (80)"""
+    """Sets of effects beside those of `held`, which stay. (80)
 
-    def __init__(self, problem: Problem, held: Sequence[Selected], near: Sequence[Selected] = ()):
+    The shapes of `near`, which may be there again, and of `others` are variants, too.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        held: Sequence[Selected],
+        near: Sequence[Selected] = (),
+        others: Sequence[Selected] = (),
+    ):
         self._problem, self._library = problem, library_of(problem)
         shapes, _ = nuisance_columns(problem, near)
         self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
         left = self._marginal.projected(problem.data - problem.effect_rows(held))
         self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
         # One by one, a long interval is found in pieces, or with another effect's name.
-        others = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one)), *self._intervals()]
-        extra, columns = self._variants([*near, *others])
+        pieces = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one))]
+        self.intervals = list(self._intervals())
+        extra, columns = self._variants([*near, *others, *pieces, *self.intervals])
         own: Columns = np.concatenate([self._library.columns, columns], axis=1)
         between, count = columns.T @ own, self._library.columns.shape[1]
         products = np.block([[self._library.products, between[:, :count].T], [between]])
@@ -113,8 +122,8 @@ class Sets:
         return 1.0
 
     def ranked(self) -> list[tuple[float, Selected]]:
-        """Gain of each effect, nats, with its best variant; best first."""
-        found = [(score, self._selected(chosen)) for score, chosen in self.scored(1).values()]
+        """Gain of each effect that is worth its cost, nats, with its best variant; best first."""
+        found = [(score, self._selected(chosen)) for score, chosen in self.scored(1).values() if score > 0.0]
         return sorted(((score, one[0]) for score, one in found if one), key=lambda r: -r[0])
 
     @staticmethod
@@ -135,11 +144,33 @@ class Sets:
         least = np.array([_least(c) for c in chosen])
         return _Group(np.array(which), columns, blocks, np.array([c.penalty for c in chosen]), least)
 
+    def as_they_are(self) -> list[Selected]:
+        """The best variant of each threshold and delay as it is: neither can be scaled, its form is its size's."""
+        best: dict[str, tuple[float, Candidate]] = {}
+        for candidate in self.candidates:
+            if candidate.is_fixed:
+                (i,) = candidate.columns
+                nats = float(self._b[i] / self._scale[i] - 0.5 / self._scale[i] ** 2) - candidate.penalty
+                if nats > best.get(candidate.effect.id, (0.0,))[0]:
+                    best[candidate.effect.id] = nats, candidate
+        made = (candidate.selected(np.ones(1)) for _, candidate in best.values())
+        return [one for one in made if one is not None]
+
     def best(self, count: int, largest: int) -> list[tuple[Selected, ...]]:
-        """The best sets of so many effects at most, the best first, with the sizes that fit together."""
-        order = sorted(self.scored(largest).values(), key=lambda found: -found[0])
-        made = (self._selected(chosen) for _, chosen in order)
-        return list(itertools.islice((selection for selection in made if selection is not None), count))
+        """The best sets of so many effects at most, the best first, with the sizes that fit together.
+
+        Beyond half of the count only the best set with each name: what is linear may mislead all that have one name.
+        """
+        made: list[tuple[Selected, ...]] = []
+        names: set[str] = set()
+        for _, chosen in sorted(self.scored(largest).values(), key=lambda found: -found[0]):
+            own = {self.candidates[i].effect.id for i in chosen}
+            if (len(made) < count // 2 or own - names) and (selection := self._selected(chosen)) is not None:
+                made.append(selection)
+                names |= own
+                if len(made) == count:
+                    break
+        return made
 
     def scored(self, largest: int) -> dict[frozenset[int], tuple[float, tuple[int, ...]]]:
         """Score of each set of names, nats, with its best candidates.
