@@ -27,7 +27,7 @@ def config_in(folder: Path) -> Path:
 @pytest.mark.process
 def test_a_short_demo_writes_the_picture_and_the_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     picture = tmp_path / "pictures" / "demo.png"
-    assert demo.main(["--config", str(config_in(tmp_path)), "--seconds", "14", "--output", str(picture)]) == 0
+    assert demo.main(["--config", str(config_in(tmp_path)), "--seconds", "20", "--output", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     out = capfd.readouterr().out
     found = re.search(r"after ([\d.]+) m: position error ([\d.]+) m .*99 % bound ([\d.]+) m", out)
