@@ -16,6 +16,7 @@ from typing import Final
 import drd
 from drd.commands import command
 from drd.commands.installation import Installation
+from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
 
 UNIT: Final = "etc/systemd/system/drd@.service"
@@ -29,6 +30,9 @@ SERIAL_GROUPS: Final = ("dialout", "uucp")
 # ProtectHome and PrivateTmp of the unit: the service sees nothing of these.
 HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 PROGRAM_IN_UNIT: Final = "/opt/drd/bin/drd"
+# The packages that the daemon needs, with their hashes; `make lock` writes it.
+LOCK: Final = "robot.lock"
+SHIPPED: Final = "shipped"
 
 DESCRIPTION: Final = """\
 Install drd as a service of systemd: `drd@NAME` runs with /etc/drd/NAME.yaml, in a sandbox, under a watchdog, and
@@ -46,6 +50,10 @@ with --tls
   /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
   /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
 
+--lock FILE first brings the packages of drd's environment to the versions of a lock file, by
+`pip install --require-hashes`: a package whose content is not what was locked is refused, and then nothing is written.
+`--lock shipped` takes the one that comes with this drd (Linux on x86_64 and aarch64); `make lock` makes another.
+
 Calling it again changes nothing; calling it with another version of drd brings the files up to date. A configuration
 that is there is never touched. Another file that you have changed is not either: the new version is written beside it
 as FILE.new. Put settings of your own into a drop-in (`systemctl edit drd@NAME`), and there is nothing to merge.
@@ -57,10 +65,11 @@ EPILOG: Final = """\
 examples:
   sudo /opt/drd/bin/drd install-service mybot
   sudo /opt/drd/bin/drd install-service scout --example agilex-scout --realtime
+  sudo /opt/drd/bin/drd install-service mybot --lock shipped
   drd install-service mybot --root build/package --program /usr/bin/drd
   sudo /opt/drd/bin/drd install-service --uninstall
 
-Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage.
+Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage, or packages not as locked.
 """
 
 
@@ -74,6 +83,8 @@ def main(argv: list[str]) -> int:
         parser.error("--uninstall takes all instances out; it needs no NAME")
     if not arguments.uninstall and arguments.name is None:
         parser.error("NAME is missing: which robot base is it?")
+    if arguments.lock is not None and (arguments.uninstall or arguments.root != "/"):
+        parser.error("--lock goes with an installation into the running system")
     root = Path(arguments.root).absolute()
     try:
         if arguments.uninstall:
@@ -96,6 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
     add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
     add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
+    text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: that of this drd)"
+    add("--lock", metavar="FILE", help=text)
     add("--root", default="/", metavar="DIR", help="install into this folder, as packages are built (default: /)")
     text = "stop and disable drd@*, remove what was installed, keep what is yours"
     add("--uninstall", action="store_true", help=text)
@@ -113,6 +126,8 @@ def _instance(text: str) -> str:
 def _install(root: Path, arguments: argparse.Namespace) -> None:
     name, program = arguments.name, _program(arguments.program, root)
     config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
+    if arguments.lock is not None:
+        install_locked(program, _shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
     with _installation(root) as files:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
@@ -245,7 +260,11 @@ def _serial_group(root: Path) -> str:
 
 
 def _shipped(folder: str, name: str) -> str:
+    return _shipped_file(folder, name).read_text(encoding="utf-8")
+
+
+def _shipped_file(folder: str, name: str) -> Path:
     """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
     package = Path(drd.__file__).parent
     beside = package.parent / folder / name
-    return (beside if beside.exists() else package / "data" / folder / name).read_text(encoding="utf-8")
+    return beside if beside.exists() else package / "data" / folder / name
