@@ -58,8 +58,8 @@ def table(sections: Mapping[str, Iterable[Package]]) -> str:
     lines = [
         "# Licences",
         "",
-        "Packages that run on a robot beside drd (Apache-2.0), from their metadata: `make licences`. They are installed",
-        "from the registry, unaltered; drd's own package holds code of drd alone.",
+        "Packages that run on a robot beside drd (Apache-2.0), from their metadata: `make licences`. They are",
+        "installed from the registry, unaltered; drd's own package holds code of drd alone.",
     ]
     for title, packages in sections.items():
         lines += ["", f"| {title} | licence (SPDX) |", "| --- | --- |"]
