@@ -46,6 +46,8 @@ Files (under --root):
   /etc/drd/.installed.json            what was written, for --uninstall
 with --realtime
   /etc/systemd/system/drd@.service.d/realtime.conf    priority, locked memory
+with --slcan
+  /etc/systemd/system/drd@.service.d/slcan.conf       no CAN sockets: the CAN adapters of all instances are serial ports
 with --tls
   /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
   /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
@@ -105,6 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     text = "which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)"
     add("--example", choices=EXAMPLES, default=EXAMPLES[0], help=text)
     add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
+    text = "install the drop-in that takes CAN sockets away, for serial CAN adapters, too"
+    add("--slcan", action="store_true", help=text)
     add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
     add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
     text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: that of this drd)"
@@ -132,9 +136,10 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
         files.put_once(config, _shipped("config", f"{arguments.example}.yaml"), f"edit it: this is {arguments.example}")
-        for drop_in, wanted in (("realtime.conf", arguments.realtime), ("tls.conf", arguments.tls)):
-            if wanted or f"{DROP_INS}/{drop_in}" in files.files:
-                files.put(f"{DROP_INS}/{drop_in}", _shipped("systemd", drop_in))
+        drop_ins = ("realtime", arguments.realtime), ("slcan", arguments.slcan), ("tls", arguments.tls)
+        for drop_in, wanted in drop_ins:
+            if wanted or f"{DROP_INS}/{drop_in}.conf" in files.files:
+                files.put(f"{DROP_INS}/{drop_in}.conf", _shipped("systemd", f"{drop_in}.conf"))
         if arguments.tls:
             text = _shipped("config", "zenoh-tls.json5").replace("drd@mybot.service", f"drd@{name}.service")
             files.put_once(f"{CONFIGS}/{name}-tls.json5", text, "edit it: its head says how")
