@@ -35,15 +35,16 @@ def licence(package: Package) -> str:
     """The SPDX expression. Raises ValueError where the metadata do not say."""
     if package.name in BY_FILE:
         return BY_FILE[package.name]
-    if expression := package.metadata.get("License-Expression"):
-        return str(expression)
-    classifiers = [c.removeprefix(CLASSIFIER) for c in package.metadata.get_all("Classifier") or [] if CLASSIFIER in c]
-    texts = classifiers or [str(package.metadata.get("License"))]
-    if len(texts) == 1 and texts[0] in COMPATIBLE:
-        return texts[0]
-    if len(texts) != 1 or texts[0] not in SPDX:
+    metadata = package.metadata
+    if "License-Expression" in metadata:
+        return metadata["License-Expression"]
+    classifiers: list[str] = metadata.get_all("Classifier") or []
+    texts = [c.removeprefix(CLASSIFIER) for c in classifiers if c.startswith(CLASSIFIER)]
+    if not texts and "License" in metadata:
+        texts = [metadata["License"]]
+    if len(texts) != 1 or texts[0] not in SPDX.keys() | COMPATIBLE:
         raise ValueError(f"{package.name}: its metadata name no one licence: {texts}; see its LICENSE, then BY_FILE")
-    return SPDX[texts[0]]
+    return SPDX.get(texts[0], texts[0])
 
 
 def is_compatible(expression: str) -> bool:
