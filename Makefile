@@ -7,6 +7,8 @@ ROS2 := .venv-ros2
 DEMO_SECONDS ?= 30
 SOAK_HOURS ?= 24
 HONESTY ?=
+LOCK := systemd/robot.lock
+LOCK_ARGUMENTS ?=
 LOWEST := out/lowest
 # Short tests that load each dependency: the development's, with the daemon's, and the workshop's.
 LOWEST_DEV := tests/estimation/test_filter.py tests/fuzz/test_fuzz.py tests/tools/evaluate/test_evaluate_evo.py \
@@ -23,7 +25,7 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lowest ros2-test vm-test lint bench soak honesty clean
+.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test lint bench soak honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -83,6 +85,22 @@ lowest: $(STAMP) ## short tests with the oldest version of every dependency that
 	$(LOWEST)/bin/python -m pytest -W default --deselect tests/fuzz/test_fuzz.py::test_the_fuzzer_finds_nothing_in_two_seconds_each $(LOWEST_DEV)
 	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST) --resolution lowest-direct --upgrade --editable '.[mujoco]'
 	$(LOWEST)/bin/python -m pytest -W default $(LOWEST_RUN)
+
+# For Linux on x86_64 and aarch64, Python 3.11 and later. Versions that are locked stay unless LOCK_ARGUMENTS=--upgrade
+# asks for newer ones; LOCK_ARGUMENTS='--extra dbc' locks what a robot with a DBC file needs, too.
+lock: $(STAMP) ## lock the robot's packages with their hashes, for `drd install-service --lock`
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+		--custom-compile-command "make lock" $(LOCK_ARGUMENTS) --output-file $(LOCK) pyproject.toml
+
+licences: $(STAMP) ## list the licences of what runs on the robot, from the packages' metadata
+	$(BIN)/python -m drd_tools.supply licences > systemd/LICENCES.md
+
+sbom: $(STAMP) ## the bill of materials of what runs on the robot: out/drd.cdx.json, CycloneDX
+	@mkdir -p out
+	$(BIN)/python -m drd_tools.supply sbom > out/drd.cdx.json
+
+audit: $(STAMP) ## ask the registry for known vulnerabilities of the locked packages
+	$(BIN)/python -m drd_tools.supply audit $(LOCK)
 
 # Without root, or where a package cannot be had, the tests say so and are skipped. The first kernel that runs here is
 # taken: Debian's own, or a newer one, which is fetched then. DRD_VM_KERNEL=installed or DRD_VM_KERNEL=newer asks for one.

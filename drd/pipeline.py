@@ -114,7 +114,7 @@ class Pipeline:
         return Estimator(config, calibration, resolution_m, compensation, reasons, self._new_track, publish_on)
 
     def resume(self, now_ns: int, estimate: Estimate, bias_known: bool) -> None:
-        """Go on from an estimate of before a restart; before the first input. `bias_known`: its bias still holds."""
+        """Go on from an estimate of before a restart, or a suspension of the machine. `bias_known`: its bias holds."""
         self._record("resume", now_ns, estimate=estimate.plain(), bias_known=bias_known)
         self.estimator.resume(estimate, bias_known)
 

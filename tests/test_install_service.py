@@ -260,3 +260,40 @@ def test_the_installed_example_is_good(tmp_path: Path) -> None:
         [sys.executable, "-m", "drd", "check", str(tmp_path / CONFIG)], capture_output=True, check=False
     )
     assert done.returncode == 0
+
+
+def fake_environment(folder: Path, exit_code: int = 0) -> Path:
+    """A program with a Python beside it, which writes down what it is called with."""
+    (folder / "bin").mkdir()
+    for name in ("drd", "python3"):
+        (folder / "bin" / name).write_text(f'#!/bin/sh\necho "$@" > {folder}/called\nexit {exit_code}\n')
+        (folder / "bin" / name).chmod(0o755)
+    return folder / "bin/drd"
+
+
+@pytest.mark.parametrize(
+    ("given", "used"), [("shipped", CHECKOUT / "systemd/robot.lock"), ("/x/my.lock", "/x/my.lock")]
+)
+def test_a_lock_file_is_installed_first_with_its_hashes_required(tmp_path: Path, given: str, used: object) -> None:
+    program = fake_environment(tmp_path)
+    arguments = install_service._parser().parse_args(["mybot", "--program", str(program), "--lock", given])
+    install_service._install(tmp_path / "root", arguments)
+    called = (tmp_path / "called").read_text().split()
+    assert called[:3] == ["-m", "pip", "install"]
+    assert {"--require-hashes", "--only-binary=:all:"} < set(called)
+    assert called[-2:] == ["--requirement", str(used)]
+    assert (tmp_path / "root" / UNIT).exists()
+
+
+def test_packages_that_are_not_as_locked_install_nothing(tmp_path: Path) -> None:
+    program = fake_environment(tmp_path, exit_code=1)
+    arguments = install_service._parser().parse_args(["mybot", "--program", str(program), "--lock", "shipped"])
+    with pytest.raises(ConfigError, match="packages as they were locked"):
+        install_service._install(tmp_path / "root", arguments)
+    assert tree(tmp_path / "root") == {}
+
+
+def test_a_lock_file_goes_with_the_running_system_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        install(tmp_path, "--lock", "shipped")
+    assert "--lock goes with" in capsys.readouterr().err

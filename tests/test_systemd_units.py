@@ -32,7 +32,7 @@ def settings(text: str) -> list[tuple[str, str]]:
     return re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize("drop_ins", [(), ("realtime.conf",), ("realtime.conf", "tls.conf")])
+@pytest.mark.parametrize("drop_ins", [(), ("realtime.conf",), ("realtime.conf", "slcan.conf", "tls.conf")])
 def test_systemd_has_nothing_to_say_against_the_unit(tmp_path: Path, drop_ins: tuple[str, ...]) -> None:
     installed(tmp_path, drop_ins)
     result = analyze("verify", "./drd@test.service", cwd=tmp_path)
@@ -44,12 +44,45 @@ def test_the_check_sees_an_unknown_key(tmp_path: Path) -> None:
     assert "NoSuchKey" in analyze("verify", "./drd@test.service", cwd=tmp_path).stderr
 
 
-@pytest.mark.parametrize(("drop_ins", "most"), [((), 15), (("tls.conf",), 15), (("realtime.conf",), 17)])
+@pytest.mark.parametrize(
+    ("drop_ins", "most"), [((), 14), (("tls.conf",), 14), (("slcan.conf",), 12), (("realtime.conf",), 16)]
+)
 def test_the_exposure_is_low(tmp_path: Path, drop_ins: tuple[str, ...], most: int) -> None:
     """Ten times systemd's figure. What is left is what the daemon does: network, CAN, serial devices."""
     installed(tmp_path, drop_ins)
     result = analyze("security", "--offline=yes", f"--threshold={most}", "./drd@.service", cwd=tmp_path)
     assert result.returncode == 0, result.stdout
+
+
+def test_each_point_of_the_exposure_is_explained(tmp_path: Path) -> None:
+    """README's table has as many points as systemd counts; two of them are of the devices."""
+    installed(tmp_path)
+    said = analyze("security", "--offline=yes", "--no-pager", "./drd@.service", cwd=tmp_path).stdout
+    points = re.findall(r"^✗ ", said, re.MULTILINE)
+    rows = re.findall(r"^\| [^|]+ \| (0\.\d) \| \S", (SYSTEMD / "README.md").read_text(), re.MULTILINE)
+    assert len(rows) + 1 == len(points), said
+    sizes = re.findall(r"^✗ .* (0\.\d)\s*$", said, re.MULTILINE)
+    assert sum(map(float, rows)) == pytest.approx(sum(map(float, sizes)))
+
+
+def test_nothing_but_the_state_can_be_written() -> None:
+    """Neither drd's code nor its configuration, its unit or the system: the VM's probe tries them."""
+    found = settings(UNIT)
+    for name in ("realtime.conf", "slcan.conf", "tls.conf"):
+        found += settings((SYSTEMD / name).read_text())
+    keys = {key for key, _ in found}
+    assert {("ProtectSystem", "strict"), ("ProtectHome", "yes"), ("DynamicUser", "yes")} <= set(found)
+    opening = {
+        "ReadWritePaths",
+        "BindPaths",
+        "User",
+        "Group",
+        "ConfigurationDirectory",
+        "CacheDirectory",
+        "LogsDirectory",
+    }
+    assert not keys & {*opening, "RuntimeDirectory"}
+    assert [value for key, value in found if key == "StateDirectory"] == ["drd-%i"]
 
 
 @pytest.mark.parametrize(

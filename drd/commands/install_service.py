@@ -16,6 +16,7 @@ from typing import Final
 import drd
 from drd.commands import command
 from drd.commands.installation import Installation
+from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
 
 UNIT: Final = "etc/systemd/system/drd@.service"
@@ -29,6 +30,9 @@ SERIAL_GROUPS: Final = ("dialout", "uucp")
 # ProtectHome and PrivateTmp of the unit: the service sees nothing of these.
 HIDDEN: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 PROGRAM_IN_UNIT: Final = "/opt/drd/bin/drd"
+# The packages that the daemon needs, with their hashes; `make lock` writes it.
+LOCK: Final = "robot.lock"
+SHIPPED: Final = "shipped"
 
 DESCRIPTION: Final = """\
 Install drd as a service of systemd: `drd@NAME` runs with /etc/drd/NAME.yaml, in a sandbox, under a watchdog, and
@@ -42,9 +46,15 @@ Files (under --root):
   /etc/drd/.installed.json            what was written, for --uninstall
 with --realtime
   /etc/systemd/system/drd@.service.d/realtime.conf    priority, locked memory
+with --slcan
+  /etc/systemd/system/drd@.service.d/slcan.conf       no CAN sockets: the CAN adapters of all instances are serial ports
 with --tls
   /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
   /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
+
+--lock FILE first brings the packages of drd's environment to the versions of a lock file, by
+`pip install --require-hashes`: a package whose content is not what was locked is refused, and then nothing is written.
+`--lock shipped` takes the one that comes with this drd (Linux on x86_64 and aarch64); `make lock` makes another.
 
 Calling it again changes nothing; calling it with another version of drd brings the files up to date. A configuration
 that is there is never touched. Another file that you have changed is not either: the new version is written beside it
@@ -57,10 +67,11 @@ EPILOG: Final = """\
 examples:
   sudo /opt/drd/bin/drd install-service mybot
   sudo /opt/drd/bin/drd install-service scout --example agilex-scout --realtime
+  sudo /opt/drd/bin/drd install-service mybot --lock shipped
   drd install-service mybot --root build/package --program /usr/bin/drd
   sudo /opt/drd/bin/drd install-service --uninstall
 
-Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage.
+Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage, or packages not as locked.
 """
 
 
@@ -74,6 +85,8 @@ def main(argv: list[str]) -> int:
         parser.error("--uninstall takes all instances out; it needs no NAME")
     if not arguments.uninstall and arguments.name is None:
         parser.error("NAME is missing: which robot base is it?")
+    if arguments.lock is not None and (arguments.uninstall or arguments.root != "/"):
+        parser.error("--lock goes with an installation into the running system")
     root = Path(arguments.root).absolute()
     try:
         if arguments.uninstall:
@@ -94,8 +107,12 @@ def _parser() -> argparse.ArgumentParser:
     text = "which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)"
     add("--example", choices=EXAMPLES, default=EXAMPLES[0], help=text)
     add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
+    text = "install the drop-in that takes CAN sockets away, for serial CAN adapters, too"
+    add("--slcan", action="store_true", help=text)
     add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
     add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
+    text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: that of this drd)"
+    add("--lock", metavar="FILE", help=text)
     add("--root", default="/", metavar="DIR", help="install into this folder, as packages are built (default: /)")
     text = "stop and disable drd@*, remove what was installed, keep what is yours"
     add("--uninstall", action="store_true", help=text)
@@ -113,13 +130,16 @@ def _instance(text: str) -> str:
 def _install(root: Path, arguments: argparse.Namespace) -> None:
     name, program = arguments.name, _program(arguments.program, root)
     config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
+    if arguments.lock is not None:
+        install_locked(program, _shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
     with _installation(root) as files:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
         files.put_once(config, _shipped("config", f"{arguments.example}.yaml"), f"edit it: this is {arguments.example}")
-        for drop_in, wanted in (("realtime.conf", arguments.realtime), ("tls.conf", arguments.tls)):
-            if wanted or f"{DROP_INS}/{drop_in}" in files.files:
-                files.put(f"{DROP_INS}/{drop_in}", _shipped("systemd", drop_in))
+        drop_ins = ("realtime", arguments.realtime), ("slcan", arguments.slcan), ("tls", arguments.tls)
+        for drop_in, wanted in drop_ins:
+            if wanted or f"{DROP_INS}/{drop_in}.conf" in files.files:
+                files.put(f"{DROP_INS}/{drop_in}.conf", _shipped("systemd", f"{drop_in}.conf"))
         if arguments.tls:
             text = _shipped("config", "zenoh-tls.json5").replace("drd@mybot.service", f"drd@{name}.service")
             files.put_once(f"{CONFIGS}/{name}-tls.json5", text, "edit it: its head says how")
@@ -245,7 +265,11 @@ def _serial_group(root: Path) -> str:
 
 
 def _shipped(folder: str, name: str) -> str:
+    return _shipped_file(folder, name).read_text(encoding="utf-8")
+
+
+def _shipped_file(folder: str, name: str) -> Path:
     """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
     package = Path(drd.__file__).parent
     beside = package.parent / folder / name
-    return (beside if beside.exists() else package / "data" / folder / name).read_text(encoding="utf-8")
+    return beside if beside.exists() else package / "data" / folder / name

@@ -364,7 +364,7 @@ class Estimator:
         return self.standstill.still and not self._silence.wheels(self._pose_ns)
 
     def resume(self, estimate: Estimate, bias_known: bool) -> None:
-        """Begin with what was known before a restart, instead of nothing. To be called before the first sample."""
+        """Go on with what was known before a restart or a suspension, between two samples."""
         put_into(self._track.kf, estimate)
         self._recall_wheels(estimate.learned)
         self._recall_gyro(estimate.learned)

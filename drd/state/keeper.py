@@ -3,23 +3,29 @@
 import logging
 import os
 import time
-from typing import Any
+from typing import Any, Final
 
 from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.state.restart import has_clock_chip, warm_restart
-from drd.state.saved import Saved, StateError, decoded, encoded, moment_now, this_boot
+from drd.state.saved import Moment, Saved, StateError, decoded, encoded, moment_now, this_boot
 from drd.state.store import Store, state_file
 from drd.units import NS_PER_S
 
 log = logging.getLogger(__name__)
+
+# A machine that was suspended for less has waited no longer than a busy one does.
+LEAST_SLEEP_NS: Final = NS_PER_S
+# A moment of this very run, which no boot's id need tell.
+THIS_RUN: Final = "this run"
 
 
 class StateKeeper:
     """Lets a pipeline go on from its robot's state, and has the state written from then on.
 
     It is written each `state.period_s`, when the robot starts to move (so that a file that says "at rest" is true
-    however the daemon ends), and at the end.
+    however the daemon ends), and at the end. A machine that was suspended did not see its robot: CLOCK_MONOTONIC, which
+    all sensors are timed by, stood still, and only CLOCK_BOOTTIME tells. The pipeline then goes on as after a restart.
     """
 
     def __init__(self, config: Config, pipeline: Pipeline):
@@ -29,6 +35,7 @@ class StateKeeper:
         self._boot_id = this_boot(os.environ)
         self._due_ns = 0
         self._said_at_rest = False
+        self._asleep_ns = asleep_ns()
         self.start_text = "cold start"
         self._start: dict[str, Any] = {"kind": "cold", "off_s": None}
 
@@ -51,7 +58,11 @@ class StateKeeper:
         self._store.start()
 
     def tick(self, now_ns: int) -> None:
-        """To be called often: has the state written where it is time."""
+        """To be called often: has the state written where it is time, and notices that the machine was suspended."""
+        before_ns, self._asleep_ns = self._asleep_ns, asleep_ns()
+        slept_ns = self._asleep_ns - before_ns
+        if slept_ns > LEAST_SLEEP_NS:
+            self._wake(now_ns, slept_ns)
         if self._store is None:
             return
         departed = self._said_at_rest and not self._pipeline.estimator.at_rest
@@ -64,6 +75,17 @@ class StateKeeper:
             return True
         self._put(time.monotonic_ns())
         return self._store.close(deadline_s)
+
+    def _wake(self, now_ns: int, slept_ns: int) -> None:
+        estimate = self._pipeline.estimator.estimate()
+        if estimate is None:
+            return
+        then, now = Moment(0, 0, THIS_RUN), Moment(0, slept_ns, THIS_RUN)
+        saved = Saved(estimate, then, self._pipeline.basis, self._config.robot.name)
+        restart = warm_restart(saved, now, self._config, self._pipeline, clock_chip=False)
+        self._pipeline.resume(now_ns, restart.estimate, restart.bias_known)
+        self._due_ns = now_ns
+        log.warning("the machine was suspended: %s", restart.text)
 
     def _put(self, now_ns: int) -> None:
         assert self._store is not None
@@ -90,3 +112,8 @@ class StateKeeper:
         if self._store is None:
             return None
         return {"start": self._start | {"text": self.start_text}, **self._store.health()}
+
+
+def asleep_ns() -> int:
+    """How long this boot has been suspended in all, ns: CLOCK_BOOTTIME counts that time, CLOCK_MONOTONIC does not."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)

@@ -1,6 +1,7 @@
 """Runs in the place of the daemon, in its sandbox: what can be done there, and why not. One line of JSON."""
 
 import json
+import mmap
 import os
 import socket
 import sys
@@ -22,9 +23,23 @@ CLOSED: Final = (
     "/dev",
 )
 
+# What the daemon is: its program, package, interpreter, configuration and unit.
+OWN: Final = (
+    "/opt/drd/bin/drd",
+    *(str(file) for file in Path("/opt/drd/lib").glob("python3*/site-packages/drd/__init__.py")),
+    str(Path(sys.executable).resolve()),
+    "/etc/drd/driving.yaml",
+    "/etc/systemd/system/drd@.service",
+)
+
 
 def write(folder: str) -> Callable[[], object]:
     return lambda: Path(folder, "probe").write_text("x")
+
+
+def change(file: str) -> Callable[[], object]:
+    """Open what is there for writing; whatever comes of it, it is not written."""
+    return lambda: os.close(os.open(file, os.O_WRONLY | os.O_APPEND))
 
 
 def family(number: int, kind: int, protocol: int = 0) -> Callable[[], object]:
@@ -35,6 +50,8 @@ ATTEMPTS: Final[dict[str, Callable[[], object]]] = {
     "write state": write(os.environ.get("STATE_DIRECTORY", "")),
     "write /tmp": write("/tmp"),
     **{f"write {folder}": write(folder) for folder in CLOSED},
+    **{f"change {file}": change(file) for file in OWN},
+    "writable code": lambda: mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC),
     "AF_CAN": family(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW),
     "AF_INET": family(socket.AF_INET, socket.SOCK_STREAM),
     "AF_PACKET": family(socket.AF_PACKET, socket.SOCK_RAW),

@@ -25,7 +25,7 @@ from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 
 # Shared with the host: what stands in files there leaves the machine.
 SHARED: Final = Path("/mnt")
-HOST_ADDRESS, GUEST_ADDRESS = "192.0.2.1", "192.0.2.2"  # RFC 5737: for examples
+HOST_ADDRESS, GUEST_ADDRESS = "10.213.0.1", "10.213.0.2"  # private, as the unit asks
 NAMES: Final = ("driving", "standing")
 PORT: Final = 7447
 LINE: Final = "/dev/ttyS0"

@@ -38,6 +38,9 @@ def the_sandbox_holds(_: Robot) -> Seen:
     assert lines, said
     found = json.loads(lines[0])
     sh(f"systemctl clean --what=state {UNIT}")
+    own = [error or "changed" for name, error in found.items() if name.startswith("change ")]
+    assert len(own) == 5, found
+    assert not any("No such file" in error for error in own), found
     allowed = {name for name, error in found.items() if error is None}
     assert allowed == {"write state", "write /tmp", "AF_CAN", "AF_INET", "open /dev/ttyS0"}, found
     return Seen(f"allowed: {', '.join(sorted(allowed))}; refused: {len(found) - len(allowed)} others")

@@ -1,0 +1,23 @@
+"""The robot's packages as a lock file has them: each at one version, and only with the content that was locked."""
+
+import shlex
+import subprocess
+from pathlib import Path
+
+from drd.config.schema import ConfigError
+
+
+def install_locked(program: str, lock: Path) -> None:
+    """Bring the environment of `program` to the versions of `lock`.
+
+    Raises ConfigError where pip is not there or refuses: another hash, a package that the lock does not have. Wheels
+    alone are taken, since building a package runs its code.
+    """
+    pip = [str(Path(program).with_name("python3")), "-m", "pip", "install", "--disable-pip-version-check"]
+    command = [*pip, "--require-hashes", "--only-binary=:all:", "--requirement", str(lock)]
+    try:
+        code = subprocess.run(command, check=False).returncode
+    except OSError as error:
+        raise ConfigError(str(lock), "--lock", f"a Python beside {program}", f"{pip[0]}: {error.strerror}") from error
+    if code:
+        raise ConfigError(str(lock), "--lock", "packages as they were locked", f"exit code {code} of {shlex.join(pip)}")
