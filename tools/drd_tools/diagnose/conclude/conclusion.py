@@ -1,7 +1,7 @@
 """Causes from selected effects: how sure each is, what else it could be, where, and in words."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,7 +17,7 @@ from drd_tools.diagnose.conclude.confirm import (
     predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
-from drd_tools.diagnose.conclude.rivals import near_sets, posterior, rivals_of, unique
+from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
@@ -191,7 +191,7 @@ def _finding(
     splines: SplineTerms,
     selected: Selected,
     reported: Selected,
-    near: Mapping[frozenset[str], float],
+    near: Sequence[Near],
     chance: Array,
     total: float,
     is_constant: bool,

@@ -1,9 +1,9 @@
 """Alternatives to a selected effect: other names in its place, no name, or nothing."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,16 +21,25 @@ FAR_NATS: Final = 30.0  # so much worse, a rival's score need not be exact
 LEAST_PROBABILITY: Final = 0.001  # less is not reported
 
 
+class Near(NamedTuple):
+    """A set of names as it fits, and its averaged score, nats."""
+
+    names: frozenset[str]
+    fit: Fit
+    score: float
+
+
 @dataclass(frozen=True)
 class Rivals:
-    """Scores of the names in one effect's place, nats above that nothing is there: its own, and `others`.
+    """Names in one effect's place. `own`: its score, nats above that nothing is there.
 
-    `alike`: those that the recording cannot tell from its own, as they fit.
+    `nats`: of its own name and the others, from all sets with each, above that nothing is there. `alike`: those that
+    the recording cannot tell from its own, as they fit.
     """
 
     name: str
     own: float
-    others: Mapping[str, float]
+    nats: Mapping[str, float]
     alike: tuple[Selected, ...]
 
     def probabilities(self, unnamed: float | None) -> dict[str, float]:
@@ -38,9 +47,9 @@ class Rivals:
 
         The scores are log marginal likelihoods with the prior of each name in them. (80)
         """
-        nats = {self.name: self.own, **self.others, NOTHING: 0.0}
+        nats = {**self.nats, NOTHING: 0.0}
         if unnamed is not None:
-            nats[UNNAMED] = unnamed
+            nats[UNNAMED] = unnamed - self.own + nats[self.name]
         return posterior(nats)
 
 
@@ -53,36 +62,42 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
     return {n: w / sum(kept.values()) for n, w in sorted(kept.items(), key=lambda item: -item[1])}
 
 
-def near_sets(found: Found, search: Search) -> dict[frozenset[str], float]:
-    """Scores of the sets of names that may be true, by their names."""
-    scores = {frozenset(c.id for c in found.fit.selection): found.score}
-    for fit in search.near(found.fit, found.score - FAR_NATS):
-        scores.setdefault(frozenset(c.id for c in fit.selection), search.score(fit))
-    return scores
+def near_sets(found: Found, search: Search) -> list[Near]:
+    """The sets of names that may be true, what was found first."""
+    fits = {_names(fit): fit for fit in (found.fit, *search.near(found.fit, found.score - FAR_NATS))}
+    return [Near(names, fit, search.averaged_score(fit)) for names, fit in fits.items()]
 
 
-def rivals_of(
-    found: Found, search: Search, selected: Selected, rest: Fit, near: Mapping[frozenset[str], float]
-) -> Rivals:
-    """Try other names beside `rest`, the fit without the effect. `near`: scores of other sets. (80)"""
-    problem, nothing = found.problem, search.score(rest)
+def _names(fit: Fit) -> frozenset[str]:
+    return frozenset(c.id for c in fit.selection)
+
+
+def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit, near: Sequence[Near]) -> Rivals:
+    """Try other names beside `rest`, the fit without the effect. `near`: other sets. (80)"""
+    problem, others = found.problem, {c.id for c in rest.selection}
     tried = same_window(selected) + [c for _, c in search.ranked(rest) if c.id != selected.id][:TRIED]
     fits = refine_all(problem, [[*rest.selection, r] for r in tried], found.score - FAR_NATS)
-    others: dict[str, float] = {}
+    scores = {one.names: one.score for one in near}
     alike: list[Selected] = []
     for rival, fit in zip(tried, fits, strict=True):
         if not all(is_possible(problem, c) for c in fit.selection):
             continue
         score = _best_score(found, search, selected, rival, fit)
-        others[rival.id] = max(score - nothing, others.get(rival.id, -math.inf))
+        relinearised = score - search.score(fit)
+        scores[_names(fit)] = max(search.averaged_score(fit) + relinearised, scores.get(_names(fit), -math.inf))
         if score + _forgiven_nats(problem, selected, rival) > found.score - CLASS_NATS:
             alike.append(fit.selection[-1])
-    for names, score in near.items():
-        if selected.id not in names:
-            for name in names & others.keys() - {c.id for c in rest.selection}:
-                others[name] = float(np.logaddexp(others[name], score - nothing))
-    own = np.logaddexp.reduce([score - nothing for names, score in near.items() if selected.id in names])
-    return Rivals(selected.id, float(own), others, unique(alike))
+    # One name may do what two of those found do together.
+    for one in near:
+        if selected.id not in one.names and search.score(one.fit) > found.score - CLASS_NATS:
+            alike += [c for c in one.fit.selection if c.id not in others]
+    names = {c.id for c in (*tried, *alike)} - others
+    nothing = search.averaged_score(rest)
+    nats: dict[str, float] = {}
+    for own, score in scores.items():
+        for name in {selected.id} if selected.id in own else own & names:
+            nats[name] = float(np.logaddexp(nats.get(name, -math.inf), score - nothing))
+    return Rivals(selected.id, found.score - search.score(rest), nats, unique(alike))
 
 
 def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:

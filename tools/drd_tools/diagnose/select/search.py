@@ -205,8 +205,11 @@ class Search:
     def exact_score(self, fit: Fit) -> float:
         """Score if no cause had another shape than the catalogue's."""
         residual = self.problem.data - self.problem.effect_rows(fit.selection)
-        nats = -0.5 * float(residual @ Marginal(self.problem.nuisance).projected(residual))
-        return nats - self.problem.penalty(fit.selection)
+        return Marginal(self.problem.nuisance).nats(residual) - self.problem.penalty(fit.selection)
+
+    def averaged_score(self, fit: Fit) -> float:
+        """Score where causes are as likely to have the catalogue's shapes, as in simulation, as others, as real do."""
+        return float(np.logaddexp(self.score(fit), self.exact_score(fit))) - math.log(2.0)
 
     def ranked(self, fit: Fit) -> list[tuple[float, Selected]]:
         """Gain of each effect beside the selected ones, with its best variant; best first."""
