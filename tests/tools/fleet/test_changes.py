@@ -59,13 +59,13 @@ def test_a_segment_without_outliers_is_a_gaussian(monkeypatch: pytest.MonkeyPatc
     variance = random.uniform(0.1, 0.3, n)
     prior = Prior(np.array([mean]), spread, jump, slope, walk, np.zeros((1, n)))
     found = evidence(day[None], value[None], variance[None], prior)
-    for kind in range(found.log.shape[1]):
+    for kind in range(found.shape[1]):
         for s, e in ((0, n - 1), (2, 4), (3, 3)):
             t = day[s : e + 1] - day[s]
             K = spread**2 + (jump**2 if s else 0.0) + walk * np.minimum(t[:, None], t)
             K = K + kind * slope**2 * np.outer(t, t) + np.diag(variance[s : e + 1])
             expected = stats.multivariate_normal(np.full(len(t), mean), K).logpdf(value[s : e + 1])
-            assert found.log[0, kind, s, e] == pytest.approx(expected)
+            assert found[0, kind, s, e] == pytest.approx(expected)
 
 
 def test_series_that_are_shorter_are_as_alone() -> None:
@@ -75,9 +75,9 @@ def test_series_that_are_shorter_are_as_alone() -> None:
     value[1, 5:] = day[1, 5:] = variance[1, 5:] = np.nan
     change[1, 5:] = 0.0
     prior = Prior(np.zeros(2), 0.5, 1.0, 0.1, 0.01, change)
-    both = posterior(evidence(day, value, variance, prior).log, change)
+    both = posterior(evidence(day, value, variance, prior), change)
     alone = Prior(np.zeros(1), 0.5, 1.0, 0.1, 0.01, change[1:, :5])
-    one = posterior(evidence(day[1:, :5], value[1:, :5], variance[1:, :5], alone).log, change[1:, :5])
+    one = posterior(evidence(day[1:, :5], value[1:, :5], variance[1:, :5], alone), change[1:, :5])
     assert both.log_evidence[1] == pytest.approx(one.log_evidence[0])
     assert both.change[1, :5] == pytest.approx(one.change[0])
 
@@ -87,8 +87,8 @@ def test_one_outlier_is_no_change() -> None:
     value[0, 10] = 0.8
     change = np.full((1, 20), 1e-3)
     prior = Prior(np.zeros(1), 0.5, 1.0, 0.0, 1e-6, change)
-    found = posterior(evidence(np.arange(20.0)[None], value, np.full((1, 20), 0.01), prior).log, change)
+    found = posterior(evidence(np.arange(20.0)[None], value, np.full((1, 20), 0.01), prior), change)
     assert found.any_change(0, 1, 19) < 0.3
     value[0, 10:] = 0.8
-    found = posterior(evidence(np.arange(20.0)[None], value, np.full((1, 20), 0.01), prior).log, change)
+    found = posterior(evidence(np.arange(20.0)[None], value, np.full((1, 20), 0.01), prior), change)
     assert found.change[0, 10] > 0.9

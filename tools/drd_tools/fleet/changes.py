@@ -36,14 +36,6 @@ class Prior:
     change: Array
 
 
-class Evidence(NamedTuple):
-    """Log evidence of segments [kind, first, last], shape (series, kinds, n, n); level and variance at their ends."""
-
-    log: Array
-    level: Array
-    variance: Array
-
-
 class Changes(NamedTuple):
     """`log_evidence`: of each series, shape (series,). `change`: posterior of a change before each observation, shape
     (series, n); `creeps`: that, and of a segment that creeps from there on. `segments`: posterior of each segment,
@@ -61,15 +53,16 @@ class Changes(NamedTuple):
         return float(np.clip(1.0 - spanning.sum(), 0.0, 1.0))
 
 
-def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidence:
-    """Filter each segment. `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation. (104)
+def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Array:
+    """Log evidence of segments [kind, first, last], shape (series, kinds, n, n). (104)
+
+    `day`, `value`, `variance`: shape (series, n); NaN at the end: no observation.
 
     Outliers are a mixture of two, which is collapsed to one Gaussian after each observation.
     """
     series, n = value.shape
     kinds = 2 if prior.slope > 0.0 else 1
     log = np.full((series, kinds, n, n), -np.inf)
-    level, spread = np.zeros_like(log), np.zeros_like(log)
     m0, m1, p00, p01, p11, total = (np.zeros((series, kinds, n)) for _ in range(6))
     for k in range(n):
         at = slice(0, k + 1)
@@ -98,8 +91,8 @@ def evidence(day: Array, value: Array, variance: Array, prior: Prior) -> Evidenc
         p00[..., at] -= less * c0 * c0
         p01[..., at] -= less * c0 * c1
         p11[..., at] -= less * c1 * c1
-        log[..., at, k], level[..., at, k], spread[..., at, k] = total[..., at], m0[..., at], p00[..., at]
-    return Evidence(log, level, spread)
+        log[..., at, k] = total[..., at]
+    return log
 
 
 def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
@@ -116,13 +109,25 @@ def _prior_of_segments(log: Array, change: Array) -> tuple[Array, Array]:
     return segments, begins
 
 
+def log_evidence(log: Array, change: Array) -> Array:
+    """The sum over all segmentations of each series, shape (series,). (105)"""
+    return _before(*_prior_of_segments(log, change))[:, -1]
+
+
+def _before(segments: Array, begins: Array) -> Array:
+    """Log evidence of the observations before each, and of all, shape (series, n + 1)."""
+    series, _, n = segments.shape[:3]
+    before = np.zeros((series, n + 1))
+    for e in range(n):
+        before[:, e + 1] = _sum(segments[:, :, : e + 1, e] + (before[:, : e + 1] + begins[:, : e + 1])[:, None])
+    return before
+
+
 def posterior(log: Array, change: Array) -> Changes:
     """Sum over all segmentations, of `log` (series, kinds, n, n) and the prior `change` (series, n). (105)"""
     segments, begins = _prior_of_segments(log, change)
     series, _, n = segments.shape[:3]
-    before = np.zeros((series, n + 1))  # log evidence of the observations before k
-    for e in range(n):
-        before[:, e + 1] = _sum(segments[:, :, : e + 1, e] + (before[:, : e + 1] + begins[:, : e + 1])[:, None])
+    before = _before(segments, begins)
     after = np.zeros((series, n + 1))  # of those from k on, if a segment begins there
     ends = np.zeros((series, n))
     for s in range(n - 1, -1, -1):

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from urllib.parse import quote
@@ -12,6 +13,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib import colormaps
+from matplotlib.colors import rgb2hex
 
 from drd_tools.fleet.changes import CREEP
 from drd_tools.fleet.events import Event
@@ -158,11 +160,16 @@ def _cell(fitted: Fitted, robot: int | None, event: Event | None) -> Cell:
     if not np.isfinite(change):
         return Cell("", "#D8D8D8", "#222", "not seen", False)
     part = float(np.clip(change / fitted.log.constant.jump, -1.0, 1.0))
-    r, g, b, _ = colormaps[COLOURS](0.5 + 0.5 * part)
-    colour = "#" + "".join(f"{round(255 * v):02x}" for v in (r, g, b))
+    colour = _colours()[round((len(_colours()) - 1) * (0.5 + 0.5 * part))]
     title = "" if event is None else f"probability {event.probability:.2f}"
     ink = "#fff" if abs(part) > 0.6 else "#222"
     return Cell(figure(fitted.log.name, change), colour, ink, title, event is not None)
+
+
+@cache
+def _colours() -> list[str]:
+    """The colours of the heat map, from the smallest to the largest change."""
+    return [rgb2hex(colour) for colour in colormaps[COLOURS](np.arange(colormaps[COLOURS].N))]
 
 
 def _rows(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -92,10 +93,13 @@ class Log:
         """What it is."""
         return CONSTANTS[self.name]
 
+    @cached_property
+    def _borders(self) -> list[int]:
+        return [int(k) for k in np.searchsorted(self.robot, np.arange(len(self.robots) + 1))]
+
     def rows(self, robot: int) -> slice:
         """Of a robot."""
-        low, high = np.searchsorted(self.robot, [robot, robot + 1])
-        return slice(int(low), int(high))
+        return slice(*self._borders[robot : robot + 2])
 
     def until(self, day: float) -> "Log":
         """The same as if it was that day."""

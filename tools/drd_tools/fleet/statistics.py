@@ -3,7 +3,7 @@
 `analyse` of a plain table and the log of maintenance; `Statistics` has a `Fitted` for each constant.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -12,15 +12,16 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from drd.arrays import Array
-from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, most_likely, posterior
+from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, log_evidence, most_likely, posterior
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
-from drd_tools.fleet.events import LEAST_SEEN, Event, Segments, Trend, events, smoothed, with_maintenance
+from drd_tools.fleet.events import Event, events, with_maintenance
 from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, steps, with_step
+from drd_tools.fleet.levels import LEAST_SEEN, Segments, Trend, series_of
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
-# Walks that are tried: per square root of a day, in parts of a jump.
-WALKS: Final = (0.001, 0.002, 0.004, 0.01, 0.03)
+# Walks that are likely beforehand, all alike: per square root of a day, in parts of a jump.
+WALKS: Final = (0.0007, 0.001, 0.0014, 0.002, 0.0028, 0.004, 0.01, 0.03)
 MEANT, PERHAPS = 0.3, 0.05  # chance that work on a robot changes what it was done to; that says nothing
 ROUNDS: Final = 2  # populations and segments in turns
 FALSE: Final = 0.01  # expected share of false ones among the changes that are reported
@@ -113,20 +114,28 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
     if known is None:
         for turn in range(ROUNDS):
             if turn:  # with the jumps taken out of what is common
-                p = max((replace(p, walk=(part * log.constant.jump) ** 2) for part in WALKS),
-                        key=lambda q: float(_cut(log, q, change)[1].sum()))  # fmt: skip
-            trends = _trends(log, p, _cut(log, p, change)[0])
-            p = fit(log, pruned(p, log.constant.jump), *_numbered(log, trends))
+                p = _walking(log, p, change)
+            p = fit(log, pruned(p, log.constant.jump), *_numbered(log, _creeping(log, p, _cut(log, p, change)[0])))
         p = pruned(p, log.constant.jump)
-    segments, _, changes = _cut(log, p, change)
-    trends = _trends(log, p, segments)
+    segments, changes = _cut(log, p, change)
+    series = series_of(log, p)
+    trends = [one.smoothed(own) for one, own in zip(series, segments, strict=True)]
     found = [
         with_maintenance(event, done)
-        for i, trend in enumerate(trends)
-        if trend.segments
-        for event in events(log, changes[i], 0, i, trend)
+        for one, posterior, trend in zip(series, changes, trends, strict=True)
+        for event in events(one, posterior, trend)
     ]
     return Fitted(log, p, trends, _with_causes(log, p, trends, found), offsets(log, p, trends))
+
+
+def _walking(log: Log, p: Population, change: Array) -> Population:
+    """The population with the walk's mean variance: weeks of data tell it within a factor of four. (103)"""
+    walks = np.square(np.array(WALKS) * log.constant.jump)
+    nats = np.array([
+        sum(float(log_evidence(given, h).sum()) for *_, given, h in _given(log, replace(p, walk=float(walk)), change))
+        for walk in walks
+    ])  # fmt: skip
+    return replace(p, walk=float(np.average(walks, weights=np.exp(nats - nats.max()))))
 
 
 def _with_steps(log: Log, whole: list[Segments]) -> Population:
@@ -157,30 +166,35 @@ def _chances(log: Log, done: list[Maintained]) -> Array:
     return np.asarray(1.0 - stays)
 
 
-def _cut(log: Log, p: Population, change: Array) -> tuple[list[Segments], Array, list[Changes]]:
-    """The likeliest segments of each robot, its log evidence, and the posterior."""
-    counts = np.bincount(log.robot, minlength=len(log.robots))
-    value, variance, expected = log.value - p.shared(log), p.variance(log), p.expected(log)
+def _cut(log: Log, p: Population, change: Array) -> tuple[list[Segments], list[Changes]]:
+    """The likeliest segments of each robot, and the posterior."""
     segments: list[Segments] = [[] for _ in log.robots]
-    total = np.zeros(len(log.robots))
     found: list[Changes] = [Changes(*np.zeros((4, 0)))] * len(log.robots)
-    for members in _batches(counts):
-        n = int(counts[members].max())
-        day, y, r = (np.full((len(members), n), np.nan) for _ in range(3))
-        h = np.zeros((len(members), n))
-        for i, robot in enumerate(members):
-            rows, k = log.rows(robot), counts[robot]
-            day[i, :k], y[i, :k], r[i, :k] = log.day[rows], value[rows], variance[rows]
-            h[i, :k] = change[rows]
-        c = log.constant
-        given = evidence(day, y, r, Prior(expected[members], p.spread, c.jump, c.slope, p.walk, h))
-        every, best = posterior(given.log, h), most_likely(given.log, h)
-        for i, robot in enumerate(members):
-            last = int(counts[robot]) - 1
+    for members, counts, given, h in _given(log, p, change):
+        every, best = posterior(given, h), most_likely(given, h)
+        for i, (robot, count) in enumerate(zip(members, counts, strict=True)):
+            last = int(count) - 1
             segments[robot] = [(kind, s, min(e, last)) for kind, s, e in best[i] if s <= last]
-            total[robot] = every.log_evidence[i]
             found[robot] = Changes(*(part[i : i + 1] for part in every))
-    return segments, total, found
+    return segments, found
+
+
+def _given(log: Log, p: Population, change: Array) -> Iterator[tuple[Integers, Integers, Array, Array]]:
+    """Some robots at a time: which, their recordings, log evidence of their segments, and chances of a change."""
+    every = np.bincount(log.robot, minlength=len(log.robots))
+    value, variance, expected, c = log.value - p.shared(log), p.variance(log), p.expected(log), log.constant
+    for members in _batches(every):
+        counts = every[members]
+        n = int(counts.max())
+        # NaN, and no change, after a robot's last recording.
+        is_there = np.arange(n) < counts[:, None]
+        rows = np.concatenate([np.arange(log.rows(robot).start, log.rows(robot).stop) for robot in members])
+        day, y, r, h = np.full((4, len(members), n), np.nan)
+        for padded, values in ((day, log.day), (y, value), (r, variance), (h, change)):
+            padded[is_there] = values[rows]
+        h = np.where(is_there, h, 0.0)
+        prior = Prior(expected[members], p.spread, c.jump, c.slope, p.walk, h)
+        yield members, counts, evidence(day, y, r, prior), h
 
 
 def _batches(counts: Integers) -> list[Integers]:
@@ -197,9 +211,13 @@ def _batches(counts: Integers) -> list[Integers]:
     return found
 
 
-def _trends(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
-    value, expected = log.value - p.shared(log), p.expected(log)
-    return [smoothed(log, p, i, one, float(expected[i]), value) for i, one in enumerate(segments)]
+def _creeping(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
+    """Trends with the levels of what creeps alone: all that a population asks of them."""
+    found = []
+    for one, own in zip(series_of(log, p), segments, strict=True):
+        level = one.smoothed([s for s in own if s[0] == CREEP])
+        found.append(replace(level, segments=own))
+    return found
 
 
 def _numbered(log: Log, trends: Sequence[Trend]) -> tuple[Integers, Array, Integers]:
@@ -266,19 +284,19 @@ def _undone(log: Log, trend: Trend, robot: int, event: Event, of: Integers, own:
 
 def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
     """Robots against their batch, batches and places against the others: sizes and p-values. (107)"""
-    found = []
-    last = {i: t.segments[0][2] for i, t in enumerate(trends) if t.segments}
-    size = np.array([trends[i].level[k] - p.expected(log)[i] for i, k in last.items()])
-    n = len(size)
-    for j, (i, k) in enumerate(last.items()):
-        if n < LEAST_ROBOTS:
-            break
+    seen = [i for i, t in enumerate(trends) if t.segments]
+    last = [trends[i].segments[0][2] for i in seen]
+    at_end = np.array([(trends[i].level[k], trends[i].sigma[k]) for i, k in zip(seen, last, strict=True)])
+    found, n = [], len(seen)
+    if n >= LEAST_ROBOTS:
+        size, own = at_end[:, 0] - p.expected(log)[seen], at_end[:, 1]
         # Against the others (externally studentised), so that one that is far off does not hide itself.
-        others = np.delete(size, j)
-        sigma = float(np.sqrt(others.var(ddof=1) * n / (n - 1.0) + trends[i].sigma[k] ** 2))
-        off = float(size[j] - others.mean())
-        p_value = float(2.0 * stats.t.sf(abs(off) / sigma, n - 2))
-        found.append(Offset("robot", log.robots[i], log.name, off, sigma, p_value))
+        off = (size - size.mean()) * n / (n - 1.0)
+        others = (size.var() * n - off**2 * (n - 1.0) / n) / (n - 2.0)
+        sigma = np.sqrt(others * n / (n - 1.0) + own**2)
+        p_value = 2.0 * stats.t.sf(np.abs(off) / sigma, n - 2)
+        for i, *figures in zip(seen, off.tolist(), sigma.tolist(), p_value.tolist(), strict=True):
+            found.append(Offset("robot", log.robots[i], log.name, *figures))
     for kind, names, apart in (("batch", log.batches, p.batch_apart), ("place", log.places, p.place_apart)):
         for name, (off, sigma) in zip(names, apart, strict=False):
             found.append(Offset(kind, name, log.name, off, sigma, float(2.0 * stats.norm.sf(abs(off) / sigma))))

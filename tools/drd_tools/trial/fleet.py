@@ -17,7 +17,7 @@ from drd.monitor.findings import Z_90
 from drd_tools.fleet.events import Event
 from drd_tools.fleet.histories import BEGIN, RADII, Drive, Fleet, Happening, draw, maintenance_rows, summaries, table
 from drd_tools.fleet.population import Population
-from drd_tools.fleet.series import S_PER_DAY, logs, maintained
+from drd_tools.fleet.series import S_PER_DAY, day_of, logs, maintained
 from drd_tools.fleet.statistics import Statistics, analyse_logs
 from drd_tools.trial.figures import Table
 from drd_tools.trial.score import wilson
@@ -128,7 +128,8 @@ def _truths(fleet: Fleet, days: list[Drive]) -> Iterator[tuple[Happening, float,
 def _scored(
     seed: int, fleet: Fleet, said: list[Said], blamed: dict[tuple[str, str, str], float], final: Statistics | None
 ) -> FleetRow:
-    by_robot = {robot: np.array([d.day for d in fleet.drives if d.robot == robot]) for robot in fleet.batch}
+    begins = {robot: [d.start_utc for d in fleet.drives if d.robot == robot] for robot in fleet.batch}
+    by_robot = {robot: np.array([day_of(start) - BEGIN_DAY for start in own]) for robot, own in begins.items()}
     used: set[int] = set()
     changes = []
     for h, size, day in _truths(fleet, fleet.drives):
