@@ -298,6 +298,10 @@ class Monitor:
             {c: std for c, (_, std) in found.items()},
         )
 
+    def began_with(self, column: int) -> float:
+        """A constant as it was known before the drive."""
+        return self._constants.means[column]
+
     # ---- out ---------------------------------------------------------------------------------------------------
 
     def findings(self) -> list[Finding]:
