@@ -10,13 +10,16 @@ from msgspec import Struct
 
 from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix, N
 from drd.estimation.track import Track
+from drd.units import RAD_PER_DEG
 
 RADII: Final = "radii"
 TURN: Final = "turn"
 LAG: Final = "wheel_lag_s"
+BIAS: Final = "bias_rad_s"
 # By how much each may differ from the configuration. Radii: a tyre that has lost more is flat. Turn: from here on
-# wheels slip sideways, and the tread changes with the ground. Lag: a bus or drive that is later needs repair.
-LARGEST: Final = {RADII: 0.03, TURN: 0.15, LAG: 0.1}
+# wheels slip sideways, and the tread changes with the ground. Lag: a bus or drive that is later needs repair. Bias:
+# 0.1 deg/s, the worst of the gyros that are read; one that is off by more is broken.
+LARGEST: Final = {RADII: 0.03, TURN: 0.15, LAG: 0.1, BIAS: 0.1 * RAD_PER_DEG}
 CONSTANTS: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG)  # what taking one may correct
 BOTH: Final = 0.5  # share of a change of the radii that is the left one's, if nobody knows which
 
@@ -25,7 +28,7 @@ class Constant(Struct, frozen=True):
     """A constant and its standard deviation, SI.
 
     `name`: RADII, the left radius over the right one, less 1; TURN, tread times the gyro's scale over the configured
-    tread, less 1; LAG, how late the wheels are. `left`: the share of a change of the radii that is the left one's.
+    tread, less 1; LAG, how late the wheels are; BIAS, the gyro's. `left`: the left one's share of a change of radii.
     """
 
     name: str
@@ -51,6 +54,7 @@ def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Cons
         RADII: n.scale_right - n.scale_left,
         TURN: n.tread_m * n.gyro_scale / tread_m - 1.0,
         LAG: n.wheel_lag_s,
+        BIAS: -n.gyro_bias_rad_s / n.gyro_scale,  # (28)
     }[name]
     return Constant(name, value, math.sqrt(max(float(h @ kf.P @ h), 0.0)), left)
 
@@ -84,8 +88,10 @@ def _row(kf: Filter, name: str) -> Matrix:
         h[SCALE_R], h[SCALE_L] = 1.0, -1.0
     elif name == TURN:
         h[TREAD], h[GYRO_SCALE] = 1.0 / n.tread_m, 1.0 / n.gyro_scale
-    else:
+    elif name == LAG:
         h[WHEEL_LAG] = 1.0
+    else:
+        h[GYRO_BIAS] = -1.0 / n.gyro_scale
     return h
 
 
@@ -96,8 +102,10 @@ def _changed(kf: Filter, constant: Constant) -> Matrix:
         g[SCALE_R], g[SCALE_L] = 1.0 - constant.left, -constant.left
     elif constant.name == TURN:
         g[TREAD] = kf.nominal.tread_m
-    else:
+    elif constant.name == LAG:
         g[WHEEL_LAG] = 1.0
+    else:
+        g[GYRO_BIAS] = -kf.nominal.gyro_scale
     return g
 
 

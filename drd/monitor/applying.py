@@ -2,18 +2,19 @@
 
 from typing import Final
 
-from drd.estimation.applied import BOTH, LAG, LARGEST, RADII, TURN, Constant
+from drd.estimation.applied import BIAS, BOTH, LAG, LARGEST, RADII, TURN, Constant
 from drd.monitor.constants import CHANGE_S
-from drd.monitor.findings import Finding
+from drd.monitor.findings import Finding, Size
 from drd.monitor.library import CHANGE, WAY
 from drd.monitor.library import TURN as TURN_COLUMN
 from drd.monitor.monitor import Monitor
-from drd.units import NS_PER_S
+from drd.units import NS_PER_S, RAD_PER_DEG
 
 # Effects of one constant each. A side that slips for as long as it is looked at rolls less far, as a smaller tyre does.
 SHOWN_BY: Final = {
     RADII: frozenset({"wheel_radius_error", "tyre_deflation", "surface_slip"}),
     TURN: frozenset({"tread_error", "gyro_scale_error", "terrain_tread"}),
+    BIAS: frozenset({"gyro_bias_step"}),
     LAG: frozenset({"encoder_latency", "encoder_lag", "gyro_latency", "gyro_lag"}),
 }
 COLUMN: Final = {RADII: WAY, TURN: TURN_COLUMN, LAG: CHANGE}
@@ -28,7 +29,10 @@ STARTED_M: Final = (
 
 
 class Applying:
-    """Feed it the findings; `wanted` are constants by name, None: to be given back, absent: nothing was said of it."""
+    """Feed it the findings; `wanted` are constants by name, None: to be given back, absent: nothing was said of it.
+
+    A constant that was given back once is not wanted again.
+    """
 
     def __init__(self) -> None:
         self.wanted: dict[str, Constant | None] = {}
@@ -45,6 +49,8 @@ class Applying:
                     self.wanted[name] = None
                 continue
             found = [f for f in shown if is_confirmed(f, effects, now_ns)]
+            if name in self.wanted and taken is None:
+                continue  # contradicted once: it is no constant
             if not found or (constant := measured(monitor, name, found[0])) is None:
                 continue
             if taken is None or abs(constant.value - taken.value) > ANEW_SIGMAS * (taken.sigma + constant.sigma):
@@ -63,10 +69,16 @@ def is_confirmed(finding: Finding, effects: frozenset[str], now_ns: int) -> bool
 
 def measured(monitor: Monitor, name: str, finding: Finding) -> Constant | None:
     """The constant since the finding's begin; None where it is not known, or too large."""
-    known = monitor.constants()
+    if name == BIAS:
+        step = finding.parameters.get("b")
+        if not isinstance(step, Size) or finding.effect not in SHOWN_BY[BIAS]:
+            return None
+        value, sigma = monitor.bias_rad_s + step.value * RAD_PER_DEG, step.std * RAD_PER_DEG
+        return Constant(name, value, sigma) if abs(value) <= LARGEST[name] else None
+    column, si = COLUMN[name], SI[name]
+    known = monitor.constants(changed=column)
     if known is None:
         return None
-    column, si = COLUMN[name], SI[name]
     value, sigma = si * known.means[column], si * known.sigmas[column]
     began_with, left = si * monitor.began_with(column), BOTH
     if name == RADII and finding.since_m > STARTED_M:

@@ -27,6 +27,7 @@ from drd.units import (
 )
 
 UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
+ANEW: Final = 100.0  # times as loose as stated is what has changed
 FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
 EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
 CREEP_ROWS: Final = 2  # beside those in which it counts
@@ -163,6 +164,8 @@ class Monitor:
         self.lag_s, self._lag_named_s = first.lag_s, self.now_s
         if first.lag_s:
             self._rows.put_right(first.lag_s)
+            means, sigmas = self._constants.means, self._constants.sigmas
+            self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
         self.known.clear()
         self._theta, self._noise = None, RowNoise()
@@ -192,15 +195,18 @@ class Monitor:
         """What has been named, and not taken back."""
         return self._judging.known
 
-    def constants(self) -> Constants | None:
-        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)"""
+    def constants(self, changed: int | None = None) -> Constants | None:
+        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)
+
+        `changed`: a column of which what was known before the drive tells nothing any more.
+        """
         segments = self._segments.all
         lasting = [k.begin_s for k in self.known if k.end_s is None]
         segments = [s for s in segments if s.begin_s >= max(lasting, default=-math.inf)]
         if self._skids or not self.is_judging or len(segments) < FEWEST_SEGMENTS:
             return None
         walk = self._bias_walk * self._noise.at_rest
-        stated = self._stated.sigmas
+        stated = {c: sigma * (ANEW if c == changed else 1.0) for c, sigma in self._stated.sigmas.items()}
         sums = Sums(segments, walk, stated, False, [])
         found = {c: sums.constant(c) for c in stated}
         lag = {CHANGE: self.lag_s / CHANGE_S}
@@ -212,6 +218,11 @@ class Monitor:
     def began_with(self, column: int) -> float:
         """A constant as it was known before the drive."""
         return self._constants.means[column]
+
+    @property
+    def bias_rad_s(self) -> float:
+        """The gyro's, without what has been named."""
+        return self._bias_rad_s
 
     # ---- out ---------------------------------------------------------------------------------------------------
 

@@ -14,16 +14,16 @@ from recorded_drive import Drive, drive
 
 from drd.config.keys import Config
 from drd.config.schema import loads
-from drd.estimation.applied import LAG, LARGEST, RADII, TURN, Constant
+from drd.estimation.applied import BIAS, LAG, LARGEST, RADII, TURN, Constant
 from drd.estimation.covariance import unfit
 from drd.monitor.applying import ANEW_SIGMAS, CONFIRMED_S, Applying
 from drd.monitor.constants import Constants
-from drd.monitor.findings import Finding
+from drd.monitor.findings import Finding, Size
 from drd.monitor.library import CHANGE, WAY
 from drd.monitor.library import TURN as TURN_COLUMN
 from drd.pipeline import Pipeline
 from drd.service.taking import Taking
-from drd.units import NS_PER_S
+from drd.units import NS_PER_S, RAD_PER_DEG
 from drd_tools.replay.mcap_source import replay_mcap
 from drd_tools.replay.result import digest
 from drd_tools.trial import applied
@@ -50,7 +50,10 @@ class Knows:
         self.sigmas = {WAY: 4e-4, TURN_COLUMN: 0.002, CHANGE: 0.1}
         self.means = {WAY: way, TURN_COLUMN: turn, CHANGE: change}
 
-    def constants(self) -> Constants | None:
+    bias_rad_s = 1e-4
+
+    def constants(self, changed: int) -> Constants | None:
+        assert changed in self.means
         return Constants(self.means, self.sigmas)
 
     def began_with(self, _: int) -> float:
@@ -72,6 +75,8 @@ def test_a_confirmed_constant_is_wanted_with_its_value() -> None:
     (lag,) = wanted([finding("encoder_latency")], Knows()).values()
     assert lag is not None
     assert lag.value == pytest.approx(0.03)
+    step = finding("gyro_bias_step", parameters={"b": Size(0.02, 0.001, 0.018, 0.022, "deg/s")})
+    assert wanted([step], Knows()) == {BIAS: Constant(BIAS, 1e-4 + 0.02 * RAD_PER_DEG, 0.001 * RAD_PER_DEG)}
 
 
 def test_names_of_one_constant_count_together() -> None:
@@ -114,7 +119,8 @@ def test_it_is_given_back_when_the_finding_is_and_taken_anew_when_it_moves() -> 
     assert again.value == far
     assert wanted([finding("wheel_radius_error", 0.6)], Knows(), applying)[RADII] == again
     assert wanted([], Knows(), applying) == {RADII: None}
-    assert wanted([finding("wheel_radius_error", 0.6)], Knows(), applying) == {RADII: None}
+    # Contradicted once: it is not taken again.
+    assert wanted([told], Knows(), applying) == {RADII: None}
 
 
 # ---- in the estimator ------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ from drd_tools.trial.live_cases import since
 from drd_tools.trial.overlay import overlaid
 from drd_tools.trial.workers import completed
 
-SECONDS: Final = 900.0
+SECONDS: Final = 600.0
 BEGIN_S: Final = 150.0
 MISSIONS: Final = ("warehouse", "field", "eights")
 # What begins at BEGIN_S and stays: an effect of the catalogue, its values in SI, or several.
