@@ -6,10 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import msgspec
+
 from drd.config.keys import Config, Encoders, Fog
 from drd.effects.compensation import Compensation
 from drd.effects.model import Model, check_geometry, load_model
 from drd.encoders.stream import EncoderStream
+from drd.estimation.applied import Constant
 from drd.estimation.basis import basis_of, changes, learned_anew
 from drd.estimation.calibration import Calibration, load_calibration
 from drd.estimation.estimate import Estimate
@@ -207,6 +210,11 @@ class Pipeline:
         values = {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "sigma_m": sigma_m, "sigma_rad": sigma_rad}
         self._record("set_pose", now_ns, **values)
         self.estimator.set_pose(**values)
+
+    def apply(self, now_ns: int, name: str, constant: Constant | None) -> str | None:
+        """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""
+        self._record("apply", now_ns, what=name, constant=None if constant is None else msgspec.to_builtins(constant))
+        return self.estimator.apply(name, constant)
 
     def reset(self, now_ns: int) -> None:
         """Back to the origin."""

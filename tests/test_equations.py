@@ -64,6 +64,6 @@ def test_the_monitor_cites_its_method() -> None:
 
 
 def test_the_fleet_cites_its_method() -> None:
-    method = text().split("\n## Fleet\n")[1]
+    method = text().split("\n## Fleet\n")[1].split("\n## ")[0]
     wanted = {int(n) for n in re.findall(r"^\*\*\((\d+)\)\*\*", method, re.MULTILINE)}
     assert wanted <= set(cited("tools/drd_tools/fleet"))

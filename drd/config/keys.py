@@ -432,11 +432,14 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class Monitor:
-    """A process of its own that names what has changed in the robot. It changes no pose."""
+    """A process of its own that names what has changed in the robot. It changes no pose, unless `apply` is true."""
 
     enabled: bool = False
     """Run it. How often it names what is not there has not been shown over 1,000 hours: look at what it says, but let
     nothing depend on it"""
+    apply: bool = False
+    """Let the estimator take the radii, tread times scale and lag that it is sure of; false puts back what was there.
+    What that gains and risks is in drd/monitor/README.md"""
 
 
 @dataclass(frozen=True, kw_only=True)

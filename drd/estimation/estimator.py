@@ -8,6 +8,7 @@ import numpy as np
 from drd.config.keys import Config, PublishOn
 from drd.effects.compensation import Compensation
 from drd.estimation.agreement import Agreement
+from drd.estimation.applied import Applied, Constant
 from drd.estimation.calibration import Calibration
 from drd.estimation.corrections import Corrections
 from drd.estimation.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
@@ -77,6 +78,7 @@ class Estimator:
              "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
              "bias_measured"), 0)  # fmt: skip
         self._corrections = Corrections(calibration, compensation, self._heading_rad, self.reasons, self.counters)
+        self.applied = Applied()
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
         # Longer than gap_s: within it a returning counter still tells the whole travel.
@@ -387,6 +389,8 @@ class Estimator:
         silence.wheels_ns, silence.gyro_ns, silence.was_lost = before.wheels_ns, before.gyro_ns, before.was_lost
         if same_model:
             self._corrections.take_over(other._corrections)
+        if same_wheels and same_gyro:
+            self.applied = other.applied
         if same_wheels:
             self.standstill = other.standstill
             self._take_over_wheels(other)
@@ -438,9 +442,9 @@ class Estimator:
         if self._track.t_ns and self._silence.wheels(self._pose_ns):
             while self._track.t_ns < self._pose_ns:  # nothing to wait for any more
                 self._run_until(self._pose_ns)
-        here, preview = self._track.kf.nominal, self._look_ahead(self._pose_ns)
+        here = self._track.kf.nominal
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
-        ahead_x_m, ahead_y_m, ahead_rad = led(preview, self._lead(preview))
+        ahead_x_m, ahead_y_m, ahead_rad = self.newest()
         dx_m, dy_m = ahead_x_m - here.x_m, ahead_y_m - here.y_m
         turned = heading_rad - ahead_rad
         c, s = math.cos(turned), math.sin(turned)
@@ -452,6 +456,15 @@ class Estimator:
         for source in ("filter", "position"):
             self.reasons.clear(source)
 
+    def apply(self, name: str, constant: Constant | None) -> str | None:
+        """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""
+        return self.applied.change(self._track, self.newest, self._config.robot.tread_m, name, constant)
+
+    def newest(self) -> tuple[float, float, float]:
+        """The newest pose: x and y in m, heading in rad."""
+        preview = self._look_ahead(self._pose_ns)
+        return led(preview, self._lead(preview))
+
     def reset(self) -> None:
         """Back to the origin and the initial uncertainty; the measured bias stays."""
         kf, s = self._track.kf, self.sigmas
@@ -462,6 +475,7 @@ class Estimator:
 
     def _begin_anew(self) -> None:
         self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
+        self.applied = Applied()
         self.wheel_noise = self.wheel_noise.anew()
         self.steering = Steering(self._config, self.wheel_noise)
         self.wheel_noise.put_into(self._track.kf.noise)

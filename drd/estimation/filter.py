@@ -524,6 +524,14 @@ class Filter:
         self.P[:3, :3] = covariance
         self._copy_error(HEADING, GYRO_HEADING)
 
+    def move(self, there: tuple[float, float, float], here: tuple[float, float, float]) -> None:
+        """Turn and shift the plane a little, so that a pose (x, y in m, heading in rad) `there` comes to be `here`."""
+        n, turned = self.nominal, here[2] - there[2]
+        c, s, dx_m, dy_m = cos(turned), sin(turned), n.x_m - there[0], n.y_m - there[1]
+        n.x_m, n.y_m = here[0] + c * dx_m - s * dy_m, here[1] + s * dx_m + c * dy_m
+        n.heading_rad += turned
+        n.gyro_heading_rad += turned
+
     def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
         """Take a bias measured at standstill: `bias_rad_s` is added to readings, as in (11)."""
         self.nominal.gyro_bias_rad_s = bias_rad_s

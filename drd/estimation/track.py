@@ -73,8 +73,7 @@ class Track:
                 on_gyro_end(self.t_ns, wheel, rate)
                 regained_s = self.kf.nominal.wheel_lag_s - before_s
                 if regained_s:
-                    self._regained_s += regained_s
-                    self._regained_rad += self.kf.rate_rad_s * regained_s
+                    self.lag_changed(regained_s)
                     return True
         return False
 
@@ -86,6 +85,11 @@ class Track:
             self._lag_s = lag_s
             self._lag_ns = round(lag_s * NS_PER_S)
         return self._lag_ns
+
+    def lag_changed(self, by_s: float) -> None:
+        """Somebody has changed the lag: what of the turn is seen twice, or left out, is put right in the next step."""
+        self._regained_s += by_s
+        self._regained_rad += self.kf.rate_rad_s * by_s
 
     def _step(self, piece: Piece, rates: Stream) -> None:
         start_ns, end_ns, wheels, gyro = piece

@@ -142,9 +142,9 @@ class Library:
         return np.asarray((means * rows.interval_s)[rows.inner])
 
     def _own(self, m: Motion) -> list[Array]:
-        """Columns BIAS, TURN, WAY, CHANGE, as rates. The last: of the turn, 10 ms later."""
-        later = np.interp(m.time_s + 0.01, m.time_s, m.rate_rad_s) - np.interp(m.time_s - 0.01, m.time_s, m.rate_rad_s)
-        return [np.ones_like(m.time_s), m.rate_rad_s, m.speed_m_s / m.tread_m, 0.5 * later]
+        """Columns BIAS, TURN, WAY, CHANGE, as rates. The last: of the turn, 10 ms before."""
+        before = np.interp(m.time_s - 0.01, m.time_s, m.rate_rad_s) - np.interp(m.time_s + 0.01, m.time_s, m.rate_rad_s)
+        return [np.ones_like(m.time_s), m.rate_rad_s, m.speed_m_s / m.tread_m, 0.5 * before]
 
     # ---- hypotheses -------------------------------------------------------------------------------------------
 

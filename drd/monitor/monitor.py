@@ -1,7 +1,6 @@
 """The monitor: samples in, findings out. It reads no clock; the same samples give the same findings to the bit."""
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,31 +9,27 @@ from drd.arrays import Array
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
 from drd.monitor.constants import CHANGE_S, Constants, stated_constants
-from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
+from drd.monitor.evidence import Sums
 from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
+from drd.monitor.judging import Judge
 from drd.monitor.library import BIAS, CHANGE, WAY, Hypothesis, Library
 from drd.monitor.noise import RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
 from drd.monitor.symptoms import Symptoms
-from drd.monitor.telling import CLASS_NATS, SETTLES_S, Known, Teller
+from drd.monitor.telling import Known, Teller
 from drd.samples import GyroSample, WheelSample
 from drd.units import (
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
 
-NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
-DROPPED_NATS: Final = 0.0  # odds below which it is taken back
-PATIENCE: Final = 2  # blocks in a row until a finding is renamed or taken back: no flapping
 UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
+ANEW: Final = 100.0  # times as loose as stated is what has changed
 FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
 EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
-MOST: Final = 5  # findings at a time
-BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
-LOST: Final = 0.05  # probability of a name that another takes over from at once
 CREEP_ROWS: Final = 2  # beside those in which it counts
 TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
 # More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
@@ -74,12 +69,11 @@ class Monitor:
         self.lag_s, self._lag_named_s = 0.0, 0.0
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
         self._bias_rad_s = 0.0
-        self.known: list[Known] = []
-        self.nothing: Posterior | None = None
+        self._judging = Judge(self._segments, self._library, self._constants.sigmas, self._skids)
         self._way_m = 0.0
         self._symptom_m: dict[int, tuple[float, float]] = {}
         self.now_s = 0.0
-        self._turn = self._blocks = self._looks = self._unfit = 0
+        self._blocks = self._unfit = 0
 
     # ---- in ----------------------------------------------------------------------------------------------------
 
@@ -156,7 +150,8 @@ class Monitor:
             if seen.sure and not seen.is_told:
                 seen.is_told, seen.named_s = True, self.now_s
                 self._segments.drop_since(seen.begin_s)
-                self.known = [k for k in self.known if k.named_s < seen.begin_s and (k.end_s or 0.0) < seen.begin_s]
+                old = [k for k in self.known if k.named_s < seen.begin_s and (k.end_s or 0.0) < seen.begin_s]
+                self.known[:] = old
 
     def _begin_anew(self, first: Turns) -> None:
         """Stamps are put right by a lag, a robot that skids has its noise; sums without that are forgotten. (99)"""
@@ -165,9 +160,12 @@ class Monitor:
         if not first.lag_s and not skids:
             return
         self._skids |= skids
+        self._judging.skids = self._skids
         self.lag_s, self._lag_named_s = first.lag_s, self.now_s
         if first.lag_s:
             self._rows.put_right(first.lag_s)
+            means, sigmas = self._constants.means, self._constants.sigmas
+            self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
         self.known.clear()
         self._theta, self._noise = None, RowNoise()
@@ -180,116 +178,35 @@ class Monitor:
     # ---- judged ------------------------------------------------------------------------------------------------
 
     def _judge(self) -> None:
-        segments = self._segments.all
         self._blocks += 1
-        if len(segments) < 3 or self._blocks % EVERY:
+        if len(self._segments.all) < 3 or self._blocks % EVERY:
             return
-        sums = self._sums(self.known)
+        sums = self._judging.look(self.now_s, self._bias_walk * self._noise.at_rest)
         self._theta = sums.theta[-1].copy()
         self._bias_rad_s = float(self._theta[BIAS])
-        bank = Bank(sums, self._library.hypotheses)
-        found = posterior(bank, self._skids)
-        self.nothing = found
         self._unfit = 0 if self._noise.is_fit else self._unfit + 1
         if not self.is_judging:
             self.known.clear()
-            return
-        strongest = max((k.estimate.nats for k in self.known), default=0.0)
-        if self._drive == "auto" and not self._first.is_over:
-            return  # of a robot that may skid nothing is known before its first turns
-        least = NAMED_NATS + SKID_NATS * (self._skids or self._wanders)
-        if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
-            self._looks += 1
-            # Another name for what is known already may explain this, too.
-            if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
-                self._name(bank.estimate(found.best[found.first]), found)
-            return
-        self._looks = 0
-        if self.known:  # one at a time, in turn
-            self._turn += 1
-            self._again(self.known[self._turn % len(self.known)])
+        elif self._drive != "auto" or self._first.is_over:  # of a robot that may skid nothing is known before
+            self._judging.decide(SKID_NATS * (self._skids or self._wanders))
 
-    def _sums(self, known: Sequence[Known]) -> Sums:
-        begins = self._segments.begins_s
-        parts: list[Component] = []
-        for k in known:
-            h, n = self._library.hypotheses[k.hypothesis], len(begins)
-            b = begins.index(k.begin_s) if k.begin_s in begins else 0
-            e = begins.index(k.end_s) if k.end_s is not None and k.end_s in begins else n
-            for c, g, limit in zip(h.columns, h.growth or (-1,) * len(h.columns), h.limits, strict=True):
-                weights = {c: 1.0} if g < 0 else {c: 1.0, g: -begins[b]}
-                parts.append(Component(weights, limit, b, e))
-                if g < 0:  # it began within a segment
-                    slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
-                    edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
-                    parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
-        walk = self._bias_walk * self._noise.at_rest
-        return Sums(self._segments.all, walk, self._constants.sigmas, self._skids, parts)
+    @property
+    def known(self) -> list[Known]:
+        """What has been named, and not taken back."""
+        return self._judging.known
 
-    def _again(self, k: Known, at_once: bool = False) -> bool:
-        """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
-        sums = self._sums([other for other in self.known if other is not k])
-        bank = Bank(sums, self._library.hypotheses)
-        found = posterior(bank, self._skids)
-        k.doubts = k.doubts + 1 if found.odds_nats < DROPPED_NATS else 0
-        if k.doubts >= PATIENCE or found.odds_nats < -NAMED_NATS or not found.best:
-            self.known.remove(k)
-            return False
-        k.others, k.probabilities = found, found.probabilities()
-        name = self._library.hypotheses[k.hypothesis].id
-        best = found.first
-        leads = found.nats[best] - found.nats.get(name, -math.inf)
-        k.rivalry = k.rivalry + 1 if best != name and leads > CLASS_NATS else 0
-        is_lost = k.probabilities.get(name, 0.0) < LOST and found.odds_nats > NAMED_NATS
-        if k.rivalry >= PATIENCE or (leads > 0.0 and (at_once or is_lost)):
-            name, k.rivalry = best, PATIENCE
-        if name not in found.best:
-            return False
-        before = k.hypothesis, k.end_s
-        estimate = bank.estimate(found.best[name])
-        if k.rivalry >= PATIENCE or self.now_s - k.named_s < SETTLES_S or k.end_s != self._end(estimate):
-            self._place(k, estimate, found)
-        else:
-            begins = sums.begins_s.tolist()
-            b = begins.index(k.begin_s) if k.begin_s in begins else 0
-            e = begins.index(k.end_s) if k.end_s in begins else len(begins)
-            k.estimate = bank.estimate(Form(k.hypothesis, b, e, found.nats[name]))
-        return before != (k.hypothesis, k.end_s)
+    def constants(self, changed: int | None = None) -> Constants | None:
+        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)
 
-    def _end(self, estimate: Estimate) -> float | None:
-        segments = self._segments.all
-        return segments[estimate.end].begin_s if estimate.end < len(segments) else None
-
-    def _place(self, k: Known, estimate: Estimate, found: Posterior) -> None:
-        segments = self._segments.all
-        k.hypothesis = next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
-        k.estimate, k.rivalry = estimate, 0
-        k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
-        k.begin_m = segments[estimate.begin].way_m
-        at = found.begins[estimate.hypothesis.id]
-        p = np.exp(at - at.max())
-        middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
-        p /= p.sum()
-        mean = float(p @ middle)
-        k.begin_std_s = math.sqrt(
-            float(p @ (middle - mean) ** 2) + (segments[estimate.begin].end_s - k.begin_s) ** 2 / 12.0
-        )
-
-    def _name(self, estimate: Estimate, found: Posterior) -> None:
-        k = Known(0, 0.0, None, estimate, self.now_s, 0.0, found)
-        k.probabilities = found.probabilities()
-        self._place(k, estimate, found)
-        self.known.append(k)
-
-    def constants(self) -> Constants | None:
-        """The robot's constants since what lasts of the findings began; None while there is too little of it. (100)"""
+        `changed`: a column of which what was known before the drive tells nothing any more.
+        """
         segments = self._segments.all
         lasting = [k.begin_s for k in self.known if k.end_s is None]
         segments = [s for s in segments if s.begin_s >= max(lasting, default=-math.inf)]
         if self._skids or not self.is_judging or len(segments) < FEWEST_SEGMENTS:
             return None
         walk = self._bias_walk * self._noise.at_rest
-        stated = self._stated.sigmas
+        stated = {c: sigma * (ANEW if c == changed else 1.0) for c, sigma in self._stated.sigmas.items()}
         sums = Sums(segments, walk, stated, False, [])
         found = {c: sums.constant(c) for c in stated}
         lag = {CHANGE: self.lag_s / CHANGE_S}
@@ -297,6 +214,15 @@ class Monitor:
             {c: self._constants.means[c] + lag.get(c, 0.0) + value for c, (value, _) in found.items()},
             {c: std for c, (_, std) in found.items()},
         )
+
+    def began_with(self, column: int) -> float:
+        """A constant as it was known before the drive."""
+        return self._constants.means[column]
+
+    @property
+    def bias_rad_s(self) -> float:
+        """The gyro's, without what has been named."""
+        return self._bias_rad_s
 
     # ---- out ---------------------------------------------------------------------------------------------------
 

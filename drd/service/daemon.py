@@ -10,12 +10,14 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drd import __version__
 from drd.config.keys import Config
 from drd.config.schema import ConfigError, Loaded
+from drd.estimation.applied import Constant
 from drd.output.messages import Refused, pose_dict
 from drd.output.zenoh_link import ZenohLink
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
@@ -27,6 +29,7 @@ from drd.service.monitoring import Monitoring
 from drd.service.observers import Observers
 from drd.service.reload import Prepared, prepare
 from drd.service.systemd import Notifier
+from drd.service.taking import Taking
 from drd.service.tasks import Tasks
 from drd.service.traffic import Traffic
 from drd.state.keeper import StateKeeper
@@ -52,10 +55,11 @@ class Daemon:
         self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
         self._memory = MemoryKeeper(self._config)
-        self._monitoring = Monitoring(self._on_findings, self._memory)
+        self._monitoring = Monitoring(self._on_findings, self._memory, self._on_constants)
         observers = (self._recorder, self._monitoring) if self._recorder is not None else (self._monitoring,)
         self.pipeline = Pipeline(self._config, base, self._on_pose, Observers(*observers))
-        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
+        self._taking = Taking(self.pipeline)
+        self._put_monitor_in_force()
         self._state = StateKeeper(self._config, self.pipeline)
         self._notifier = Notifier()
         self._link: ZenohLink | None = None
@@ -178,7 +182,7 @@ class Daemon:
             await self._tasks.cancel(self._input_tasks)
         anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
         self._loaded, self._config = prepared.loaded, prepared.loaded.value
-        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
+        self._put_monitor_in_force()
         if reopen:
             self._open_inputs()
         self._reloads["done"] += 1
@@ -188,6 +192,10 @@ class Daemon:
             log.info("reload: %s", text)
         if prepared.waiting:
             log.warning("reload: takes effect at the next start only: %s", ", ".join(prepared.waiting))
+
+    def _put_monitor_in_force(self) -> None:
+        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
+        self._taking.put_in_force(self._config.monitor.enabled and self._config.monitor.apply)
 
     # ---- outputs -----------------------------------------------------------------------------------------------
 
@@ -220,6 +228,9 @@ class Daemon:
         if self._recorder is not None:
             self._recorder.findings_report(findings)
 
+    def _on_constants(self, wanted: Mapping[str, Constant | None]) -> None:
+        self._taking.want(wanted)
+
     def _findings(self) -> dict[str, Any]:
         return {"monotonic_ns": time.monotonic_ns(), "wall_ns": time.time_ns()} | self._monitoring.findings()
 
@@ -240,6 +251,8 @@ class Daemon:
         health["state"] = self._state.health()
         health["reload"] = dict(self._reloads)
         health["monitor"], health["findings"] = self._monitoring.health(), self._monitoring.summary()
+        if health["monitor"] is not None:
+            health["monitor"]["applied"] = self._taking.health()
         return health
 
     def _status(self) -> str:

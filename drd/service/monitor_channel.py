@@ -6,6 +6,7 @@ from typing import Final
 from msgspec import Struct
 
 from drd.config.keys import Config
+from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
 from drd.monitor.constants import Constants
 from drd.monitor.findings import Finding, NotObservable
@@ -38,7 +39,8 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the process tells: after each block of samples, and why it ends (`error`) where it can.
 
     `day`: the constants of the drive so far, `known`: those that it began with,
-    `began_ns`: the time of its first sample. `notes`: what the system refused it.
+    `began_ns`: the time of its first sample. `wanted`: what the estimator may take, see Applying.
+    `notes`: what the system refused it.
     `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """
 
@@ -52,6 +54,7 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     day: Day | None = None
     known: Constants | None = None
     began_ns: int | None = None
+    wanted: dict[str, Constant | None] = {}
     notes: list[str] = []
     error: str | None = None
 

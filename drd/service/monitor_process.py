@@ -17,7 +17,9 @@ from typing import Final
 
 import msgspec
 
+from drd.monitor.applying import Applying
 from drd.monitor.lasting import LastingMonitor
+from drd.monitor.wear import is_wear
 from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import FIX, GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
@@ -37,6 +39,7 @@ class Feed:
     def __init__(self, setup: Setup):
         self._lasting = LastingMonitor(setup.config, setup.memory, setup.wall_zero_ns, setup.began_ns)
         self.monitor = self._lasting.monitor
+        self._applying = Applying()
         self._calibration = setup.calibration
         self._is_new = False
         self._now_s = 0.0
@@ -65,13 +68,16 @@ class Feed:
 
     def report(self, notes: list[str]) -> Report:
         """What is known by now."""
+        findings = self._lasting.findings()
+        self._applying.look(self.monitor, [f for f in findings if not is_wear(f)])
         return Report(
-            findings=self._lasting.findings(),
+            findings=findings,
             not_observable=self.monitor.not_observable(),
             is_judging=self.monitor.is_judging,
             day=self._lasting.day,
             known=self._lasting.known,
             began_ns=self.monitor.zero_ns,
+            wanted=self._applying.wanted,
             samples=self.samples,
             gaps=self.gaps,
             cpu_s=time.process_time_ns() * S_PER_NS,

@@ -3,32 +3,18 @@
 import asyncio
 import contextlib
 import logging
-import os
-import signal
-import socket
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
 
 from drd.config.keys import Config
+from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
 from drd.samples import CanFrame, GyroSample, WheelSample
-from drd.service.monitor_channel import (
-    BATCH_RECORDS,
-    FIX,
-    GAP,
-    GYRO,
-    LARGEST_PACKET_BYTES,
-    RECORD,
-    WHEELS,
-    Report,
-    Setup,
-    arguments,
-)
+from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
+from drd.service.monitor_child import Child, Ended
 from drd.state.memory_file import MemoryKeeper, basis_of
 from drd.units import S_PER_NS
 
@@ -36,127 +22,29 @@ log = logging.getLogger(__name__)
 
 # How often samples are handed over and reports fetched.
 PERIOD_S: Final = 0.1
-# What waits for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
-BUFFER_BYTES: Final = 1 << 16
 FIRST_PAUSE_S: Final = 1.0
 LONGEST_PAUSE_S: Final = 300.0
 # One that has run so long has earned the short pause again.
 GOOD_S: Final = 60.0
-# One that takes nothing for so long is given up: on a machine that starves it, it would be of no use either.
-HUNG_S: Final = 60.0
-# It ends by itself when the channel is closed; one that is stopped or stuck does not.
-GRACE_S: Final = 0.5
-END_S: Final = 2.0
-
-
-class _Ended(Exception):  # noqa: N818  # an outcome
-    """The process is of no use any more; the text says why."""
-
-
-class _Process:
-    """One run of the process, with a batch of records on the way to it. Raises OSError where it cannot start."""
-
-    def __init__(self, setup: Setup):
-        self.channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            try:
-                self.channel.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-                self.channel.setblocking(False)
-                self.channel.send(msgspec.json.encode(setup))
-                self.child = subprocess.Popen(
-                    [sys.executable, *arguments()],
-                    stdin=theirs.fileno(),
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    env=_environment(),
-                )
-            except BaseException:
-                self.channel.close()
-                raise
-        self.began_ns = time.monotonic_ns()
-        self._batch = bytearray((1 + BATCH_RECORDS) * RECORD.size)
-        self._count = 1  # the first record has room for a gap
-        self._gap_ns: int | None = None  # since when it takes nothing
-        self.dropped = 0
-
-    def put(self, kind: int, sample: tuple[Any, ...], last: float = 0.0) -> None:
-        """A sample, or a pose, into the batch, which is handed over when it is full."""
-        if self._count > BATCH_RECORDS:
-            self.flush()
-        RECORD.pack_into(self._batch, self._count * RECORD.size, kind, *sample[:4], last)
-        self._count += 1
-
-    def flush(self) -> None:
-        """Hand the batch over, or drop and count it where there is no room."""
-        count, self._count = self._count - 1, 1
-        first = RECORD.size
-        if self._gap_ns is not None:
-            first = 0
-            RECORD.pack_into(self._batch, 0, GAP, 0, 0.0, 0.0, 0.0, 0.0)
-        elif not count:
-            return
-        try:
-            self.channel.send(memoryview(self._batch)[first : (1 + count) * RECORD.size])
-        except BlockingIOError:
-            self.dropped += count
-            self._gap_ns = self._gap_ns or time.monotonic_ns()
-        except OSError:  # it has ended, which is noticed soon
-            self.dropped += count
-        else:
-            self._gap_ns = None
-
-    def is_hung(self) -> bool:
-        """Whether it has taken nothing for too long."""
-        return self._gap_ns is not None and (time.monotonic_ns() - self._gap_ns) * S_PER_NS > HUNG_S
-
-    def report(self) -> Report | None:
-        """The next report that is there. Raises _Ended."""
-        try:
-            packet = self.channel.recv(LARGEST_PACKET_BYTES)
-        except BlockingIOError:
-            return None
-        except OSError as error:
-            raise _Ended(error.strerror or str(error)) from None
-        if not packet:
-            raise _Ended("")
-        report = msgspec.json.decode(packet, type=Report)
-        if report.error is not None:
-            raise _Ended(report.error)
-        return report
-
-    def end(self) -> str:
-        """End it at once; how it had ended already, in words. Waits for the kernel."""
-        self.channel.close()
-        code = self.child.poll()
-        if code is None:  # it closes its end just before
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                code = self.child.wait(GRACE_S)
-        self.child.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self.child.wait(END_S)
-        if code is None:
-            return "ended by drd"
-        return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-
-
-def _environment() -> dict[str, str]:
-    """The daemon's own, but what systemd tells the daemon; modules are found where the daemon finds them."""
-    found = {name: value for name, value in os.environ.items() if name not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-    return found | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Monitoring:
     """An Observer of the pipeline that has a monitor look at the samples, in a process of its own.
 
     Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
-    is started again, after pauses that double. `on_change` is called when the findings are others than before.
-    `is_enabled`: whether the configuration asks for it.
+    is started again, after pauses that double. `on_change` is called when the findings are others than before,
+    `on_constants` with each report's `wanted`. `is_enabled`: whether the configuration asks for it.
     """
 
-    def __init__(self, on_change: Callable[[], None], keeper: MemoryKeeper | None = None):
-        self._on_change, self._keeper = on_change, keeper
+    def __init__(
+        self,
+        on_change: Callable[[], None],
+        keeper: MemoryKeeper | None = None,
+        on_constants: Callable[[Mapping[str, Constant | None]], None] = lambda _: None,
+    ):
+        self._on_change, self._keeper, self._on_constants = on_change, keeper, on_constants
         self._setup: Setup | None = None
-        self._process: _Process | None = None
+        self._process: Child | None = None
         self._changed = asyncio.Event()
         self._report = Report()
         self._pause_s = FIRST_PAUSE_S
@@ -266,9 +154,9 @@ class Monitoring:
             self._tell("starting", Report())
             process, text = None, ""
             try:
-                process = await asyncio.to_thread(_Process, self._with_memory(self._setup))
+                process = await asyncio.to_thread(Child, self._with_memory(self._setup))
                 await self._serve(process)
-            except _Ended as ended:
+            except Ended as ended:
                 text = str(ended)
             except Exception as error:
                 # No bug of ours here is worth the pose.
@@ -285,14 +173,14 @@ class Monitoring:
         now_ns = time.monotonic_ns()
         return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
 
-    async def _serve(self, process: _Process) -> None:
-        """Until another set-up is wanted. Raises _Ended."""
+    async def _serve(self, process: Child) -> None:
+        """Until another set-up is wanted. Raises Ended."""
         self._process = process
         while not self._changed.is_set():
             await asyncio.sleep(PERIOD_S)
             self._exchange(process)
 
-    async def _end(self, process: _Process) -> str:
+    async def _end(self, process: Child) -> str:
         """End it; how it had ended by itself."""
         self._process = None
         self._dropped += process.dropped
@@ -300,7 +188,7 @@ class Monitoring:
             self._pause_s = FIRST_PAUSE_S
         return await asyncio.to_thread(process.end)
 
-    def _exchange(self, process: _Process) -> None:
+    def _exchange(self, process: Child) -> None:
         """Samples out, reports in."""
         process.flush()
         while (report := process.report()) is not None:
@@ -310,8 +198,8 @@ class Monitoring:
                 self._keeper.put(report.day)
             self._reason = "; ".join(report.notes)
             self._tell("running" if report.is_judging else "not judging", report)
-        if process.is_hung():
-            raise _Ended(f"it has taken no samples for {HUNG_S:g} s")
+            self._on_constants(report.wanted)
+        process.check()
 
     async def _pause(self, text: str) -> None:
         """After the process has ended by itself."""

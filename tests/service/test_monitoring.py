@@ -20,6 +20,7 @@ from harness import Robot
 
 from drd.config.keys import Config
 from drd.config.schema import loads
+from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
 from drd.monitor.findings import Finding
 from drd.monitor.monitor import Monitor
@@ -110,7 +111,8 @@ def test_the_gyro_is_calibrated_before_the_monitor_has_it() -> None:
 
 def test_what_a_monitor_tells_arrives_as_it_was() -> None:
     monitor = Monitor(config_of())
-    report = Report(not_observable=monitor.not_observable(), notes=["x"], memory_mb=1.5)
+    wanted = {"radii": Constant("radii", -0.01, 4e-4, 1.0), "turn": None}
+    report = Report(not_observable=monitor.not_observable(), notes=["x"], memory_mb=1.5, wanted=wanted)
     assert msgspec.json.decode(msgspec.json.encode(report), type=Report) == report
     assert report.not_observable
 
@@ -183,7 +185,7 @@ def test_a_stopped_process_drops_samples_and_is_told_of_the_gap_when_it_goes_on(
 
 @pytest.mark.process
 def test_one_that_takes_nothing_for_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drd.service.monitoring.HUNG_S", 0.2)
+    monkeypatch.setattr("drd.service.monitor_child.HUNG_S", 0.2)
 
     async def work(monitoring: Monitoring, _: list[str]) -> None:
         await until(lambda: health(monitoring)["state"] == "running")

@@ -9,11 +9,13 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 from tqdm import tqdm
 
 from drd.batch.run import no_garbage
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
+from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimate import estimate_of
 from drd.estimation.track import MakeTrack, make_track
@@ -133,6 +135,9 @@ class _Replay:
         if event == "reload":
             self.notes.append("the live run was given a new configuration on the way; here one holds throughout")
             return None
+        if event == "apply":
+            self.notes.append("constants that the live run took from its monitor are left out: they were its own's")
+            return None
         if event == "resume":
             self.notes.append(
                 "the run began with a warm restart: with what was learned with the recorded configuration"
@@ -181,6 +186,10 @@ def _event(pipeline: Pipeline, value: dict[str, Any]) -> Callable[[], object] | 
         return partial(pipeline.port_state, str(value["source"]), None if text is None else str(text), now_ns)
     if name == "set_pose":
         return partial(pipeline.set_pose, now_ns, **{name: _commanded(value[name]) for name in SET_POSE})
+    if name == "apply":
+        constant = value["constant"]
+        taken = None if constant is None else msgspec.convert(constant, Constant)
+        return partial(pipeline.apply, now_ns, str(value["what"]), taken)
     if name == "resume":
         return partial(pipeline.resume, now_ns, estimate_of(value["estimate"]), bool(value["bias_known"]))
     if name == "reload":

@@ -1,0 +1,141 @@
+"""Constants that the monitor has found, taken into the filter between two samples, and given back. Nothing steps."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+
+from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix, N
+from drd.estimation.track import Track
+from drd.units import RAD_PER_DEG
+
+RADII: Final = "radii"
+TURN: Final = "turn"
+LAG: Final = "wheel_lag_s"
+BIAS: Final = "bias_rad_s"
+# By how much each may differ from the configuration. Radii: a tyre that has lost more is flat. Turn: from here on
+# wheels slip sideways, and the tread changes with the ground. Lag: a bus or drive that is later needs repair. Bias:
+# 0.1 deg/s, the worst of the gyros that are read; one that is off by more is broken.
+LARGEST: Final = {RADII: 0.03, TURN: 0.15, LAG: 0.1, BIAS: 0.1 * RAD_PER_DEG}
+CONSTANTS: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG)  # what taking one may correct
+BOTH: Final = 0.5  # share of a change of the radii that is the left one's, if nobody knows which
+
+
+class Constant(Struct, frozen=True):
+    """A constant and its standard deviation, SI.
+
+    `name`: RADII, the left radius over the right one, less 1; TURN, tread times the gyro's scale over the configured
+    tread, less 1; LAG, how late the wheels are; BIAS, the gyro's. `left`: the left one's share of a change of radii.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    left: float = BOTH
+
+    def refusal(self) -> str | None:
+        """Why it cannot be taken."""
+        if self.name not in LARGEST:
+            return f"{self.name}: not a constant that can be taken"
+        if not abs(self.value) <= LARGEST[self.name]:
+            return f"{self.name}: {self.value:.3g} is more than {LARGEST[self.name]:g}"
+        if not 0.0 < self.sigma <= LARGEST[self.name]:
+            return f"{self.name}: its deviation {self.sigma:.3g} is not in (0, {LARGEST[self.name]:g}]"
+        return None if 0.0 <= self.left <= 1.0 else f"{self.name}: left {self.left:.3g} is not in [0, 1]"
+
+
+def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Constant:
+    """A constant as the filter has it. `tread_m`: the configured one."""
+    h, n = _row(kf, name), kf.nominal
+    value = {
+        RADII: n.scale_right - n.scale_left,
+        TURN: n.tread_m * n.gyro_scale / tread_m - 1.0,
+        LAG: n.wheel_lag_s,
+        BIAS: -n.gyro_bias_rad_s / n.gyro_scale,  # (28)
+    }[name]
+    return Constant(name, value, math.sqrt(max(float(h @ kf.P @ h), 0.0)), left)
+
+
+def take(kf: Filter, constant: Constant, tread_m: float) -> None:
+    """Put a constant into the filter, where it has changed since: pose and headings stay. (109)"""
+    h, n = _row(kf, constant.name), kf.nominal
+    off = of_filter(kf, constant.name, tread_m).value - constant.value
+    g = _changed(kf, constant)
+    kf.P += off * off * np.outer(g, g)
+    gain = np.zeros(N)
+    for i in CONSTANTS:
+        gain[i] = kf.P[i] @ h
+    gain /= float(h @ kf.P @ h) + constant.sigma**2
+    step = (gain * off).tolist()
+    n.scale_right -= step[SCALE_R]
+    n.scale_left -= step[SCALE_L]
+    n.gyro_scale -= step[GYRO_SCALE]
+    n.gyro_bias_rad_s -= step[GYRO_BIAS]
+    n.wheel_lag_s -= step[WHEEL_LAG]
+    kf.set_tread(n.tread_m - step[TREAD])
+    rest = np.eye(N) - np.outer(gain, h)
+    P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # of any gain
+    np.copyto(kf.P, 0.5 * (P + P.T))
+
+
+def _row(kf: Filter, name: str) -> Matrix:
+    """How a constant goes with the error state."""
+    h, n = np.zeros(N), kf.nominal
+    if name == RADII:
+        h[SCALE_R], h[SCALE_L] = 1.0, -1.0
+    elif name == TURN:
+        h[TREAD], h[GYRO_SCALE] = 1.0 / n.tread_m, 1.0 / n.gyro_scale
+    elif name == LAG:
+        h[WHEEL_LAG] = 1.0
+    else:
+        h[GYRO_BIAS] = -1.0 / n.gyro_scale
+    return h
+
+
+def _changed(kf: Filter, constant: Constant) -> Matrix:
+    """How the error state goes with a change of the constant by 1: of one tyre or both, of the tread, of the lag."""
+    g = np.zeros(N)
+    if constant.name == RADII:
+        g[SCALE_R], g[SCALE_L] = 1.0 - constant.left, -constant.left
+    elif constant.name == TURN:
+        g[TREAD] = kf.nominal.tread_m
+    elif constant.name == LAG:
+        g[WHEEL_LAG] = 1.0
+    else:
+        g[GYRO_BIAS] = -kf.nominal.gyro_scale
+    return g
+
+
+Pose = tuple[float, float, float]  # x and y in m, heading in rad
+
+
+@dataclass
+class Applied:
+    """Constants in force, and what the filter had in their place."""
+
+    taken: dict[str, Constant] = field(default_factory=dict)
+    before: dict[str, Constant] = field(default_factory=dict)
+
+    def change(
+        self, track: Track, pose: Callable[[], Pose], tread_m: float, name: str, constant: Constant | None
+    ) -> str | None:
+        """Take a constant, or, None, put back what was there; returns why not. What `pose` tells stays as it is."""
+        wanted = self.before.get(name) if constant is None else constant
+        if wanted is None or not track.t_ns:
+            return f"{name}: {'nothing to put back' if wanted is None else 'no samples yet'}"
+        if constant is not None and (refusal := constant.refusal()) is not None:
+            return refusal
+        here, before = pose(), of_filter(track.kf, name, tread_m, wanted.left)
+        take(track.kf, wanted, tread_m)
+        if name == LAG:
+            track.lag_changed(track.kf.nominal.wheel_lag_s - before.value)
+        track.kf.move(pose(), here)
+        if constant is None:
+            del self.taken[name], self.before[name]
+        else:
+            self.taken[name] = constant
+            self.before.setdefault(name, before)
+        return None

@@ -1,0 +1,129 @@
+"""What is known so far: effects that have been named, judged again beside each other, and what comes next. (98)"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
+from drd.monitor.library import Library
+from drd.monitor.segments import Segments
+from drd.monitor.telling import CLASS_NATS, SETTLES_S, Known
+
+NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
+DROPPED_NATS: Final = 0.0  # odds below which it is taken back
+PATIENCE: Final = 2  # looks in a row until a finding is renamed or taken back: no flapping
+MOST: Final = 5  # findings at a time
+BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
+LOST: Final = 0.05  # probability of a name that another takes over from at once
+
+
+class Judge:
+    """Looks at the segments' sums, and names.
+
+    `sigmas`: of the constants before the drive. `skids`: the robot's slip is no white noise.
+    """
+
+    def __init__(self, segments: Segments, library: Library, sigmas: Mapping[int, float], skids: bool):
+        self._segments, self._library, self._sigmas, self.skids = segments, library, sigmas, skids
+        self.known: list[Known] = []
+        self.nothing: Posterior | None = None
+        self._walk = self._now_s = 0.0
+        self._turn = self._looks = 0
+
+    def look(self, now_s: float, bias_walk: float) -> Sums:
+        """All sums by now, beside what is known. `bias_walk`: of the gyro, rad/s/sqrt(s)."""
+        self._now_s, self._walk = now_s, bias_walk
+        sums = self._sums(self.known)
+        self._bank = Bank(sums, self._library.hypotheses)
+        self.nothing = posterior(self._bank, self.skids)
+        return sums
+
+    def decide(self, further_nats: float) -> None:
+        """After a look: name what is sure, or judge one of the known again. `further_nats`: asked beyond NAMED_NATS."""
+        found = self.nothing
+        assert found is not None
+        strongest = max((k.estimate.nats for k in self.known), default=0.0)
+        least = NAMED_NATS + further_nats
+        if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
+            self._looks += 1
+            # Another name for what is known already may explain this, too.
+            if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
+                self._name(self._bank.estimate(found.best[found.first]), found)
+            return
+        self._looks = 0
+        if self.known:  # one at a time, in turn
+            self._turn += 1
+            self._again(self.known[self._turn % len(self.known)])
+
+    def _sums(self, known: Sequence[Known]) -> Sums:
+        begins = self._segments.begins_s
+        parts: list[Component] = []
+        for k in known:
+            h, n = self._library.hypotheses[k.hypothesis], len(begins)
+            b = begins.index(k.begin_s) if k.begin_s in begins else 0
+            e = begins.index(k.end_s) if k.end_s is not None and k.end_s in begins else n
+            for c, g, limit in zip(h.columns, h.growth or (-1,) * len(h.columns), h.limits, strict=True):
+                weights = {c: 1.0} if g < 0 else {c: 1.0, g: -begins[b]}
+                parts.append(Component(weights, limit, b, e))
+                if g < 0:  # it began within a segment
+                    slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
+                    edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
+                    parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
+        return Sums(self._segments.all, self._walk, self._sigmas, self.skids, parts)
+
+    def _again(self, k: Known, at_once: bool = False) -> bool:
+        """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
+        sums = self._sums([other for other in self.known if other is not k])
+        bank = Bank(sums, self._library.hypotheses)
+        found = posterior(bank, self.skids)
+        k.doubts = k.doubts + 1 if found.odds_nats < DROPPED_NATS else 0
+        if k.doubts >= PATIENCE or found.odds_nats < -NAMED_NATS or not found.best:
+            self.known.remove(k)
+            return False
+        k.others, k.probabilities = found, found.probabilities()
+        name = self._library.hypotheses[k.hypothesis].id
+        best = found.first
+        leads = found.nats[best] - found.nats.get(name, -math.inf)
+        k.rivalry = k.rivalry + 1 if best != name and leads > CLASS_NATS else 0
+        is_lost = k.probabilities.get(name, 0.0) < LOST and found.odds_nats > NAMED_NATS
+        if k.rivalry >= PATIENCE or (leads > 0.0 and (at_once or is_lost)):
+            name, k.rivalry = best, PATIENCE
+        if name not in found.best:
+            return False
+        before = k.hypothesis, k.end_s
+        estimate = bank.estimate(found.best[name])
+        if k.rivalry >= PATIENCE or self._now_s - k.named_s < SETTLES_S or k.end_s != self._end(estimate):
+            self._place(k, estimate, found)
+        else:
+            begins = sums.begins_s.tolist()
+            b = begins.index(k.begin_s) if k.begin_s in begins else 0
+            e = begins.index(k.end_s) if k.end_s in begins else len(begins)
+            k.estimate = bank.estimate(Form(k.hypothesis, b, e, found.nats[name]))
+        return before != (k.hypothesis, k.end_s)
+
+    def _end(self, estimate: Estimate) -> float | None:
+        segments = self._segments.all
+        return segments[estimate.end].begin_s if estimate.end < len(segments) else None
+
+    def _place(self, k: Known, estimate: Estimate, found: Posterior) -> None:
+        segments = self._segments.all
+        k.hypothesis = next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
+        k.estimate, k.rivalry = estimate, 0
+        k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
+        k.begin_m = segments[estimate.begin].way_m
+        at = found.begins[estimate.hypothesis.id]
+        p = np.exp(at - at.max())
+        middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
+        p /= p.sum()
+        mean = float(p @ middle)
+        k.begin_std_s = math.sqrt(
+            float(p @ (middle - mean) ** 2) + (segments[estimate.begin].end_s - k.begin_s) ** 2 / 12.0
+        )
+
+    def _name(self, estimate: Estimate, found: Posterior) -> None:
+        k = Known(0, 0.0, None, estimate, self._now_s, 0.0, found)
+        k.probabilities = found.probabilities()
+        self._place(k, estimate, found)
+        self.known.append(k)
