@@ -108,7 +108,9 @@ def analyse_logs(
 
 
 def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitted:
-    whole = [[(0, 0, int(n) - 1)] if n else [] for n in np.bincount(log.robot, minlength=len(log.robots))]
+    whole: list[Segments] = [
+        [(0, 0, int(n) - 1)] if n else [] for n in np.bincount(log.robot, minlength=len(log.robots))
+    ]
     change = _chances(log, done)
     p = known or _with_steps(log, whole)
     if known is None:

@@ -58,7 +58,7 @@ class Change(NamedTuple):
     time_s: float
     name: str
     constant: Constant | None
-    step: tuple[float, float, float]
+    step: tuple[float, ...]
 
 
 @dataclass(frozen=True)
