@@ -8,7 +8,8 @@ from typing import Any, Final
 from drd.config.keys import Config
 from drd.pipeline import Pipeline
 from drd.state.restart import has_clock_chip, warm_restart
-from drd.state.saved import Moment, Saved, StateError, decoded, encoded, moment_now, this_boot
+from drd.state.saved import Moment, Saved, decoded, encoded, moment_now, this_boot
+from drd.state.sealed import StateError
 from drd.state.store import Store, state_file
 from drd.units import NS_PER_S
 

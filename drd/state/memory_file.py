@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import logging
 import os
-import re
 from typing import Any, Final
 
 import msgspec
@@ -12,31 +11,23 @@ import msgspec
 from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
 from drd.monitor.memory import Day, Memory, remember
-from drd.state.saved import StateError
+from drd.state.sealed import StateError, sealed, unsealed
 from drd.state.store import Store, state_file
 
 log = logging.getLogger(__name__)
 
 VERSION: Final = 1
-HEAD: Final = re.compile(rb"drd-memory/(\d{1,9}) sha256=([0-9a-f]{64})\n")
 
 
 def encoded(memory: Memory) -> bytes:
     """The file's bytes."""
     body = msgspec.json.encode(memory) + b"\n"
-    return f"drd-memory/{VERSION} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
+    return sealed("memory", VERSION, body)
 
 
 def decoded(data: bytes) -> Memory:
     """The inverse of `encoded`. Raises StateError; nothing else escapes."""
-    head = HEAD.match(data)
-    if head is None:
-        raise StateError("it does not begin as a memory file of drd does")
-    if (version := int(head[1])) != VERSION:
-        raise StateError(f"version {version}; this drd reads version {VERSION}")
-    body = data[head.end() :]
-    if hashlib.sha256(body).hexdigest().encode() != head[2]:
-        raise StateError("its checksum is wrong: it was cut or changed")
+    body = unsealed("memory", VERSION, data)
     try:
         found = msgspec.json.decode(body, type=Memory)
     except (ValueError, RecursionError) as error:

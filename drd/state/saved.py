@@ -1,9 +1,7 @@
 """The content of a state file: written and read to the bit, and checked."""
 
 import dataclasses
-import hashlib
 import json
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,16 +14,12 @@ from msgspec import Meta
 from drd import __version__
 from drd.estimation.basis import Basis
 from drd.estimation.estimate import Estimate, estimate_of
+from drd.state.sealed import StateError, sealed, unsealed
 
 VERSION: Final = 2
 LARGEST_BYTES: Final = 1 << 18
-HEAD: Final = re.compile(rb"drd-state/(\d{1,9}) sha256=([0-9a-f]{64})\n")
 Nanoseconds = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
-
-
-class StateError(Exception):
-    """A state file cannot be used; the text says why."""
 
 
 class Moment(NamedTuple):
@@ -82,19 +76,12 @@ def encoded(saved: Saved) -> bytes:
     head = {"robot": saved.robot, "drd": __version__, **saved.moment._asdict()}
     content = head | {"estimate": plain, "basis": dataclasses.asdict(saved.basis)}
     body = json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
-    return f"drd-state/{VERSION} sha256={hashlib.sha256(body).hexdigest()}\n".encode() + body
+    return sealed("state", VERSION, body)
 
 
 def decoded(data: bytes) -> Saved:
     """The inverse of `encoded`. Raises StateError; nothing else escapes."""
-    head = HEAD.match(data)
-    if head is None:
-        raise StateError("it does not begin as a state file of drd does")
-    if (version := int(head[1])) != VERSION:
-        raise StateError(f"version {version}; this drd reads version {VERSION}")
-    body = data[head.end() :]
-    if hashlib.sha256(body).hexdigest().encode() != head[2]:
-        raise StateError("its checksum is wrong: it was cut or changed")
+    body = unsealed("state", VERSION, data)
     try:
         found = msgspec.json.decode(body, type=_File)
         estimate = estimate_of(found.estimate)

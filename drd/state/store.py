@@ -10,7 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
-from drd.state.saved import LARGEST_BYTES, StateError
+from drd.state.saved import LARGEST_BYTES
+from drd.state.sealed import StateError
 from drd.units import NS_PER_S
 
 T = TypeVar("T")

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
-from hashlib import sha256
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -32,7 +31,8 @@ from drd.ports.can_errors import problems, state_after
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import CHANNELS
 from drd.samples import CanFrame, GyroSample
-from drd.state.saved import HEAD, VERSION, StateError, decoded, encoded
+from drd.state.saved import VERSION, decoded, encoded
+from drd.state.sealed import StateError, sealed
 from drd_tools.recordings.daemon_log import read_daemon_log
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import open_mcap
@@ -254,10 +254,9 @@ def mcap_messages(data: bytes) -> None:
 
 def state(data: bytes) -> None:
     """A state file; then its body under a head that fits, since no fuzzer guesses a SHA-256."""
-    head = HEAD.match(data)
-    body = data[head.end() :] if head else data
-    whole = f"drd-state/{VERSION} sha256={sha256(body).hexdigest()}\n".encode() + body
-    for found in (data, whole):
+    head, _, rest = data.partition(b"\n")
+    body = rest if head.startswith(b"drd-state/") else data
+    for found in (data, sealed("state", VERSION, body)):
         with suppress(StateError):
             assert decoded(encoded(decoded(found))).estimate.plain() == decoded(found).estimate.plain()
 

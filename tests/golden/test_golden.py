@@ -15,6 +15,7 @@ from drd.estimation.calibration import load_calibration
 from drd.state import memory_file, saved
 from drd.state.restart import warm_restart
 from drd.state.saved import Moment
+from drd.state.sealed import StateError
 from drd_tools.diagnose import files as diagnosis
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import replay_mcap
@@ -91,5 +92,5 @@ def test_a_file_of_a_later_version_is_refused_in_words(golden: Path) -> None:
     for name, decoded in (("golden.state", saved.decoded), ("golden.memory", memory_file.decoded)):
         head, body = (golden / name).read_bytes().split(b" ", 1)
         later = head.split(b"/")[0] + b"/99 " + body
-        with pytest.raises(saved.StateError, match="version 99; this drd reads version"):
+        with pytest.raises(StateError, match="version 99; this drd reads version"):
             decoded(later)

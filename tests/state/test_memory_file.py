@@ -10,7 +10,7 @@ from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.monitor.memory import EARLIEST_NS, Day, Memory
 from drd.state.memory_file import MemoryKeeper, basis_of, decoded, encoded
-from drd.state.saved import StateError
+from drd.state.sealed import StateError
 
 DAY = Day(EARLIEST_NS + 1, 12.5, (0.1, -1e-3, 0.1 + 0.2), (1e-3, 1e-4, 0.1))
 

@@ -14,7 +14,8 @@ from sensors import NO_BIAS, drive, feed, make
 
 from drd.estimation.basis import Basis
 from drd.estimation.estimate import Estimate, estimate_of
-from drd.state.saved import Moment, Saved, StateError, decoded, encoded
+from drd.state.saved import Moment, Saved, decoded, encoded
+from drd.state.sealed import StateError
 
 MOMENT = Moment(1_700_000_000_123_456_789, 5_000_000_000, "abc")
 

@@ -12,7 +12,8 @@ from drd.estimation.estimate import Estimate
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.state import store as store_module
-from drd.state.saved import Moment, Saved, StateError, decoded, encoded
+from drd.state.saved import Moment, Saved, decoded, encoded
+from drd.state.sealed import StateError
 from drd.state.store import KEPT_ASIDE, Store, state_file
 
 
