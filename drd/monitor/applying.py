@@ -58,7 +58,7 @@ class Applying:
 
 
 def probability(finding: Finding, effects: frozenset[str]) -> float:
-    """Of all names that show the same constant."""
+    """Sum over all names that show the same constant."""
     return finding.probability + sum(p for name, p in finding.also_fits if name in effects)
 
 

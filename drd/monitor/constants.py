@@ -1,4 +1,4 @@
-"""What a robot has for as long as nobody works on it, as the monitor sees it, and how well that is known. (97)
+"""A robot's constants, which last for as long as nobody works on it, and how well they are known. (97)
 
 Columns of the rows: TURN, tread times gyro scale less 1; WAY, the left radius less the right one, relative; CHANGE, how
 late the wheels are, in 10 ms.
@@ -26,7 +26,7 @@ class Constants(Struct, frozen=True):
 
 
 def stated_constants(config: Config) -> Constants:
-    """Of a robot of which no more is known than its configuration says: a tape's, unless stated."""
+    """Constants known no better than the configuration says: by tape measure, unless stated."""
     initial = config.estimation.initial
     wheel_scale = WHEEL_SCALE if initial.wheel_scale is None else initial.wheel_scale
     tread = MEASURED_TREAD if initial.tread is None else initial.tread

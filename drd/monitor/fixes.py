@@ -48,7 +48,7 @@ class _Way:
         self.way_m += float(np.abs(way_m).sum())
 
     def variance_m2(self, walk: float, wheel_noise: float) -> float:
-        """Of the chord's length: the wheels' noise, and the gyro's, where the way leaves the chord."""
+        """Variance of the chord's length: the wheels' noise, and the gyro's, where the way leaves the chord."""
         along = self.here / float(np.hypot(*self.here))
         left = np.array([-along[1], along[0]])
         # Integral of the squared distance from the chord.

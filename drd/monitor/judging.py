@@ -1,4 +1,4 @@
-"""What is known so far: effects that have been named, judged again beside each other, and what comes next. (98)"""
+"""Effects that have been named, judged again beside each other, and the evidence for the next one. (98)"""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What is known of a robot from earlier drives: its constants by day, their trends, and when they jumped. (100)
+"""A robot's memory of earlier drives: its constants by day, their trends, and when they jumped. (100)
 
 `remember` takes a drive in, `latest` looks for change points, `known` says what a drive begins with.
 After Jackson et al., An algorithm for optimal partitioning of data on an interval (2005).

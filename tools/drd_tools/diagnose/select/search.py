@@ -228,9 +228,10 @@ class Search:
         known = [c for c in fit.selection if c.id in self.known]
         found = sorted((c for c in fit.selection if c.id not in self.known), key=self._size)
         more = Sets(self.problem, fit.selection)
-        sets = [[*fit.selection, *chosen] for chosen in (*more.best(RIVALS, 1), *((c,) for c in more.as_they_are()))]
-        if len(found) >= MOST_SELECTED:
-            sets.clear()
+        sets: list[list[Selected]] = []
+        if len(found) < MOST_SELECTED:
+            sets += [[*fit.selection, *chosen] for chosen in more.best(RIVALS, 1)]
+            sets += [[*fit.selection, one] for one in more.as_they_are()]
         for i in range(0, max(len(found), 1), REPLACED):
             replaced = found[i : i + REPLACED]
             held = [*known, *(c for c in found if c not in replaced)]
