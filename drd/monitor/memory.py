@@ -173,7 +173,7 @@ def _scatter(y: Array, variance: Array, usual: float) -> float:
 
 
 def known(memory: Memory, wall_ns: int) -> Constants | None:
-    """What a drive at that time begins with; None where nothing is remembered."""
+    """Constants with which a drive at that time begins; None where nothing is remembered."""
     if not memory.days:
         return None
     means, sigmas = {}, {}

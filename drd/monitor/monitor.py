@@ -192,7 +192,7 @@ class Monitor:
 
     @property
     def known(self) -> list[Known]:
-        """What has been named, and not taken back."""
+        """The findings that have been named, and not taken back."""
         return self._judging.known
 
     def constants(self, changed: int | None = None) -> Constants | None:

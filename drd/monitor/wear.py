@@ -25,7 +25,7 @@ def is_wear(finding: Finding) -> bool:
 
 
 def wear(memory: Memory, wall_zero_ns: int, now_ns: int) -> list[Finding]:
-    """What the days show. `wall_zero_ns`: the wall clock where the findings' clock, which says `now_ns`, is 0."""
+    """Findings that the days show. `wall_zero_ns`: the wall clock where the findings' clock, now `now_ns`, is 0."""
     days = memory.days
     # The newest day alone names nothing: it may have had a load on one side.
     if len(days) < FEWEST_DAYS or not latest(days[:-1], WAY).nats:

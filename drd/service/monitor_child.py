@@ -22,7 +22,7 @@ from drd.service.monitor_channel import (
 )
 from drd.units import S_PER_NS
 
-# What waits for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
+# Samples that wait for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
 BUFFER_BYTES: Final = 1 << 16
 # One that takes nothing for so long is given up: on a machine that starves it, it would be of no use either.
 HUNG_S: Final = 60.0

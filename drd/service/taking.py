@@ -1,4 +1,4 @@
-"""What the monitor is sure of, into the estimator and out of it again, as `monitor.apply` asks for."""
+"""Constants that the monitor is sure of, into the estimator and out again, as `monitor.apply` asks for."""
 
 import logging
 import time

@@ -38,7 +38,7 @@ def decoded(data: bytes) -> Memory:
 
 
 def basis_of(config: Config, calibration: Calibration | None) -> str:
-    """What the constants are relative to: with other sizes or another calibration, nothing of them applies."""
+    """Digest of all that the constants are relative to: with other sizes or calibration, none of them applies."""
     robot, encoders, fog = config.robot, config.encoders, config.fog
     parts = (
         robot.wheel_radius_m, robot.left_scale, robot.right_scale, robot.tread_m, encoders.counts_per_revolution,
@@ -68,7 +68,7 @@ class MemoryKeeper:
         self._store.start()
 
     def memory(self, basis: str) -> Memory | None:
-        """What the next drive begins with; None where nothing is kept."""
+        """Constants with which the next drive begins; None where nothing is kept."""
         if self._store is None:
             return None
         if self._memory is None or self._memory.basis != basis:

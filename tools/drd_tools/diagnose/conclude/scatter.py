@@ -57,7 +57,7 @@ WHERE: Final = {
 
 
 class _Rows(NamedTuple):
-    """What is left of a channel, in sigmas as fitted: of each row (k,)."""
+    """Residuals of a channel, in sigmas as fitted, of each row (k,)."""
 
     channel: str
     time_s: Array
@@ -208,7 +208,7 @@ def _means(level: Array, bins: npt.NDArray[np.intp]) -> Array:
 
 
 def _worth(rest: Array) -> float:
-    """As many independent blocks would tell as much as these (n,), each of which goes with the one before."""
+    """Number of independent blocks that tell as much as these (n,), each of which goes with the one before."""
     square = float(rest @ rest)
     colour = float(rest[1:] @ rest[:-1]) / square if square > 0.0 else 0.0
     colour = min(max(colour, 0.0), MOST_COLOUR)
