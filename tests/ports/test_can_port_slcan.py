@@ -10,30 +10,30 @@ from typing import Any
 
 import can
 import pytest
-from can.interfaces.slcan import slcanBus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drd.config.keys import Encoders
 from drd.ports import can_port
 from drd.ports.can_port import CanPort
+from drd.ports.slcan import SlcanBus, open_bus
 
 
 def slcan_line(number: int) -> bytes:
     return f"t1814{number.to_bytes(4, 'little').hex()}\r".encode()
 
 
-def opener() -> tuple[list[slcanBus], Callable[..., can.BusABC]]:
+def opener() -> tuple[list[SlcanBus], Callable[..., can.BusABC]]:
     """A can.Bus that remembers what it opened."""
-    buses: list[slcanBus] = []
+    buses: list[SlcanBus] = []
 
-    def open_bus(**arguments: Any) -> can.BusABC:
-        bus = can.Bus(**arguments)
-        assert isinstance(bus, slcanBus)
+    def opened(**arguments: Any) -> can.BusABC:
+        bus = open_bus(**arguments)
+        assert isinstance(bus, SlcanBus)
         buses.append(bus)
         return bus
 
-    return buses, open_bus
+    return buses, opened
 
 
 def read_all(line: Any, enough: bytes) -> bytes:
@@ -161,8 +161,8 @@ def test_noise_without_line_ends_does_not_fill_the_memory(
 ) -> None:
     async def scenario() -> None:
         line = make_pty()
-        buses, open_bus = opener()
-        port = can_record.port(open_bus=open_bus, interface="slcan", channel=line.path)
+        buses, opened = opener()
+        port = can_record.port(open_bus=opened, interface="slcan", channel=line.path)
         async with run_port(port):
             await eventually(lambda: can_record.states == [None])
             for _ in range(20):
@@ -188,8 +188,8 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_returns(
     async def scenario() -> None:
         first, second, link = make_pty(), make_pty(), tmp_path / "adapter"
         link.symlink_to(first.path)
-        buses, open_bus = opener()
-        port = can_record.port(open_bus=open_bus, interface="slcan", channel=str(link))
+        buses, opened = opener()
+        port = can_record.port(open_bus=opened, interface="slcan", channel=str(link))
         async with run_port(port):
             await eventually(lambda: can_record.states == [None])
             first.write(slcan_line(1))
