@@ -16,7 +16,7 @@ from bench.listener import ENVIRONMENT
 from bench.report import Refused
 from drd.output.session import isolated_config
 
-# How long a client says that it may be silent: with Zenoh's own 10 s the daemon would soon be rid of those that stalled.
+# How long a client says that it may be silent: with Zenoh's own 10 s the daemon is soon rid of those that stalled.
 LEASE_MS: Final = 3_600_000
 # So that some poses fill what lies between daemon and client.
 BUFFER_BYTES: Final = 4096

@@ -45,7 +45,7 @@ def labels(data: bytes) -> None:
 
 
 def store(data: bytes) -> None:
-    """Byte 0: which file of a store the rest is, and whether as Parquet or as JSON of its rows; the others are absent."""
+    """Byte 0: which file of a store the rest is, and whether as Parquet or as JSON of rows; the others are absent."""
     name, content = FILES[data[0] % len(FILES)] if data else "", data[1:]
     if data[:1] >= b"\x80" and name.endswith(".parquet"):
         content = _parquet_of(content)

@@ -103,8 +103,8 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="a campaign: all targets (or those named) in rounds")
     parser.add_argument("--hours", type=float, default=1.0, help="of a campaign, in all [default 1]")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="of a campaign [default: one a core]")
-    parser.add_argument("--output", type=Path, default=Path("out/fuzz"), metavar="DIR",
-                        help="of a campaign: corpus, findings and figures.json; goes on from there [default out/fuzz]")  # fmt: skip
+    text = "of a campaign: corpus, findings and figures.json; it goes on from there [default out/fuzz]"
+    parser.add_argument("--output", type=Path, default=Path("out/fuzz"), metavar="DIR", help=text)
     parser.add_argument("--inner", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)  # libFuzzer's own, of a merge
     arguments = parser.parse_args()
     targets = load_targets()

@@ -134,7 +134,8 @@ def queries() -> dict[str, bytes]:
 
 def requests() -> dict[str, bytes]:
     token = f"?token={TOKEN}"
-    upgrade = "Upgrade: websocket\nConnection: Upgrade\nSec-WebSocket-Version: 13\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\n"
+    upgrade = "Upgrade: websocket\nConnection: Upgrade\nSec-WebSocket-Version: 13\n"
+    upgrade += "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\n"
     bearer = f"Host: localhost:8080\nAuthorization: Bearer {TOKEN}\n"
     texts = {
         "page": f"GET /{token} HTTP/1.1\nHost: robot7.local\n\n",
@@ -142,7 +143,8 @@ def requests() -> dict[str, bytes]:
         "metrics": f"GET /metrics HTTP/1.0\n{bearer}Origin: http://localhost:8080\n\n",
         "history": f"GET /history{token} HTTP/1.1\nHost: localhost\n\nGET /none HTTP/1.1\r\n\r\n",
         "command": f"POST /command/set_pose HTTP/1.1\n{bearer}X-Drd: 1\nContent-Length: 2\n\n{{}}",
-        "chunks": f"POST /command/reset HTTP/1.1\n{bearer}X-Drd: 1\nTransfer-Encoding: chunked\n\n2\r\n{{}}\r\n0\r\n\r\n",
+        "chunks": f"POST /command/reset HTTP/1.1\n{bearer}X-Drd: 1\nTransfer-Encoding: chunked\n\n2\r\n{{}}\r\n0\r\n"
+        "\r\n",
         "stream": f"GET /stream{token} HTTP/1.1\nHost: 127.0.0.1\n{upgrade}\n",
     }
     found = {f"web_request/{name}": text.encode() for name, text in texts.items()}
@@ -152,7 +154,12 @@ def requests() -> dict[str, bytes]:
 
 
 def fleets() -> dict[str, bytes]:
-    row: dict[str, Any] = dict.fromkeys(RECORDINGS.names) | {"recording": "a", "robot": "7", "uri": "a", "start_utc": MARCH}
+    row: dict[str, Any] = dict.fromkeys(RECORDINGS.names) | {
+        "recording": "a",
+        "robot": "7",
+        "uri": "a",
+        "start_utc": MARCH,
+    }
     finding = dict.fromkeys(FINDINGS.names) | {k: row[k] for k in ("recording", "robot", "start_utc")}
     finding |= {"covariance": [1.0], "value": 0.01}
     with tempfile.TemporaryDirectory() as folder:
@@ -173,12 +180,13 @@ def fleets() -> dict[str, bytes]:
     rule = "- recordings: ['site/*']\n  robot: 7\n  start_in_name: (?P<year>\\d{4})-(?P<month>\\d\\d)-(?P<day>\\d\\d)\n"
     found["labels/rules"] = b"\x60" + rule.encode()
     found["labels/own"] = b"\xb0robot: 7\nplace: hall\nstart: 2026-03-12T08:15:00+01:00\n"
-    found["labels/maintenance"] = b"\x20date,robot,what\n2026-03-12,7,tyres\n2026-03-13T10:00Z,8,\"a, b\"\n"
+    found["labels/maintenance"] = b'\x20date,robot,what\n2026-03-12,7,tyres\n2026-03-13T10:00Z,8,"a, b"\n'
     return found
 
 
 def messages() -> dict[str, bytes]:
-    health = b'{"robot": "a", "latency_mean_ms": 1.5, "learned": {"k": {"value": 1, "sigma": 2}}, "counters": {"fog": {"samples": 3}}}'
+    health = b'{"robot": "a", "latency_mean_ms": 1.5, "learned": {"k": {"value": 1, "sigma": 2}},'
+    health += b'"counters": {"fog": {"samples": 3}}}'
     return {"web_message/both": b"0" + pose_json(POSE, 10**18) + b"\n1" + health}
 
 

@@ -15,6 +15,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
+from fuzz.fleet_targets import labels, store
+from fuzz.query_targets import query
+from fuzz.web_targets import web_message, web_request
 from mcap.writer import Writer
 
 from drd.config.file import load_config
@@ -39,9 +42,6 @@ from drd_tools.recordings.daemon_log import read_daemon_log
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import replay_mcap
-from fuzz.fleet_targets import labels, store
-from fuzz.query_targets import query
-from fuzz.web_targets import web_message, web_request
 
 ROBOT: Final = "robot: {name: fuzz, wheel_radius_m: 0.11, tread_m: 0.6}\n"
 COUNTS: Final = "counts_per_revolution: 20000, "

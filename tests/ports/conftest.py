@@ -15,8 +15,8 @@ import pytest
 from drd.config.keys import Encoders
 from drd.ports import port as port_module
 from drd.ports.can_port import CanPort
-from drd.ports.slcan import open_bus
 from drd.ports.port import Port
+from drd.ports.slcan import open_bus
 from drd.samples import CanFrame
 
 PATIENCE_S = 20.0

@@ -121,6 +121,41 @@ def test_a_line_that_is_no_frame_is_counted_and_the_next_frame_arrives(
     asyncio.run(scenario())
 
 
+def test_a_bus_full_of_foreign_frames_costs_none_of_the_own_ones(
+    make_pty: Any, run_port: Any, eventually: Any, can_record: Any
+) -> None:
+    async def scenario() -> None:
+        line = make_pty()
+        port = can_record.port([(0x181, False), (0x18FF1234, True)], interface="slcan", channel=line.path)
+        async with run_port(port):
+            await eventually(lambda: can_record.states == [None])
+            foreign = b"".join(b"t%03X1FF\r" % (0x200 + i) for i in range(20)) + b"T18FF12351FF\r"
+            for number in range(400):
+                line.write(foreign + slcan_line(number))
+                await asyncio.sleep(0)
+            line.write(b"T18ff12340\r")
+            await eventually(lambda: len(can_record.frames) == 401)
+        assert can_record.numbers[:400] == list(range(400))
+        assert port.counters["frames"] == 401
+        assert port.counters["bad_frames"] == 0
+
+    asyncio.run(scenario())
+
+
+def test_more_frames_than_one_wake_up_takes_are_all_read_though_nothing_follows(
+    make_pty: Any, run_port: Any, eventually: Any, can_record: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        monkeypatch.setattr(can_port, "FRAMES_PER_WAKE_UP", 10)
+        line = make_pty()
+        async with run_port(can_record.port(interface="slcan", channel=line.path)):
+            await eventually(lambda: can_record.states == [None])
+            line.write(b"".join(map(slcan_line, range(200))))
+            await eventually(lambda: can_record.numbers == list(range(200)))
+
+    asyncio.run(scenario())
+
+
 noise = st.binary(min_size=1, max_size=30).map(lambda data: b"!" + data.replace(b"\r", b"").replace(b"\a", b"") + b"\r")
 truncated = st.integers(1, 12).map(lambda length: slcan_line(0)[:length] + b"\r")
 

@@ -116,7 +116,9 @@ def _typed(value: Any) -> Any:
         return [_typed(v) for v in value]
     if isinstance(value, dict):
         typed = {k: _typed(v) for k, v in value.items()}
-        return {k: _utc(datetime.fromisoformat(v)) if k == "start" and isinstance(v, str) else v for k, v in typed.items()}
+        return {
+            k: _utc(datetime.fromisoformat(v)) if k == "start" and isinstance(v, str) else v for k, v in typed.items()
+        }
     return None if value in NULL else value
 
 
@@ -180,7 +182,9 @@ def from_text(text: str) -> Labels:
     try:
         return msgspec.json.decode(text, type=Labels)
     except (ValueError, RecursionError) as error:
-        raise ConfigError("labels of a recording in the store", "", "keys robot, place, batch, start", str(error)) from error
+        raise ConfigError(
+            "labels of a recording in the store", "", "keys robot, place, batch, start", str(error)
+        ) from error
 
 
 def relabelled(rows: Mapping[str, Sequence[Mapping[str, Any]]], labels: Labels) -> dict[str, list[dict[str, Any]]]:

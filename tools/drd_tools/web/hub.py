@@ -74,7 +74,10 @@ class Hub:
         await asyncio.gather(*(client.close() for client in self._clients))
 
     async def serve(self, request: web.Request, hello: str) -> web.StreamResponse:
-        """A browser, from its first message until it leaves. Raises HTTPServiceUnavailable beyond MAX_CLIENTS, HTTPBadRequest."""
+        """A browser, from its first message until it leaves.
+
+        Raises HTTPServiceUnavailable beyond MAX_CLIENTS, HTTPBadRequest for what is no handshake.
+        """
         if len(self._clients) >= MAX_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} browsers are connected already\n")
         # A browser says nothing here: a long message is somebody else's. Compression costs more than it gains.
