@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from statistics import mean
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import zenoh
 from tqdm import tqdm
@@ -128,12 +128,14 @@ def _measured(folder: Path, loads: Sequence[str], seconds: float, clients: int) 
         published = -_asked(session)["counters"]["zenoh"]["poses"]
         for stalled in crowds[: len(crowds) // 2]:
             stalled.stall()
+        fog, adapter = cast(Any, robot.fog), cast(Any, robot.bus)
+        masters = fog._master, adapter._pty._master
         if "bus" in loads:
-            stack.enter_context(feeding(robot.bus._pty._master, _foreign(), FOREIGN_PER_S / FOREIGN_AT_ONCE))
+            stack.enter_context(feeding(masters[1], _foreign(), FOREIGN_PER_S / FOREIGN_AT_ONCE))
         if "gyro" in loads:
             circle = Circle(load_config(folder / "drd.yaml").value)
             packets = [circle.fog_packet() for _ in range(GYRO_HZ)]
-            stack.enter_context(feeding(robot.fog._master, packets, GYRO_HZ))
+            stack.enter_context(feeding(masters[0], packets, GYRO_HZ))
         _drive(robot, SETTLING_S, "gyro" in loads)
         lines, before, began_s = _lines(folder), usage(robot.process.pid), time.monotonic()
         heard.clear()

@@ -159,9 +159,9 @@ def web_message(data: bytes) -> None:
         else:
             state.take_poses([heard])
     now_s += 1.0
-    for line in metrics_text(state, now_s, True, 1, 0).split("\n")[:-1]:
-        assert METRIC.fullmatch(line), line
-        assert line[0] == "#" or not math.isnan(float(line.rpartition(" ")[2])) or "NaN" in data.decode("latin-1")
+    for text in metrics_text(state, now_s, True, 1, 0).split("\n")[:-1]:
+        assert METRIC.fullmatch(text), text
+        assert text[0] == "#" or not math.isnan(float(text.rpartition(" ")[2])) or "NaN" in data.decode("latin-1")
     hello = {"events": state.history.events(), "health": state.health_message["health"],
              "pose": state.pose_message(1), "status": state.status_message(now_s, True, 1)}  # fmt: skip
     assert isinstance(json.loads(msgspec.json.encode(hello)), dict)
