@@ -14,7 +14,6 @@ from contextlib import suppress
 from typing import Any, Final
 
 import can
-from can.interfaces.slcan import slcanBus
 
 from drd.config.keys import Encoders
 from drd.ports import can_errors
@@ -22,6 +21,7 @@ from drd.ports.bursts import Bursts
 from drd.ports.clock import ReceiveClock
 from drd.ports.port import Port, reason_of
 from drd.ports.serial_port import request_low_latency
+from drd.ports.slcan import SlcanBus, open_bus
 from drd.samples import CanFrame
 from drd.units import NS_PER_S
 
@@ -63,7 +63,7 @@ class CanPort(Port):
         can_ids: Sequence[tuple[int, bool]],
         on_frames: Callable[[Sequence[CanFrame]], None],
         on_state: Callable[[str | None], None],
-        open_bus: Callable[..., can.BusABC] = can.Bus,
+        open_bus: Callable[..., can.BusABC] = open_bus,
     ):
         super().__init__(encoders.channel, on_state)
         names = ("frames", "kernel_dropped", "queue_dropped", "remote_frames", "bad_frames", "error_frames",
@@ -131,7 +131,7 @@ class CanPort(Port):
         self._bus_state = None
         self._kernel_dropped = 0
         self._heard_ns = time.monotonic_ns()
-        if isinstance(self._bus, slcanBus):
+        if isinstance(self._bus, SlcanBus):
             request_low_latency(self._bus.serialPortOrig)
         sock = getattr(self._bus, "socket", None)
         if isinstance(sock, socket.socket):
@@ -159,7 +159,7 @@ class CanPort(Port):
         except Exception:
             # slcan writes to its port first, which fails after a hang-up and leaves the port open.
             self.counters["close_errors"] += 1
-            if isinstance(bus, slcanBus):
+            if isinstance(bus, SlcanBus):
                 with suppress(OSError):
                     bus.serialPortOrig.close()
 
@@ -184,14 +184,20 @@ class CanPort(Port):
 
     def _on_readable(self, bus: can.BusABC) -> None:
         try:
-            # What is left after this many frames wakes the loop again, and so does a line or a filtered frame behind
-            # which recv() stopped: python-can keeps no complete frames back.
+            # What is left after this many frames wakes the loop again: only SlcanBus keeps complete frames back.
             for _ in range(min(FRAMES_PER_WAKE_UP, self._encoders.queue_frames)):
                 if not self._receive(bus, 0):
                     break
         except Exception as error:  # vendor drivers raise their own
             self._lose(reason_of(error))
+        else:
+            if isinstance(bus, SlcanBus) and bus.has_line:
+                self._loop.call_soon(self._go_on_reading, bus)
         self._deliver()
+
+    def _go_on_reading(self, bus: can.BusABC) -> None:
+        if self._is_open and bus is self._bus:
+            self._on_readable(bus)
 
     def _read_in_thread(self, bus: can.BusABC) -> None:
         try:
@@ -211,8 +217,12 @@ class CanPort(Port):
             self.counters["bad_frames"] += 1
             return True
         if message is None:
-            # Noise without line ends would grow slcan's buffer for ever.
-            if isinstance(bus, slcanBus) and len(bus._buffer) > SLCAN_LINE_BYTES:
+            if not isinstance(bus, SlcanBus):
+                return False
+            if bus.has_line:  # behind one that is no frame, or not wanted
+                return True
+            # Noise without line ends would grow the buffer for ever.
+            if len(bus._buffer) > SLCAN_LINE_BYTES:
                 bus._buffer.clear()
                 self.counters["bad_frames"] += 1
             return False
@@ -263,7 +273,7 @@ class CanPort(Port):
         if batch:
             self._backoff.reset()
             self._heard_ns = batch[-1].t_ns
-            self._on_frames(self._bursts.spread(batch) if isinstance(self._bus, slcanBus) else batch)
+            self._on_frames(self._bursts.spread(batch) if isinstance(self._bus, SlcanBus) else batch)
 
     def _count_kernel_drops(self) -> None:
         sock = getattr(self._bus, "socket", None)
@@ -275,7 +285,7 @@ class CanPort(Port):
 
     def _vanished(self) -> str | None:
         self._count_kernel_drops()
-        if isinstance(self._bus, slcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
+        if isinstance(self._bus, SlcanBus) and time.monotonic_ns() - self._heard_ns > SLCAN_SILENCE_NS:
             return "silent; perhaps its channel was closed"
         # The socket of an interface that was deleted and made anew stays silent for ever. Devices that are no network
         # interface have no index, then as now.
@@ -298,13 +308,7 @@ def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> d
 
 def _is_garbage(bus: can.BusABC, error: Exception) -> bool:
     """Whether slcan raised because of a line that is no frame, rather than because the adapter is gone."""
-    if not isinstance(bus, slcanBus):
-        return False
-    if isinstance(error.__cause__, UnicodeDecodeError):
-        # slcan keeps what it could not decode in front of every later line, and would fail on all of them.
-        bus._buffer.clear()
-        return True
-    return isinstance(error, (ValueError, KeyError, IndexError))
+    return isinstance(bus, SlcanBus) and isinstance(error, (ValueError, KeyError, IndexError))
 
 
 def _interface_index(name: str) -> int | None:

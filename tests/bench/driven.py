@@ -4,7 +4,7 @@ import subprocess
 import sys
 import time
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final
@@ -61,17 +61,22 @@ class Driven:
 
 @contextmanager
 def driven(
-    folder: Path, name: str, keys: str = "", start_with: Sequence[str] = (), output: str = ""
+    folder: Path,
+    name: str,
+    keys: str = "",
+    start_with: Sequence[str] = (),
+    output: str = "",
+    changed: Callable[[str], str] = str,
 ) -> Iterator[Driven]:
     """A running daemon that publishes `name`/pose with each packet of the gyro. Raises Refused.
 
     `keys`: further lines of its configuration. `start_with`: a command that starts the one behind it. `output`: further
-    keys of that section.
+    keys of that section. `changed`: what the whole text is to be instead.
     """
     folder.mkdir()
     endpoint = free_endpoint()
     section = ", ".join(filter(None, (f"prefix: {name}", output)))
-    text = config_text(folder, endpoint, publish_on="gyro").replace("prefix: bench", section) + keys
+    text = changed(config_text(folder, endpoint, publish_on="gyro").replace("prefix: bench", section) + keys)
     file = folder / "drd.yaml"
     file.write_text(text, encoding="utf-8")
     with ExitStack() as stack:

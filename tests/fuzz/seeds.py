@@ -3,8 +3,11 @@
 import json
 import struct
 import sys
+import tempfile
+from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -12,16 +15,24 @@ from mcap.writer import CompressionType, Writer
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+from fuzz.fleet_targets import FILES  # noqa: E402
+from fuzz.query_targets import FORMS, POSE  # noqa: E402
 from fuzz.targets import COUNTS, CUT, DBC, DBC_KEYS, FOGS, FRAME, LAYOUTS, ROBOT, _config, _dbc_folder  # noqa: E402
+from fuzz.web_targets import PAUSE, TOKEN  # noqa: E402
 
 from drd.encoders.stream import EncoderStream  # noqa: E402
 from drd.estimation.basis import basis_of  # noqa: E402
 from drd.estimation.estimate import Estimate  # noqa: E402
 from drd.estimation.filter import N, Nominal  # noqa: E402
+from drd.output.messages import pose_json  # noqa: E402
 from drd.recording.in_force import IN_FORCE  # noqa: E402
 from drd.state.saved import Moment, Saved, encoded  # noqa: E402
 from drd_tools.emulate import encoder_frames, fog_packets  # noqa: E402
+from drd_tools.fleet.schema import FINDINGS, RECORDINGS  # noqa: E402
+from drd_tools.fleet.store import Store  # noqa: E402
 from drd_tools.replay.mcap_source import SET_POSE  # noqa: E402
+
+MARCH = datetime(2026, 3, 12, 8, 15, tzinfo=UTC)
 
 CALIBRATION = """\
 format: drd-gyro-calibration/1
@@ -111,8 +122,82 @@ def states() -> dict[str, bytes]:
     return {"state/whole": encoded(Saved(estimate, Moment(1, 2, ""), basis_of(config, None, None, True), "fuzz"))}
 
 
+def queries() -> dict[str, bytes]:
+    pose = b'{"x_m": 1, "y_m": -2.5, "heading_rad": 0, "sigma_m": 1e-3}'
+    found = {f"query/{form.name}{number}": bytes([number]) + b"{}" for number, form in enumerate(FORMS)}
+    found["query/set_pose"] = bytes([4]) + pose
+    found["query/wildcard"] = b"\x85"
+    found["query/trigger"] = bytes([0x58]) + bytes(33)
+    found["query/service"] = bytes([0x61 | 0x10]) + bytes(33) + unit_pose()
+    return found
+
+
+def requests() -> dict[str, bytes]:
+    token = f"?token={TOKEN}"
+    upgrade = "Upgrade: websocket\nConnection: Upgrade\nSec-WebSocket-Version: 13\n"
+    upgrade += "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\n"
+    bearer = f"Host: localhost:8080\nAuthorization: Bearer {TOKEN}\n"
+    texts = {
+        "page": f"GET /{token} HTTP/1.1\nHost: robot7.local\n\n",
+        "script": f"GET /page/page.js HTTP/1.1\nHost: [::1]:8080\nCookie: drd_token_8080={TOKEN}\n\n",
+        "metrics": f"GET /metrics HTTP/1.0\n{bearer}Origin: http://localhost:8080\n\n",
+        "history": f"GET /history{token} HTTP/1.1\nHost: localhost\n\nGET /none HTTP/1.1\r\n\r\n",
+        "command": f"POST /command/set_pose HTTP/1.1\n{bearer}X-Drd: 1\nContent-Length: 2\n\n{{}}",
+        "chunks": f"POST /command/reset HTTP/1.1\n{bearer}X-Drd: 1\nTransfer-Encoding: chunked\n\n2\r\n{{}}\r\n0\r\n"
+        "\r\n",
+        "stream": f"GET /stream{token} HTTP/1.1\nHost: 127.0.0.1\n{upgrade}\n",
+    }
+    found = {f"web_request/{name}": text.encode() for name, text in texts.items()}
+    frames = b"\x81\x82\0\0\0\0hi" + PAUSE + b"\x89\x80\0\0\0\0" + PAUSE + b"\x88\x82\0\0\0\0\x03\xe8"
+    found["web_request/stream"] += PAUSE + frames
+    return found
+
+
+def fleets() -> dict[str, bytes]:
+    row: dict[str, Any] = dict.fromkeys(RECORDINGS.names) | {
+        "recording": "a",
+        "robot": "7",
+        "uri": "a",
+        "start_utc": MARCH,
+    }
+    finding = dict.fromkeys(FINDINGS.names) | {k: row[k] for k in ("recording", "robot", "start_utc")}
+    finding |= {"covariance": [1.0], "value": 0.01}
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store(folder)
+        with store.writing():
+            store.put({"recordings": [row], "findings": [finding]})
+            store.compact()
+            store.keep_maintenance([{"date": MARCH, "robot": "7", "what": "tyres"}])
+        kept = {name: store.files.read(name) for name in FILES}
+    found = {
+        f"store/{name.split('/')[0].split('.')[0]}": bytes([number]) + (kept[name] or b"")
+        for number, name in enumerate(FILES)
+        if kept[name]
+    }
+    rows = [{"recordings": [row], "findings": [finding]}]
+    for number, each in ((129, rows), (134, [row]), (130, [row]), (131, [finding])):
+        found[f"store/rows{number}"] = bytes([number]) + json.dumps(each, default=str).encode()
+    rule = "- recordings: ['site/*']\n  robot: 7\n  start_in_name: (?P<year>\\d{4})-(?P<month>\\d\\d)-(?P<day>\\d\\d)\n"
+    found["labels/rules"] = b"\x60" + rule.encode()
+    found["labels/own"] = b"\xb0robot: 7\nplace: hall\nstart: 2026-03-12T08:15:00+01:00\n"
+    found["labels/maintenance"] = b'\x20date,robot,what\n2026-03-12,7,tyres\n2026-03-13T10:00Z,8,"a, b"\n'
+    return found
+
+
+def messages() -> dict[str, bytes]:
+    health = b'{"robot": "a", "latency_mean_ms": 1.5, "learned": {"k": {"value": 1, "sigma": 2}},'
+    health += b'"counters": {"fog": {"samples": 3}}}'
+    return {"web_message/both": b"0" + pose_json(POSE, 10**18) + b"\n1" + health}
+
+
+def unit_pose() -> bytes:
+    """A stamp, the frame odom, and a pose with quaternion 0, 0, 0, 1."""
+    numbers = struct.pack("<43d", *[0.0] * 6, *[1.0] * 37)
+    return b"\0\1\0\0" + struct.pack("<iII12s", 1, 2, 5, b"odom") + numbers
+
+
 def main() -> None:
-    found = fogs() | frames() | mcaps() | states()
+    found = fogs() | frames() | mcaps() | states() | queries() | requests() | fleets() | messages()
     for name, text in {
         "dbc/one": DBC,
         "calibration/whole": CALIBRATION,
@@ -125,9 +210,7 @@ def main() -> None:
         "request/pose": '{"x_m": 1, "sigma_m": 1e-3}',
     }.items():
         found[name] = text.encode()
-    # A stamp, the frame odom, and a pose with quaternion 0, 0, 0, 1.
-    numbers = struct.pack("<43d", *[0.0] * 6, *[1.0] * 37)
-    found["pose_request/unit"] = b"\0\1\0\0" + struct.pack("<iII12s", 1, 2, 5, b"odom") + numbers
+    found["pose_request/unit"] = unit_pose()
     for name, data in found.items():
         file = HERE / "corpus" / name
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,8 @@
 """What the fuzzer feeds: one function for each parser. Each may raise nothing; a false assertion is a finding too."""
 
+import atexit
 import math
+import os
 import shutil
 import struct
 import tempfile
@@ -13,6 +15,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
+from fuzz.fleet_targets import labels, store
+from fuzz.query_targets import query
+from fuzz.web_targets import web_message, web_request
 from mcap.writer import Writer
 
 from drd.config.file import load_config
@@ -78,13 +83,23 @@ FOLDER_FILES: Final = ("robot.yaml", "encoders.csv", "fog.csv", "reference.csv")
 @contextmanager
 def _folder(**files: bytes) -> Iterator[Path]:
     """A folder with these files; a dot in a name is written as two underscores."""
-    path = Path(tempfile.mkdtemp(prefix="drd-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    path = _scratch(os.getpid())
+    made = [path / name.replace("__", ".") for name in files]
+    for file, data in zip(made, files.values(), strict=True):
+        file.write_bytes(data)
     try:
-        for name, data in files.items():
-            (path / name.replace("__", ".")).write_bytes(data)
         yield path
     finally:
-        shutil.rmtree(path)
+        for file in made:
+            file.unlink()
+
+
+@cache
+def _scratch(_: int) -> Path:
+    """One folder for as long as this process lasts: making one for each input takes longer than to parse it."""
+    path = Path(tempfile.mkdtemp(prefix="drd-fuzz-"))
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path
 
 
 @cache
@@ -279,5 +294,5 @@ def pose_request(data: bytes) -> None:
 TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
     target.__name__: target
     for target in (fog_ecore, fog_dsp3000, fog_dsp17xx, can, dbc, calibration, model, config, folder, mcap,
-                   mcap_messages, state, request, pose_request)
+                   mcap_messages, state, request, pose_request, query, web_request, web_message, labels, store)
 }  # fmt: skip

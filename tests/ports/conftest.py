@@ -16,6 +16,7 @@ from drd.config.keys import Encoders
 from drd.ports import port as port_module
 from drd.ports.can_port import CanPort
 from drd.ports.port import Port
+from drd.ports.slcan import open_bus
 from drd.samples import CanFrame
 
 PATIENCE_S = 20.0
@@ -108,7 +109,7 @@ class CanRecord:
     def port(
         self,
         can_ids: Sequence[tuple[int, bool]] = (),
-        open_bus: Callable[..., can.BusABC] = can.Bus,
+        open_bus: Callable[..., can.BusABC] = open_bus,
         **keys: Any,
     ) -> CanPort:
         return CanPort(Encoders(**keys), can_ids, self.on_frames, self.states.append, open_bus)

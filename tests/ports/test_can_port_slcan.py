@@ -10,30 +10,30 @@ from typing import Any
 
 import can
 import pytest
-from can.interfaces.slcan import slcanBus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drd.config.keys import Encoders
 from drd.ports import can_port
 from drd.ports.can_port import CanPort
+from drd.ports.slcan import SlcanBus, open_bus
 
 
 def slcan_line(number: int) -> bytes:
     return f"t1814{number.to_bytes(4, 'little').hex()}\r".encode()
 
 
-def opener() -> tuple[list[slcanBus], Callable[..., can.BusABC]]:
+def opener() -> tuple[list[SlcanBus], Callable[..., can.BusABC]]:
     """A can.Bus that remembers what it opened."""
-    buses: list[slcanBus] = []
+    buses: list[SlcanBus] = []
 
-    def open_bus(**arguments: Any) -> can.BusABC:
-        bus = can.Bus(**arguments)
-        assert isinstance(bus, slcanBus)
+    def opened(**arguments: Any) -> can.BusABC:
+        bus = open_bus(**arguments)
+        assert isinstance(bus, SlcanBus)
         buses.append(bus)
         return bus
 
-    return buses, open_bus
+    return buses, opened
 
 
 def read_all(line: Any, enough: bytes) -> bytes:
@@ -121,6 +121,41 @@ def test_a_line_that_is_no_frame_is_counted_and_the_next_frame_arrives(
     asyncio.run(scenario())
 
 
+def test_a_bus_full_of_foreign_frames_costs_none_of_the_own_ones(
+    make_pty: Any, run_port: Any, eventually: Any, can_record: Any
+) -> None:
+    async def scenario() -> None:
+        line = make_pty()
+        port = can_record.port([(0x181, False), (0x18FF1234, True)], interface="slcan", channel=line.path)
+        async with run_port(port):
+            await eventually(lambda: can_record.states == [None])
+            foreign = b"".join(b"t%03X1FF\r" % (0x200 + i) for i in range(20)) + b"T18FF12351FF\r"
+            for number in range(400):
+                line.write(foreign + slcan_line(number))
+                await asyncio.sleep(0)
+            line.write(b"T18ff12340\r")
+            await eventually(lambda: len(can_record.frames) == 401)
+        assert can_record.numbers[:400] == list(range(400))
+        assert port.counters["frames"] == 401
+        assert port.counters["bad_frames"] == 0
+
+    asyncio.run(scenario())
+
+
+def test_more_frames_than_one_wake_up_takes_are_all_read_though_nothing_follows(
+    make_pty: Any, run_port: Any, eventually: Any, can_record: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        monkeypatch.setattr(can_port, "FRAMES_PER_WAKE_UP", 10)
+        line = make_pty()
+        async with run_port(can_record.port(interface="slcan", channel=line.path)):
+            await eventually(lambda: can_record.states == [None])
+            line.write(b"".join(map(slcan_line, range(200))))
+            await eventually(lambda: can_record.numbers == list(range(200)))
+
+    asyncio.run(scenario())
+
+
 noise = st.binary(min_size=1, max_size=30).map(lambda data: b"!" + data.replace(b"\r", b"").replace(b"\a", b"") + b"\r")
 truncated = st.integers(1, 12).map(lambda length: slcan_line(0)[:length] + b"\r")
 
@@ -161,8 +196,8 @@ def test_noise_without_line_ends_does_not_fill_the_memory(
 ) -> None:
     async def scenario() -> None:
         line = make_pty()
-        buses, open_bus = opener()
-        port = can_record.port(open_bus=open_bus, interface="slcan", channel=line.path)
+        buses, opened = opener()
+        port = can_record.port(open_bus=opened, interface="slcan", channel=line.path)
         async with run_port(port):
             await eventually(lambda: can_record.states == [None])
             for _ in range(20):
@@ -188,8 +223,8 @@ def test_an_adapter_that_is_unplugged_is_opened_again_when_it_returns(
     async def scenario() -> None:
         first, second, link = make_pty(), make_pty(), tmp_path / "adapter"
         link.symlink_to(first.path)
-        buses, open_bus = opener()
-        port = can_record.port(open_bus=open_bus, interface="slcan", channel=str(link))
+        buses, opened = opener()
+        port = can_record.port(open_bus=opened, interface="slcan", channel=str(link))
         async with run_port(port):
             await eventually(lambda: can_record.states == [None])
             first.write(slcan_line(1))

@@ -86,6 +86,8 @@ def test_rules_go_over_what_a_recording_brings_and_later_ones_over_earlier(tmp_p
         ("- {recordings: ['*'], start_in_name: '('}", "unterminated"),
         ("{", "a list of rules"),
         ("text", "a list of rules"),
+        ("[{recordings: [a], start_in_name: 'a{99999999999}'}]", "a list of rules"),
+        ("[" * 2000, "a list of rules"),
     ],
 )
 def test_rules_that_make_no_sense_are_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -102,7 +104,7 @@ def test_a_recording_brings_its_labels(tmp_path: Path) -> None:
     file.write_text("{robot: 7, place: yard, batch: ~, start: 2026-03-12T07:15:00+01:00}")
     assert read_own(file).columns()["start_utc"] == datetime(2026, 3, 12, 6, 15, tzinfo=UTC)
     assert read_own(file).batch is None
-    for text in ("{robots: 7}", "{start: soon}", "7", "{"):
+    for text in ("{robots: 7}", "{start: soon}", "{start: 0001-01-01T00:00+23:00}", "7", "{"):
         file.write_text(text)
         with pytest.raises(ConfigError, match="robot, place, batch, start"):
             read_own(file)
@@ -120,6 +122,7 @@ def test_the_log_of_maintenance(tmp_path: Path) -> None:
     for text, said in (
         ("", "an empty file"),
         ("date,robot\n", "log.csv:1: header"),
+        ("date,robot,what\n0001-01-01T00:00+23:00,7,tyre\n", "log.csv:2: date: expected a date"),
         ("date,robot,what\nyesterday,7,tyre\n", "log.csv:2: date: expected a date"),
         ("date,robot,what\n2026-06-02,7\n", "log.csv:2: .*3 columns"),
     ):

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import duckdb
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from fleet_stub import rows
 
 from drd.config.schema import ConfigError
 from drd_tools.fleet.files import Files
-from drd_tools.fleet.schema import PENDING, TABLES
+from drd_tools.fleet.schema import PENDING, TABLES, TIME
 from drd_tools.fleet.store import Store
 
 
@@ -143,3 +145,30 @@ def test_every_table_has_the_labels_and_is_pending_whole() -> None:
     for name, table in TABLES.items():
         assert table.schema.names[:5] == ["recording", "robot", "place", "batch", "start_utc"]
         assert PENDING.field(name).type.value_type.num_fields == len(table.schema)
+
+
+@pytest.mark.parametrize(
+    ("column", "cell"),
+    [("robot", None), ("start_utc", "soon"), ("start_utc", 1 << 62), ("start_utc", -(1 << 62)), ("robot", [1])],
+)
+def test_a_table_that_drd_did_not_write_is_refused_by_name(tmp_path: Path, column: str, cell: object) -> None:
+    store = filled(tmp_path)
+    store.compact()
+    row = store.table("recordings").slice(0, 1)
+    cells = pa.array([cell], TIME if isinstance(cell, int) else None)
+    pq.write_table(row.set_column(row.column_names.index(column), column, cells), tmp_path / "index.parquet")
+    with pytest.raises(ConfigError, match=r"index\.parquet: .*a Parquet file of the store"):
+        store.index()
+
+
+def test_a_file_that_was_cut_or_says_that_it_is_endless_is_refused(tmp_path: Path) -> None:
+    store = filled(tmp_path)
+    store.compact()
+    file = next((tmp_path / "constants").rglob("*.parquet"))
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(ConfigError, match="a Parquet file of the store"):
+        store.table("constants")
+    endless = Path(__file__).parents[2] / "fuzz" / "corpus" / "store" / "rows_without_end"
+    (tmp_path / "maintenance.parquet").write_bytes(endless.read_bytes()[1:])
+    with pytest.raises(ConfigError, match="at most"):
+        store.table("maintenance")

@@ -218,3 +218,20 @@ def test_a_taken_address_is_said_and_a_wrong_one_is_bad_usage(capsys: pytest.Cap
         with pytest.raises(SystemExit) as caught:
             main(["--listen", wrong])
         assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("header", ["Sec-WebSocket-Key", "Sec-WebSocket-Version"])
+def test_a_handshake_that_is_not_ascii_is_refused(header: str) -> None:
+    headers = {"Host": "localhost", "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    lines = "".join(f"{k}: {v}\r\n" for k, v in (headers | {header: "\xe7"}).items())
+
+    async def test() -> bytes:
+        with a_robot(free_endpoint()) as robot:
+            async with a_web(robot.endpoint) as url:
+                reader, writer = await asyncio.open_connection("127.0.0.1", int(url.rstrip("/").rpartition(":")[2]))
+                writer.write(f"GET /stream HTTP/1.1\r\n{lines}\r\n".encode("latin-1"))
+                answer = await reader.readline()
+                writer.close()
+        return answer
+
+    assert asyncio.run(test()).startswith(b"HTTP/1.1 400")

@@ -23,6 +23,8 @@ UNKNOWN: Final = "unknown"
 NULL: Final = ("", "~", "null")  # of YAML
 RUN: Final = re.compile(r"-(\d{8}T\d{6}Z)-[0-9a-f]+-\d+")  # in the name of a daemon's file
 HEADER: Final = ("date", "robot", "what")
+# Not UTF-8, no YAML, no date (nor one in UTC), or another form; regular expressions and lists can be nested too deep.
+UNREADABLE: Final = (ValueError, OverflowError, RecursionError, yaml.YAMLError)
 
 
 class Labels(Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,7 +72,7 @@ def read_rules(file: str | None) -> list[Rule]:
         rules = msgspec.convert(_loaded(_text(file)), list[Rule])
         for rule in rules:
             re.compile(rule.start_in_name or "")
-    except (yaml.YAMLError, msgspec.ValidationError, re.error) as error:
+    except (*UNREADABLE, re.error) as error:
         raise ConfigError(file, "", "a list of rules, as `drd fleet update --help` shows", str(error)) from error
     return rules
 
@@ -89,7 +91,7 @@ def read_own(file: Path) -> Labels:
         return Labels()
     try:
         return msgspec.convert(_loaded(file.read_text("utf-8")), Labels)
-    except (OSError, ValueError, yaml.YAMLError) as error:  # not UTF-8, no date, or another form
+    except (OSError, *UNREADABLE) as error:
         raise ConfigError(str(file), "", "keys robot, place, batch, start", str(error)) from error
 
 
@@ -114,7 +116,9 @@ def _typed(value: Any) -> Any:
         return [_typed(v) for v in value]
     if isinstance(value, dict):
         typed = {k: _typed(v) for k, v in value.items()}
-        return {k: datetime.fromisoformat(v) if k == "start" and isinstance(v, str) else v for k, v in typed.items()}
+        return {
+            k: _utc(datetime.fromisoformat(v)) if k == "start" and isinstance(v, str) else v for k, v in typed.items()
+        }
     return None if value in NULL else value
 
 
@@ -132,7 +136,7 @@ def read_maintenance(file: str) -> list[dict[str, Any]]:
         when, robot, what = (cell.strip() for cell in row)
         try:
             made.append({"date": _utc(datetime.fromisoformat(when)), "robot": robot, "what": what})
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise ConfigError(f"{file}:{number}", "date", "a date, as in 2026-03-12", repr(when)) from error
     return made
 
@@ -149,12 +153,12 @@ def _text(file: str) -> str:
 
 
 def _date(name: str, found: re.Match[str]) -> datetime:
-    parts = {key: int(value) for key, value in found.groupdict().items() if value}
-    if parts.get("year", 100) < 100:
-        parts["year"] += 2000
     try:
+        parts = {key: int(value) for key, value in found.groupdict().items() if value}
+        if parts.get("year", 100) < 100:
+            parts["year"] += 2000
         return datetime(**{"month": 1, "day": 1, **parts}, tzinfo=UTC)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
 
 
@@ -174,8 +178,13 @@ def as_text(own: Labels) -> str:
 
 
 def from_text(text: str) -> Labels:
-    """Labels of JSON."""
-    return msgspec.json.decode(text, type=Labels)
+    """Labels of JSON. Raises ConfigError."""
+    try:
+        return msgspec.json.decode(text, type=Labels)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(
+            "labels of a recording in the store", "", "keys robot, place, batch, start", str(error)
+        ) from error
 
 
 def relabelled(rows: Mapping[str, Sequence[Mapping[str, Any]]], labels: Labels) -> dict[str, list[dict[str, Any]]]:

@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
@@ -21,11 +21,15 @@ import pyarrow.parquet as pq
 
 from drd.config.schema import ConfigError
 from drd_tools.fleet.files import Files
-from drd_tools.fleet.schema import LABELS, MAINTENANCE, PENDING, TABLES, VERSION
+from drd_tools.fleet.schema import LABELS, MAINTENANCE, PENDING, RECORDINGS, TABLES, TIME, VERSION
 
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # of a recording, by table
 
 ABOUT, INDEX, NAMES_OF_DONE = "store.json", "index.parquet", "maintenance.parquet"
+# 0.4 GB: far more than a file of a table has, and little enough for any machine.
+MOST_VALUES: Final = 50_000_000
+# The range of Python's datetime, in microseconds since 1970.
+FIRST_US, LAST_US = ((at - datetime(1970, 1, 1)) // timedelta(microseconds=1) for at in (datetime.min, datetime.max))
 MOST_PUT: Final = 2000  # recordings without products in a file
 MOST_PENDING: Final = 256  # recordings that are compacted at once: limits the memory to some tens of MB
 
@@ -67,19 +71,22 @@ class Store:
 
     def index(self) -> pa.Table:
         """The table of recordings, from one file."""
-        content = self.files.read(INDEX)
-        return self.table("recordings") if content is None else pq.read_table(pa.BufferReader(content))
+        names = self._existing([INDEX])
+        return self._read(names, RECORDINGS) if names else self.table("recordings")
 
     def _maintenance(self, robots: Collection[str] | None) -> pa.Table:
-        content = self.files.read(NAMES_OF_DONE)
-        table = MAINTENANCE.empty_table() if content is None else pq.read_table(pa.BufferReader(content))
+        table = self._read(self._existing([NAMES_OF_DONE]), MAINTENANCE)
         return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
 
     def _read(self, names: Sequence[str], schema: pa.Schema) -> pa.Table:
         if not names:
             return schema.empty_table()
         paths = [self.files.path(name) for name in names]
-        return ds.dataset(paths, schema=schema, format="parquet", filesystem=self.files.arrow()).to_table()
+        with _parquet_errors(f"{self.files.url}/{names[0]}" + (", ..." if names[1:] else "")):
+            found = ds.dataset(paths, schema=schema, format="parquet", filesystem=self.files.arrow())
+            for fragment in found.get_fragments():
+                _check_size(fragment.metadata)
+            return _checked(found.to_table())
 
     # ---- writing ---------------------------------------------------------------------------------------------------
 
@@ -170,10 +177,42 @@ class Store:
         self.files.write(NAMES_OF_DONE, _parquet(pa.Table.from_pylist(list(rows), MAINTENANCE)))
 
 
+@contextmanager
+def _parquet_errors(where: str) -> Iterator[None]:
+    """What a file that drd did not write, or that was broken since, raises is a ConfigError."""
+    try:
+        yield
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise ConfigError(where, "", "a Parquet file of the store", str(error)[:200]) from error
+
+
+def _check_size(metadata: Any) -> None:
+    """Raises ValueError for a file that says of itself that it would fill the memory: some bytes are enough to."""
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    values = [group.column(i).num_values for group in groups for i in range(group.num_columns)]
+    most = max([metadata.num_rows, *(group.num_rows for group in groups), *values])
+    if most > MOST_VALUES:
+        raise ValueError(f"{most} rows or values; at most {MOST_VALUES} are read")
+
+
+def _checked(table: pa.Table) -> pa.Table:
+    """The table. Raises ValueError where a text is not UTF-8, a time is no date, or a row has no recording or robot."""
+    table.validate(full=True)
+    for name in {"recording", "robot"} & set(table.column_names):
+        if table[name].null_count:
+            raise ValueError(f"a row without {name}")
+    for field in table.schema:
+        if field.type == TIME and table[field.name].null_count < len(table):
+            low, high = pc.min_max(table[field.name].cast(pa.int64())).as_py().values()
+            if not FIRST_US <= low <= high <= LAST_US:
+                raise ValueError(f"{field.name}: a time beyond the years 1 to 9999")
+    return table
+
+
 def _version(about: bytes) -> Any:
     try:
         return json.loads(about)["schema"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return "none"
 
 
@@ -197,7 +236,8 @@ def _flat(pending: pa.Table, name: str) -> pa.Table:
     schema = TABLES[name].schema
     rows = pending[name].combine_chunks().flatten()
     columns = [rows.field(i) if len(rows) else pa.array([], field.type) for i, field in enumerate(schema)]
-    return pa.Table.from_arrays(columns, schema=schema)
+    with _parquet_errors("pending"):
+        return _checked(pa.Table.from_arrays(columns, schema=schema))
 
 
 def _parquet(table: pa.Table) -> bytes:

@@ -74,12 +74,18 @@ class Hub:
         await asyncio.gather(*(client.close() for client in self._clients))
 
     async def serve(self, request: web.Request, hello: str) -> web.StreamResponse:
-        """A browser, from its first message until it leaves. Raises HTTPServiceUnavailable beyond MAX_CLIENTS."""
+        """A browser, from its first message until it leaves.
+
+        Raises HTTPServiceUnavailable beyond MAX_CLIENTS, HTTPBadRequest for what is no handshake.
+        """
         if len(self._clients) >= MAX_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MAX_CLIENTS} browsers are connected already\n")
         # A browser says nothing here: a long message is somebody else's. Compression costs more than it gains.
         socket = web.WebSocketResponse(heartbeat=STALLED_S, max_msg_size=1024, compress=False)
-        await socket.prepare(request)
+        try:
+            await socket.prepare(request)
+        except ValueError as error:  # aiohttp's own, of headers that are not ASCII
+            raise web.HTTPBadRequest(text="no WebSocket handshake\n") from error
         client = Client(socket)
         client.put(hello)
         self._clients.add(client)
