@@ -99,9 +99,11 @@ def _size(series: Series, trend: Trend, before: Segment, after: Segment) -> tupl
     last, day = e if kind == CREEP else s, series.day
     # What crept before goes on until the change, which is at any time between the two recordings.
     crept = (trend.level[e0] - trend.level[s0]) / (day[e0] - day[s0]) if kind0 == CREEP and e0 > s0 else 0.0
-    further = crept * (day[s] - day[e0])
+    gap = day[s] - day[e0]
+    further = crept * gap
     size = trend.level[last] - trend.level[e0] - 0.5 * further
-    return float(size), float(np.sqrt(trend.sigma[last] ** 2 + trend.sigma[e0] ** 2 + further**2 / 12.0))
+    variance = trend.sigma[last] ** 2 + trend.sigma[e0] ** 2 + further**2 / 12.0 + series.walk * gap
+    return float(size), float(np.sqrt(variance))
 
 
 def _around(mass: Array, peak: int) -> slice:

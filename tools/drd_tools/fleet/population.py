@@ -72,6 +72,7 @@ class Population:
     scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of batches, places, knots
     batch_apart: Apart = ()
     place_apart: Apart = ()
+    inflation: float = 1.0  # of the levels' sigmas
 
     def shared(self, log: Log) -> Array:
         """What place, season and steps add to each recording, shape (n,)."""

@@ -12,11 +12,12 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from drd.arrays import Array
+from drd_tools.fleet.calibration import inflation
 from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, log_evidence, most_likely, posterior
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
 from drd_tools.fleet.events import Event, events, with_maintenance
 from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, steps, with_step
-from drd_tools.fleet.levels import LEAST_SEEN, Segments, Trend, series_of
+from drd_tools.fleet.levels import LEAST_SEEN, Segments, Series, Trend, series_of
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
@@ -120,8 +121,9 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
             p = fit(log, pruned(p, log.constant.jump), *_numbered(log, _creeping(log, p, _cut(log, p, change)[0])))
         p = pruned(p, log.constant.jump)
     segments, changes = _cut(log, p, change)
-    series = series_of(log, p)
-    trends = [one.smoothed(own) for one, own in zip(series, segments, strict=True)]
+    if known is None:
+        p = replace(p, inflation=inflation(*_smoothed(log, p, segments)))
+    series, trends = _smoothed(log, p, segments)
     found = [
         with_maintenance(event, done)
         for one, posterior, trend in zip(series, changes, trends, strict=True)
@@ -211,6 +213,11 @@ def _batches(counts: Integers) -> list[Integers]:
         found.append(order[at:end])
         at = end
     return found
+
+
+def _smoothed(log: Log, p: Population, segments: Sequence[Segments]) -> tuple[list[Series], list[Trend]]:
+    every = series_of(log, p)
+    return every, [one.smoothed(own) for one, own in zip(every, segments, strict=True)]
 
 
 def _creeping(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
