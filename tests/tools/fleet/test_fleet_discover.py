@@ -30,6 +30,20 @@ def test_folders_and_runs_of_the_daemon_at_any_depth(tmp_path: Path) -> None:
     assert alone == found["other"]
 
 
+def test_links_to_folders_are_followed_but_a_folder_is_found_once(tmp_path: Path) -> None:
+    recording(tmp_path / "elsewhere" / "run")
+    fleet = tmp_path / "fleet"
+    recording(fleet / "b" / "run")
+    (fleet / "a").symlink_to(fleet / "b")  # sorted before what it leads to
+    (fleet / "b" / "up").symlink_to(fleet)
+    (fleet / "disk").symlink_to(tmp_path / "elsewhere")
+    (fleet / "b" / "disk2").symlink_to(tmp_path / "elsewhere" / "run")
+    (fleet / "gone").symlink_to(tmp_path / "nowhere")
+    (recording(fleet / "c") / "encoders.csv").symlink_to(tmp_path / "nowhere")
+    assert [seen.name for seen in discover([fleet])] == ["b/run", "c", "disk/run"]
+    assert [seen.name for seen in discover([fleet / "disk"])] == ["run"]
+
+
 def test_the_signature_changes_with_size_and_time_and_the_hash_with_contents(tmp_path: Path) -> None:
     folder = recording(tmp_path / "run", "1")
     os.utime(folder / "fog.csv", ns=(0, 1))

@@ -4,6 +4,7 @@ import hashlib
 import os
 import re
 import shutil
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -96,23 +97,29 @@ def _seen(uri: str, name: str, folder: str, files: Sequence[_File]) -> Seen:
     return Seen(uri, name, folder, tuple(f.name for f in files), stamps)
 
 
-def _local(root: str, folder: str = "") -> Iterator[tuple[str, list[_File]]]:
-    """Each folder below, and what may belong to a recording in it; symbolic links to folders are not followed."""
-    files, folders = [], []
-    try:
-        with os.scandir(f"{root}/{folder}" if folder else root) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    if not entry.name.startswith("."):
-                        folders.append(entry.name)
-                elif _may_belong(entry.name):
-                    about = entry.stat()
-                    files.append(_File(entry.name, (about.st_size, about.st_mtime_ns)))
-    except PermissionError:
-        return
-    yield folder, files
-    for name in sorted(folders):
-        yield from _local(root, f"{folder}/{name}".lstrip("/"))
+def _local(root: str) -> Iterator[tuple[str, list[_File]]]:
+    """Each folder below, once, and what may belong to a recording in it; what links lead to comes last."""
+    todo, visited = deque([""]), set[tuple[int, int]]()
+    while todo:
+        folder, files, folders, links = todo.popleft(), list[_File](), list[str](), list[str]()
+        try:
+            about = Path(root, folder).stat()
+            if (about.st_dev, about.st_ino) in visited:
+                continue
+            with os.scandir(Path(root, folder)) as entries:
+                for entry in entries:
+                    if entry.is_dir():
+                        if not entry.name.startswith("."):
+                            (links if entry.is_symlink() else folders).append(f"{folder}/{entry.name}".lstrip("/"))
+                    elif _may_belong(entry.name) and entry.is_file():
+                        one = entry.stat()
+                        files.append(_File(entry.name, (one.st_size, one.st_mtime_ns)))
+        except (PermissionError, FileNotFoundError):  # or it has gone meanwhile
+            continue
+        visited.add((about.st_dev, about.st_ino))
+        yield folder, files
+        todo.extendleft(sorted(folders, reverse=True))
+        todo.extend(sorted(links))
 
 
 def _remote(files: Files) -> Iterator[tuple[str, list[_File]]]:
