@@ -71,7 +71,7 @@ def _between(series: Series, changes: Changes, trend: Trend, before: Segment, af
     total = np.cumsum(mass) / mass.sum()
     low = at[int(np.searchsorted(total, DATE_TAIL))]
     high = at[min(int(np.searchsorted(total, 1.0 - DATE_TAIL)), len(at) - 1)]
-    size, sigma = _size(series, trend, before, after)
+    size, sigma = change(series, trend, before, after)
     last, day = e if kind == CREEP else s, series.day
     return Event(
         robot=series.robot,
@@ -93,7 +93,7 @@ def _between(series: Series, changes: Changes, trend: Trend, before: Segment, af
     )
 
 
-def _size(series: Series, trend: Trend, before: Segment, after: Segment) -> tuple[float, float]:
+def change(series: Series, trend: Trend, before: Segment, after: Segment) -> tuple[float, float]:
     """Size and sigma of the change between two segments."""
     (kind0, s0, e0), (kind, s, e) = before, after
     last, day = e if kind == CREEP else s, series.day

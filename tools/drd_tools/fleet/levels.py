@@ -65,7 +65,7 @@ class Series:
             noise = own
             for _ in range(WEIGHED):
                 found = K @ np.linalg.solve(K + np.diag(noise), y)
-                noise = own / inliers(y - found, own, c.jump)
+                noise = own / _inliers(y - found, own, c.jump)
             G = np.linalg.solve(K + np.diag(noise), K)
             level[at] = self.mean + G.T @ y
             sigma[at] = self.inflation * np.sqrt(np.maximum(np.diag(K) - np.einsum("ij,ij->j", K, G), 0.0))
@@ -83,7 +83,7 @@ def series_of(log: Log, p: Population) -> list[Series]:
     ]  # fmt: skip
 
 
-def inliers(off: Array, variance: Array, jump: float) -> Array:
+def _inliers(off: Array, variance: Array, jump: float) -> Array:
     """Weights that stand for the mixture of (104)."""
     far = variance + jump**2
     odds = np.log(OUTLIERS / (1.0 - OUTLIERS)) + 0.5 * (np.log(variance / far) + off**2 * (1.0 / variance - 1.0 / far))
