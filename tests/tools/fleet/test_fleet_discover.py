@@ -22,9 +22,9 @@ def test_folders_and_runs_of_the_daemon_at_any_depth(tmp_path: Path) -> None:
     for name in (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv", "other.mcap", "other.fleet.yaml"):
         (tmp_path / name).touch()
     found = {seen.name: seen for seen in discover([tmp_path, tmp_path / "a"])}
-    assert sorted(found) == ["a", "a/b/run", f"{RUN}-0002", "other"]
-    assert found[f"{RUN}-0002"].uri == str(tmp_path / f"{RUN}-0002.mcap")
-    assert found[f"{RUN}-0002"].files == (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv")
+    assert sorted(found) == ["a", "a/b/run", RUN, "other"]
+    assert found[RUN].uri == str(tmp_path / f"{RUN}.mcap")
+    assert found[RUN].files == (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv")
     assert found["other"].files == ("other.mcap", "other.fleet.yaml")
     (alone,) = discover([tmp_path / "other.mcap"])
     assert alone == found["other"]
