@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from bench import allocation, clients, cpu, filter, flood, latency, load, rates, realtime, recording, replay
+from bench import allocation, clients, cpu, filter, fleet, flood, latency, load, rates, realtime, recording, replay
 from bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
@@ -21,6 +21,7 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "recording": recording.run,
     "replay": replay.run,
     "load": load.run,
+    "fleet": fleet.run,
     "realtime": realtime.run,
 }
 

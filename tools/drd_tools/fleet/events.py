@@ -1,4 +1,4 @@
-"""What happened to the robots: changes of a series as events, with date, size, probability and cause."""
+"""The events of robots: changes of a series as events, with date, size, probability and cause."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -117,7 +117,7 @@ def _around(mass: Array, peak: int) -> slice:
 
 
 def _creeping(series: Series, changes: Changes, trend: Trend, end: int) -> Event:
-    """What crept from the first recording on."""
+    """The event of a level that crept from the first recording on."""
     p, day = float(changes.segments[0, CREEP, 0, end:].sum()), series.day
     size = float(trend.level[end] - trend.level[0])
     sigma = float(np.hypot(trend.sigma[end], trend.sigma[0]))

@@ -26,7 +26,7 @@ HEADER: Final = ("date", "robot", "what")
 
 
 class Labels(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is known of a recording beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
+    """The labels of a recording, known beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
 
     robot: str | None = None
     place: str | None = None
