@@ -4,9 +4,12 @@ from pathlib import Path
 
 from drd.config.keys import Config
 from drd.config.schema import Loaded
+from drd.recording.file import RecordingFile
+from drd.recording.topics import Message
 from drd.units import DEG_PER_RAD
 from drd_tools.emulate.raw import write_mcap
 from drd_tools.recordings.daemon_log import reference_file
+from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.simulator import Simulated
 
@@ -22,3 +25,24 @@ def daemon_log(file: Path, run: Simulated, reference: bool = True, config: Confi
         text = "".join(f"{t:.6f},{x:.6f},{y:.6f},{h:.6f}\n" for t, x, y, h in rows)
         reference_file(file).write_text("time_s,x_m,y_m,heading_deg\n" + text)
     return file
+
+
+def in_parts(file: Path, run: str, count: int) -> list[Path]:
+    """The messages of FILE.mcap as so many parts of a run, each of the same time, beside it; FILE.mcap is removed."""
+    whole = open_mcap(file)
+    messages = list(whole.messages())
+    end = messages[-1].log_ns + 1
+    span, first = end - messages[0].log_ns, messages[0].log_ns
+    paths = [file.with_name(f"{run}-{k + 1:04}.mcap") for k in range(count)]
+    parts = [
+        RecordingFile(path, {**whole.information, "part": str(k + 1)}, whole.attachments, first)
+        for k, path in enumerate(paths)
+    ]
+    for m in messages:
+        parts[(m.log_ns - first) * count // span].add(Message(m.topic, m.log_ns, m.data), m.number, m.log_ns, m.log_ns)
+    for part in parts:
+        part.finish({})
+    if reference_file(file).exists():
+        reference_file(file).rename(reference_file(paths[-1]))
+    file.unlink()
+    return paths

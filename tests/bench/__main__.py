@@ -7,7 +7,21 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from bench import allocation, clients, cpu, filter, flood, latency, load, overload, rates, realtime, recording, replay
+from bench import (
+    allocation,
+    clients,
+    cpu,
+    filter,
+    fleet,
+    flood,
+    latency,
+    load,
+    overload,
+    rates,
+    realtime,
+    recording,
+    replay,
+)
 from bench.report import Refused, Report, as_json, table
 
 BENCHMARKS: dict[str, Callable[[bool], Report]] = {
@@ -22,6 +36,7 @@ BENCHMARKS: dict[str, Callable[[bool], Report]] = {
     "replay": replay.run,
     "load": load.run,
     "overload": overload.run,
+    "fleet": fleet.run,
     "realtime": realtime.run,
 }
 

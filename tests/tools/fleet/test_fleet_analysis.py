@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosis_drives import selected
+from diagnosis_drives import selected, simulated
 from diagnosis_runs import written
+from recorded_daemon import daemon_log, in_parts
 
 from drd.cli import main
 from drd.effects.catalogue import catalogue
@@ -138,3 +139,23 @@ def test_a_query_that_makes_no_sense_is_refused(
 def test_the_own_files_are_all_a_part_of_the_recording(store: Path) -> None:
     found = {seen.name: seen.files for seen in discover([store.parent / "runs"])}
     assert found["yard/run_1"] == ("encoders.csv", "fleet.yaml", "fog.csv", "reference.csv", "robot.yaml")
+
+
+def test_the_parts_of_a_run_are_one_recording(tmp_path: Path) -> None:
+    run = simulated(("square-cw", 60.0), 1)
+    daemon_log(tmp_path / "whole" / "run.mcap", run)
+    parts = in_parts(daemon_log(tmp_path / "parts" / "x.mcap", run), "mybot-20260314T071500Z-1f0c9a55", 3)
+    (tmp_path / "parts" / "fleet.yaml").touch()  # it is of folders
+    parts[-1].with_suffix(".fleet.yaml").write_text("{place: yard}")
+    argv = ["--store", str(tmp_path / "store"), "--jobs", "1"]
+    assert main(["fleet", "update", str(tmp_path / "whole"), str(tmp_path / "parts"), *argv]) == 0
+    store = Store(tmp_path / "store")
+    about = {row["recording"]: row for row in store.table("recordings").to_pylist()}
+    name = parts[-1].stem.removesuffix("-0003")
+    assert sorted(about) == [name, "run"]
+    told = about[name]
+    assert (told["error"], told["place"], str(told["start_utc"])) == (None, "yard", "2026-03-14 07:15:00+00:00")
+    assert (told["duration_s"], told["verdict"]) == (about["run"]["duration_s"], about["run"]["verdict"])
+    constants = store.table("constants").to_pylist()
+    values = {one: {r["name"]: r["value"] for r in constants if r["recording"] == one} for one in about}
+    assert values["run"] == values[name] != {}

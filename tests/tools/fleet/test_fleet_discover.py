@@ -22,12 +22,26 @@ def test_folders_and_runs_of_the_daemon_at_any_depth(tmp_path: Path) -> None:
     for name in (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv", "other.mcap", "other.fleet.yaml"):
         (tmp_path / name).touch()
     found = {seen.name: seen for seen in discover([tmp_path, tmp_path / "a"])}
-    assert sorted(found) == ["a", "a/b/run", f"{RUN}-0002", "other"]
-    assert found[f"{RUN}-0002"].uri == str(tmp_path / f"{RUN}-0002.mcap")
-    assert found[f"{RUN}-0002"].files == (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv")
+    assert sorted(found) == ["a", "a/b/run", RUN, "other"]
+    assert found[RUN].uri == str(tmp_path / f"{RUN}.mcap")
+    assert found[RUN].files == (f"{RUN}-0001.mcap", f"{RUN}-0002.mcap", f"{RUN}-0002.reference.csv")
     assert found["other"].files == ("other.mcap", "other.fleet.yaml")
     (alone,) = discover([tmp_path / "other.mcap"])
     assert alone == found["other"]
+
+
+def test_links_to_folders_are_followed_but_a_folder_is_found_once(tmp_path: Path) -> None:
+    recording(tmp_path / "elsewhere" / "run")
+    fleet = tmp_path / "fleet"
+    recording(fleet / "b" / "run")
+    (fleet / "a").symlink_to(fleet / "b")  # sorted before what it leads to
+    (fleet / "b" / "up").symlink_to(fleet)
+    (fleet / "disk").symlink_to(tmp_path / "elsewhere")
+    (fleet / "b" / "disk2").symlink_to(tmp_path / "elsewhere" / "run")
+    (fleet / "gone").symlink_to(tmp_path / "nowhere")
+    (recording(fleet / "c") / "encoders.csv").symlink_to(tmp_path / "nowhere")
+    assert [seen.name for seen in discover([fleet])] == ["b/run", "c", "disk/run"]
+    assert [seen.name for seen in discover([fleet / "disk"])] == ["run"]
 
 
 def test_the_signature_changes_with_size_and_time_and_the_hash_with_contents(tmp_path: Path) -> None:

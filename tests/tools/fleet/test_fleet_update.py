@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fleet_stub import fleet, recording, stubbed
+from fleet_stub import fleet, recording, rows, stubbed
 
 from drd.config.schema import ConfigError
 from drd_tools.fleet import update as update_module
@@ -122,6 +122,17 @@ def test_recordings_of_one_name_are_kept_apart(tmp_path: Path) -> None:
     assert names[0] == "run"
     assert names[1].startswith("run~")
     assert update([two, one], Store(store), engine=Here(0), call=stubbed).analysed == 0  # type: ignore[arg-type]
+
+
+def test_a_run_that_goes_on_is_one_recording(tmp_path: Path) -> None:
+    def call(task: Task) -> Rows:
+        return rows(task.recording, task.seen.uri, float(len(task.seen.files)), signature=task.seen.signature)
+
+    for part in (1, 2):
+        (tmp_path / f"bot-20260314T071500Z-1f0c9a55-000{part}.mcap").touch()
+        update([tmp_path], Store(tmp_path / "store"), engine=Here(), call=call)  # type: ignore[arg-type]
+        table = Store(tmp_path / "store").table("constants").to_pylist()
+        assert {row["recording"]: row["value"] for row in table} == {"bot-20260314T071500Z-1f0c9a55": part}
 
 
 def test_no_recordings_at_all_is_an_error(tmp_path: Path) -> None:

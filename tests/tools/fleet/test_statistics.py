@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from fleet_tables import day, made_table
 
+from drd_tools.fleet.calibration import inflation
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
+from drd_tools.fleet.levels import Series
 from drd_tools.fleet.sentences import sentences
-from drd_tools.fleet.series import MOST, Maintained, logs
+from drd_tools.fleet.series import CONSTANTS, MOST, Maintained, logs
 from drd_tools.fleet.statistics import analyse
 
 
@@ -54,6 +56,17 @@ def test_a_robot_a_floor_and_a_batch_are_told_apart() -> None:
     [event] = s.found
     assert (event.robot, event.cause, event.others) == ("7", "robot", 14)
     assert event.causes["robot"] > 0.95
+
+
+def test_a_place_of_one_robot_is_not_blamed_for_what_may_be_the_robots() -> None:
+    def stands_out(visitors: set[str]) -> set[str]:
+        table = made_table(6, 40, 3, lambda r, k, *_: 0.02 * (str(r) in visitors and k % 2), places=1, batches=1)
+        days = zip(table["robot"], table["start_utc"], strict=True)
+        table["place"] = ["hall" if r in visitors and (start - day(0)).days % 2 else "yard" for r, start in days]
+        return {o.who for o in analyse(table).standing_out if o.kind == "place"}
+
+    assert stands_out({"4"}) == set()
+    assert "hall" in stands_out({"1", "4", "6"})
 
 
 def test_the_first_robots_on_a_new_floor_are_not_blamed() -> None:
@@ -151,3 +164,15 @@ def test_benjamini_hochberg() -> None:
 def test_by_probability() -> None:
     assert by_probability(np.array([0.999, 0.5, 0.97, 0.99]), 0.02, 0.9).tolist() == [True, False, True, True]
     assert by_probability(np.array([0.999, 0.96]), 0.01, 0.95).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("walk", "least", "most"), [(1.0, 1.0, 1.2), (0.0, 1.4, 9.0)])
+def test_levels_that_wander_more_than_is_said_are_less_sure(walk: float, least: float, most: float) -> None:
+    random, n = np.random.default_rng(2), 60
+    wander, noise = random.standard_normal((2, 30, n))
+    every = [
+        Series(str(k), "tread", CONSTANTS["tread"], [""] * n, np.arange(float(n)), level, np.full(n, 1e-6), 0.0, 0.01,
+               1e-7 * walk, 1.0)
+        for k, level in enumerate(np.cumsum(1e-7**0.5 * wander, 1) + 1e-3 * noise)
+    ]  # fmt: skip
+    assert least <= inflation(every, [one.smoothed([(0, 0, n - 1)]) for one in every]) <= most

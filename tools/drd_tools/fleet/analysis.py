@@ -28,7 +28,7 @@ def analysed(task: Task) -> Rows | None:
 
     Raises nothing that a recording could cause.
     """
-    seen, place, digest, own = task.seen, Path(task.seen.uri), "", labels.Labels()
+    seen, place, digest, own = task.seen, Path(task.seen.folder) / task.seen.last, "", labels.Labels()
     with _ALONE, threadpool_limits(limits=1):
         try:
             if build() != task.build:
@@ -40,7 +40,7 @@ def analysed(task: Task) -> Rows | None:
                 own = labels.read_own(place.with_suffix(".fleet.yaml") if place.is_file() else place / "fleet.yaml")
                 return _rows(task, place, digest, own)
         except Exception as error:
-            text = f"{type(error).__name__}: {error}".replace(str(place), seen.uri)
+            text = f"{type(error).__name__}: {error}".replace(str(place), f"{seen.folder}/{seen.last}".rstrip("/"))
             return failed(task, text, digest, own)
 
 

@@ -4,6 +4,7 @@ import hashlib
 import os
 import re
 import shutil
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -21,7 +22,7 @@ PART: Final = re.compile(r"(.+-\d{8}T\d{6}Z-[0-9a-f]+)-\d+")  # of a run of the 
 
 
 class Seen(NamedTuple):
-    """A recording that was found: `uri` of its folder, or of the last file of its run, and all its files there.
+    """A recording that was found: `uri` of its folder, its file, or its run (without a part's number), and its files.
 
     `name`: its place below the folder that was searched. `signature`: of sizes and times, which change with contents.
     """
@@ -31,6 +32,11 @@ class Seen(NamedTuple):
     folder: str
     files: tuple[str, ...]
     signature: str
+
+    @property
+    def last(self) -> str:
+        """The last file of a run; "" of a folder."""
+        return max((name for name in self.files if name.endswith(".mcap")), default="")
 
 
 class _File(NamedTuple):
@@ -78,17 +84,17 @@ def _below(url: str) -> Iterator[Seen]:
 
 
 def _mcaps(place: str, folder: str, entries: Sequence[_File], only: str) -> Iterator[Seen]:
-    """Runs of the daemon: the last part of each, with those before it."""
+    """Runs of the daemon, each with its parts: one that gets another part while it goes on is the same recording."""
     by_name, runs = {e.name: e for e in entries}, dict[str, list[_File]]()
     for entry in sorted(e for e in entries if e.name.endswith(".mcap")):
         part = PART.fullmatch(entry.name.removesuffix(".mcap"))
-        runs.setdefault(part[1] if part else entry.name, []).append(entry)
-    for parts in runs.values():
+        runs.setdefault(part[1] if part else entry.name.removesuffix(".mcap"), []).append(entry)
+    for run, parts in runs.items():
         last = parts[-1].name
         if only in ("", last):
             stem = last.removesuffix(".mcap")
             beside = [by_name[stem + end] for end in BESIDE if stem + end in by_name]
-            yield _seen(f"{place}/{last}", f"{folder}/{stem}".lstrip("/"), place, [*parts, *beside])
+            yield _seen(f"{place}/{run}.mcap", f"{folder}/{run}".lstrip("/"), place, [*parts, *beside])
 
 
 def _seen(uri: str, name: str, folder: str, files: Sequence[_File]) -> Seen:
@@ -96,23 +102,29 @@ def _seen(uri: str, name: str, folder: str, files: Sequence[_File]) -> Seen:
     return Seen(uri, name, folder, tuple(f.name for f in files), stamps)
 
 
-def _local(root: str, folder: str = "") -> Iterator[tuple[str, list[_File]]]:
-    """Each folder below, and what may belong to a recording in it; symbolic links to folders are not followed."""
-    files, folders = [], []
-    try:
-        with os.scandir(f"{root}/{folder}" if folder else root) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    if not entry.name.startswith("."):
-                        folders.append(entry.name)
-                elif _may_belong(entry.name):
-                    about = entry.stat()
-                    files.append(_File(entry.name, (about.st_size, about.st_mtime_ns)))
-    except PermissionError:
-        return
-    yield folder, files
-    for name in sorted(folders):
-        yield from _local(root, f"{folder}/{name}".lstrip("/"))
+def _local(root: str) -> Iterator[tuple[str, list[_File]]]:
+    """Each folder below, once, and what may belong to a recording in it; what links lead to comes last."""
+    todo, visited = deque([""]), set[tuple[int, int]]()
+    while todo:
+        folder, files, folders, links = todo.popleft(), list[_File](), list[str](), list[str]()
+        try:
+            about = Path(root, folder).stat()
+            if (about.st_dev, about.st_ino) in visited:
+                continue
+            with os.scandir(Path(root, folder)) as entries:
+                for entry in entries:
+                    if entry.is_dir():
+                        if not entry.name.startswith("."):
+                            (links if entry.is_symlink() else folders).append(f"{folder}/{entry.name}".lstrip("/"))
+                    elif _may_belong(entry.name) and entry.is_file():
+                        one = entry.stat()
+                        files.append(_File(entry.name, (one.st_size, one.st_mtime_ns)))
+        except (PermissionError, FileNotFoundError):  # or it has gone meanwhile
+            continue
+        visited.add((about.st_dev, about.st_ino))
+        yield folder, files
+        todo.extendleft(sorted(folders, reverse=True))
+        todo.extend(sorted(links))
 
 
 def _remote(files: Files) -> Iterator[tuple[str, list[_File]]]:
@@ -134,9 +146,8 @@ def _may_belong(name: str) -> bool:
 def fetched(seen: Seen) -> Iterator[Path]:
     """The recording as a folder or file of this machine; from a bucket it is copied. Raises OSError."""
     files = Files(seen.folder)
-    last = "" if seen.uri == seen.folder else PurePosixPath(seen.uri).name
     if files.is_local:
-        yield Path(seen.uri)
+        yield Path(seen.folder) / seen.last
         return
     with TemporaryDirectory() as scratch:
         place = Path(scratch) / PurePosixPath(seen.folder).name
@@ -144,12 +155,12 @@ def fetched(seen: Seen) -> Iterator[Path]:
         for name in seen.files:
             with files.system.open(files.path(name), "rb") as source, (place / name).open("wb") as target:
                 shutil.copyfileobj(source, target)
-        yield place / last if last else place
+        yield place / seen.last
 
 
 def contents(place: Path, seen: Seen) -> str:
     """Hash of the names and contents of a fetched recording's files. Raises OSError."""
-    digest, folder = hashlib.sha256(), place if seen.uri == seen.folder else place.parent
+    digest, folder = hashlib.sha256(), place.parent if seen.last else place
     for name in seen.files:
         with (folder / name).open("rb") as stream:
             digest.update(f"{name} {hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())

@@ -1,4 +1,4 @@
-"""What happened to the robots: changes of a series as events, with date, size, probability and cause."""
+"""The events of robots: changes of a series as events, with date, size, probability and cause."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -71,7 +71,7 @@ def _between(series: Series, changes: Changes, trend: Trend, before: Segment, af
     total = np.cumsum(mass) / mass.sum()
     low = at[int(np.searchsorted(total, DATE_TAIL))]
     high = at[min(int(np.searchsorted(total, 1.0 - DATE_TAIL)), len(at) - 1)]
-    size, sigma = _size(series, trend, before, after)
+    size, sigma = change(series, trend, before, after)
     last, day = e if kind == CREEP else s, series.day
     return Event(
         robot=series.robot,
@@ -93,15 +93,17 @@ def _between(series: Series, changes: Changes, trend: Trend, before: Segment, af
     )
 
 
-def _size(series: Series, trend: Trend, before: Segment, after: Segment) -> tuple[float, float]:
+def change(series: Series, trend: Trend, before: Segment, after: Segment) -> tuple[float, float]:
     """Size and sigma of the change between two segments."""
     (kind0, s0, e0), (kind, s, e) = before, after
     last, day = e if kind == CREEP else s, series.day
     # What crept before goes on until the change, which is at any time between the two recordings.
     crept = (trend.level[e0] - trend.level[s0]) / (day[e0] - day[s0]) if kind0 == CREEP and e0 > s0 else 0.0
-    further = crept * (day[s] - day[e0])
+    gap = day[s] - day[e0]
+    further = crept * gap
     size = trend.level[last] - trend.level[e0] - 0.5 * further
-    return float(size), float(np.sqrt(trend.sigma[last] ** 2 + trend.sigma[e0] ** 2 + further**2 / 12.0))
+    variance = trend.sigma[last] ** 2 + trend.sigma[e0] ** 2 + further**2 / 12.0 + series.walk * gap
+    return float(size), float(np.sqrt(variance))
 
 
 def _around(mass: Array, peak: int) -> slice:
@@ -115,7 +117,7 @@ def _around(mass: Array, peak: int) -> slice:
 
 
 def _creeping(series: Series, changes: Changes, trend: Trend, end: int) -> Event:
-    """What crept from the first recording on."""
+    """The event of a level that crept from the first recording on."""
     p, day = float(changes.segments[0, CREEP, 0, end:].sum()), series.day
     size = float(trend.level[end] - trend.level[0])
     sigma = float(np.hypot(trend.sigma[end], trend.sigma[0]))

@@ -7,6 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from drd.arrays import Array
+from drd.monitor.findings import Z_90
 from drd_tools.fleet.population import Population, Step
 from drd_tools.fleet.series import Integers, Log
 
@@ -20,6 +21,7 @@ LEAST_PART: Final = 0.1  # of a jump: what is less comes from what is common to 
 CLIP: Final = 3.0  # sigmas from the median, of robots that have something of their own
 MOSTLY: Final = 0.75  # of a group's robots must show its change: some have something of their own
 ALIKE: Final = 1.0  # part of a group's step by which a robot's may differ
+NOTHING: Final = 1e-9  # of the information: what rounding leaves
 MOST_DAYS: Final = 120  # that are tried
 
 
@@ -31,7 +33,7 @@ class Told(NamedTuple):
 
 
 def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Told:
-    """Of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
+    """Score and information of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
     w = 1.0 / p.variance(log)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
     many = len(levels)
@@ -76,6 +78,23 @@ def pooled(found: Told, jump: float) -> tuple[float, float, int]:
     return float(weight @ size / weight.sum()), float(1.0 / np.sqrt(weight.sum())) if is_shared else np.inf, many
 
 
+def stays_without_any(
+    log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array, off: float
+) -> bool:
+    """Whether a group's offset stays beyond its interval of 90 %, whichever robot is left out. (107)
+
+    `x`: 1 in the group, `left`: with the offset in it, both (n,). The mean of all is free: a place that one robot alone
+    has seen, or alone has left, says nothing of places; it may as well be the robot.
+    """
+    one = np.ones(len(x))
+    (of_x, xx), (of_one, ones), (_, both) = (told(log, p, segment, levels, left, shape) for shape in (x, one, x + one))
+    every = np.array([of_x, xx, of_one, ones, (both - xx - ones) / 2.0])
+    score, xx, mean, ones, shared = every.sum(1, keepdims=True) - every
+    lever = shared / np.maximum(ones, NOTHING * every[3].sum())
+    information = np.maximum(xx - lever * shared, NOTHING * every[1].sum())
+    return bool(np.all(np.sign(off) * (score - lever * mean) > Z_90 * np.sqrt(information)))
+
+
 def explained(found: Told, size: float) -> float:
     """Nats that one step of `size` explains in the robots, without those that have something of their own. (106)"""
     information = np.maximum(found.information, 1e-300)
@@ -98,7 +117,7 @@ def steps(log: Log, p: Population, segment: Integers, levels: Integers, left: Ar
 def _best_step(
     log: Log, p: Population, segment: Integers, levels: Integers, left: Array, kind: str, which: int, days: Array
 ) -> tuple[float, Step | None]:
-    """Of one group: the date that explains most, if it is sure there."""
+    """The date of one group that explains most, if it is sure there."""
     jump = log.constant.jump
     if kind == "place":
         # Each robot has a level of its own at the place, so that how far the place is off is free.

@@ -42,7 +42,7 @@ OUTLIERS, OUTLIER_SIGMAS = 0.01, (5.0, 15.0)  # recordings that went wrong, and 
 
 @dataclass(frozen=True)
 class Happening:
-    """What happens to a robot, place or batch. `size`: SI; a creep reaches it at `until`. `day`: of the history."""
+    """A change of a robot, place or batch. `size`: SI; a creep reaches it at `until`. `day`: of the history."""
 
     kind: str
     who: str
@@ -53,7 +53,7 @@ class Happening:
     until: float | None = None
 
     def at(self, day: float) -> float:
-        """What it adds on a day."""
+        """The size that it adds on a day."""
         if day < self.day:
             return 0.0
         if self.form == "creep" and self.until is not None:

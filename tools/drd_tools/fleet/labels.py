@@ -28,7 +28,7 @@ UNREADABLE: Final = (ValueError, OverflowError, RecursionError, yaml.YAMLError)
 
 
 class Labels(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is known of a recording beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
+    """The labels of a recording, known beside its data; None where nothing tells it. `batch`: of the robot's gyro."""
 
     robot: str | None = None
     place: str | None = None

@@ -36,7 +36,8 @@ class Trend:
 class Series:
     """A constant in the n recordings of one robot, less what it shares; `day`, `value`, `variance`: shape (n,), SI.
 
-    `mean`, `spread`: of its first level beforehand; `walk`: variance that a day adds.
+    `mean`, `spread`: of its first level beforehand; `walk`: variance that a day adds. `inflation`: of the
+    levels' sigmas.
     """
 
     robot: str
@@ -49,6 +50,7 @@ class Series:
     mean: float
     spread: float
     walk: float
+    inflation: float
 
     def smoothed(self, segments: Segments) -> Trend:
         """The level in these segments, 0 with sigma 0 in what is in none of them. (104)"""
@@ -66,7 +68,7 @@ class Series:
                 noise = own / _inliers(y - found, own, c.jump)
             G = np.linalg.solve(K + np.diag(noise), K)
             level[at] = self.mean + G.T @ y
-            sigma[at] = np.sqrt(np.maximum(np.diag(K) - np.einsum("ij,ij->j", K, G), 0.0))
+            sigma[at] = self.inflation * np.sqrt(np.maximum(np.diag(K) - np.einsum("ij,ij->j", K, G), 0.0))
         return Trend(segments, level, sigma)
 
 
@@ -75,7 +77,7 @@ def series_of(log: Log, p: Population) -> list[Series]:
     value, variance, expected = log.value - p.shared(log), p.variance(log), p.expected(log)
     return [
         Series(robot, log.name, log.constant, log.recordings[rows], log.day[rows], value[rows], variance[rows],
-               float(expected[i]), p.spread, p.walk)
+               float(expected[i]), p.spread, p.walk, p.inflation)
         for i, robot in enumerate(log.robots)
         for rows in [log.rows(i)]
     ]  # fmt: skip

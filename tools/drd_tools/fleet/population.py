@@ -1,4 +1,4 @@
-"""What robots have in common: the population of a constant, by partial pooling.
+"""The population of a constant, which robots have in common, by partial pooling.
 
     value = mean + batch + robot + place + season(time) + steps + noise
 
@@ -72,16 +72,17 @@ class Population:
     scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of batches, places, knots
     batch_apart: Apart = ()
     place_apart: Apart = ()
+    inflation: float = 1.0  # of the levels' sigmas
 
     def shared(self, log: Log) -> Array:
-        """What place, season and steps add to each recording, shape (n,)."""
+        """The sum that place, season and steps add to each recording, shape (n,)."""
         found = self.place[log.place] + np.interp(log.day, self.knots, self.season)
         for step in self.steps:
             found = found + step.size * step.rows(log)
         return np.asarray(found)
 
     def variance(self, log: Log) -> Array:
-        """Of each recording about its robot's level, shape (n,)."""
+        """The variance of each recording about its robot's level, shape (n,)."""
         return np.asarray(log.sigma**2 + self.excess**2 + self.place_sigma[log.place] ** 2)
 
     def expected(self, log: Log) -> Array:
@@ -129,7 +130,7 @@ def fit(log: Log, before: Population, segment: Integers, drift: Array, levels: I
 
 @dataclass(frozen=True)
 class _Levels:
-    """Of segments, beyond what their groups say."""
+    """Levels of segments, beyond what their groups say."""
 
     mean: Array
     variance: Array
@@ -145,7 +146,7 @@ def _design(log: Log, p: Population) -> tuple[Array, Array]:
 
 
 def _precisions(log: Log, p: Population) -> Array:
-    """Of the columns beforehand, shape (k, k): the season is a random walk about 0, the others are independent."""
+    """The columns' precision beforehand, shape (k, k): of the season that of a random walk, else independent."""
     jump, (batch, place, season) = log.constant.jump, p.scatter
     few = len(log.robots) < LEAST_ROBOTS
     season = 1e-6 * jump if few else season

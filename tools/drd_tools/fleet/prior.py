@@ -1,4 +1,4 @@
-"""What a robot's daemon should start with: the fleet's population and the robot's own history.
+"""The prior that a robot's daemon should start with: the fleet's population and the robot's own history.
 
 `expect` predicts each constant for the robot's next recording; `write_prior` writes it as model.yaml and prior.yaml.
 """

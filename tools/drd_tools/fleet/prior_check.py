@@ -1,4 +1,4 @@
-"""What a prior is worth: the first minutes of a drive that it has not seen, with it and without."""
+"""The worth of a prior: the first minutes of a drive that it has not seen, with it and without."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,7 +34,7 @@ def compare(folder: Path, expected: list[Expected], robot: str) -> tuple[list[Er
 
 
 def errors(recording: Recording, config: Path | None) -> list[Errors]:
-    """What the daemon's estimator makes of the first minutes. Raises ConfigError where there is no reference."""
+    """Errors of the daemon's estimator in the first minutes. Raises ConfigError where there is no reference."""
     log = recording.reference
     if log is None:
         raise ConfigError(str(recording.folder), "reference.csv", "a reference, to judge by", "none")

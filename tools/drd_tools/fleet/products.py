@@ -108,7 +108,7 @@ def _of_shape(problem: Problem, effect: Effect, shape: Parameters) -> Iterator[C
 
 
 class _Beside:
-    """What the data leave beside a fit and the nuisances."""
+    """The data that are left beside a fit and the nuisances."""
 
     def __init__(self, problem: Problem, fit: Fit):
         self._marginal = Marginal(nuisance_design(problem, fit.selection))

@@ -36,7 +36,7 @@ OLD: Final = 100  # recordings of a robot that are listed, the newest
 
 
 class Cell(NamedTuple):
-    """Of the heat map."""
+    """A cell of the heat map."""
 
     text: str
     colour: str

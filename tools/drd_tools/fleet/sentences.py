@@ -35,7 +35,7 @@ class Sentence(NamedTuple):
 
     @property
     def look_at(self) -> str:
-        """What to inspect."""
+        """The things to inspect."""
         return LOOK_AT[self.name]
 
 

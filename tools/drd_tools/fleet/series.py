@@ -90,7 +90,7 @@ class Log:
 
     @property
     def constant(self) -> Constant:
-        """What it is."""
+        """The constant that it is a log of."""
         return CONSTANTS[self.name]
 
     @cached_property
@@ -98,7 +98,7 @@ class Log:
         return [int(k) for k in np.searchsorted(self.robot, np.arange(len(self.robots) + 1))]
 
     def rows(self, robot: int) -> slice:
-        """Of a robot."""
+        """The rows of a robot."""
         return slice(*self._borders[robot : robot + 2])
 
     def until(self, day: float) -> "Log":

@@ -1,4 +1,4 @@
-"""What a fleet's constants say: populations, trends, changes with their causes, and robots that stand out.
+"""The statistics of a fleet's constants: populations, trends, changes with their causes, and robots that stand out.
 
 `analyse` of a plain table and the log of maintenance; `Statistics` has a `Fitted` for each constant.
 """
@@ -12,11 +12,12 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from drd.arrays import Array
+from drd_tools.fleet.calibration import inflation
 from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, log_evidence, most_likely, posterior
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
 from drd_tools.fleet.events import Event, events, with_maintenance
-from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, steps, with_step
-from drd_tools.fleet.levels import LEAST_SEEN, Segments, Trend, series_of
+from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, stays_without_any, steps, with_step
+from drd_tools.fleet.levels import LEAST_SEEN, Segments, Series, Trend, series_of
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
 
@@ -32,7 +33,7 @@ OUTSTANDING: Final = 0.05  # false discovery rate of robots, places and batches 
 
 @dataclass(frozen=True)
 class Offset:
-    """A robot, place or batch that is off the others ever since; SI."""
+    """A robot, place or batch that is off the others ever since; SI. `is_shared`: not the doing of one robot."""
 
     kind: str
     who: str
@@ -40,6 +41,7 @@ class Offset:
     size: float
     sigma: float
     p: float
+    is_shared: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Fitted:
     offsets: list[Offset]
 
     def deviation(self) -> Array:
-        """Of each robot's newest level from the others', in sigmas of these; NaN: never seen."""
+        """The distance of each robot's newest level from the others', in sigmas of these; NaN: never seen."""
         expected, p = self.population.expected(self.log), self.population
         last = np.array([t.level[-1] if len(t.level) else np.nan for t in self.trends])
         return np.asarray((last - expected) / p.spread)
@@ -77,7 +79,7 @@ class Statistics:
         """Offsets of which OUTSTANDING are false on average."""
         found = []
         for kind in ("place", "batch", "robot"):
-            every = [o for f in self.fitted.values() for o in f.offsets if o.kind == kind]
+            every = [o for f in self.fitted.values() for o in f.offsets if o.kind == kind and o.is_shared]
             mask = benjamini_hochberg(np.array([o.p for o in every]), OUTSTANDING)
             found += [o for o, is_found in zip(every, mask, strict=True) if is_found]
         return found
@@ -120,8 +122,9 @@ def _fitted(log: Log, done: list[Maintained], known: Population | None) -> Fitte
             p = fit(log, pruned(p, log.constant.jump), *_numbered(log, _creeping(log, p, _cut(log, p, change)[0])))
         p = pruned(p, log.constant.jump)
     segments, changes = _cut(log, p, change)
-    series = series_of(log, p)
-    trends = [one.smoothed(own) for one, own in zip(series, segments, strict=True)]
+    if known is None:
+        p = replace(p, inflation=inflation(*_smoothed(log, p, segments)))
+    series, trends = _smoothed(log, p, segments)
     found = [
         with_maintenance(event, done)
         for one, posterior, trend in zip(series, changes, trends, strict=True)
@@ -213,6 +216,11 @@ def _batches(counts: Integers) -> list[Integers]:
     return found
 
 
+def _smoothed(log: Log, p: Population, segments: Sequence[Segments]) -> tuple[list[Series], list[Trend]]:
+    every = series_of(log, p)
+    return every, [one.smoothed(own) for one, own in zip(every, segments, strict=True)]
+
+
 def _creeping(log: Log, p: Population, segments: list[Segments]) -> list[Trend]:
     """Trends with the levels of what creeps alone: all that a population asks of them."""
     found = []
@@ -299,7 +307,15 @@ def offsets(log: Log, p: Population, trends: list[Trend]) -> list[Offset]:
         p_value = 2.0 * stats.t.sf(np.abs(off) / sigma, n - 2)
         for i, *figures in zip(seen, off.tolist(), sigma.tolist(), p_value.tolist(), strict=True):
             found.append(Offset("robot", log.robots[i], log.name, *figures))
-    for kind, names, apart in (("batch", log.batches, p.batch_apart), ("place", log.places, p.place_apart)):
-        for name, (off, sigma) in zip(names, apart, strict=False):
-            found.append(Offset(kind, name, log.name, off, sigma, float(2.0 * stats.norm.sf(abs(off) / sigma))))
+    segment, drift, levels = _numbered(log, trends)
+    left = log.value - p.shared(log) - p.expected(log)[log.robot] - drift
+    for kind, names, of, apart in (
+        ("batch", log.batches, log.batch_of[log.robot], p.batch_apart),
+        ("place", log.places, log.place, p.place_apart),
+    ):
+        for k, (name, (off, sigma)) in enumerate(zip(names, apart, strict=False)):
+            x = (of == k).astype(float)
+            is_shared = stays_without_any(log, p, segment, levels, left + off * x, x, off)
+            p_value = float(2.0 * stats.norm.sf(abs(off) / sigma))
+            found.append(Offset(kind, name, log.name, off, sigma, p_value, is_shared))
     return found

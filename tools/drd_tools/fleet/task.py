@@ -1,4 +1,4 @@
-"""What is asked of a worker, and the form in which it answers."""
+"""The task that a worker is given, and the form in which it answers."""
 
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -53,7 +53,7 @@ def failed(task: Task, error: str, digest: str = "", own: Labels = NO_LABELS) ->
 
 
 def about(task: Task, name: str, digest: str, own: Labels) -> dict[str, Any]:
-    """What is said of every recording, and of each part of a long one."""
+    """The columns that say whose row it is: of every recording, and of each part of a long one."""
     return {
         "recording": name,
         "uri": task.seen.uri,

@@ -19,7 +19,7 @@ HERE: Final = Engine()
 
 
 class Updated(NamedTuple):
-    """What an update did: recordings that were found, analysed, failed, got other labels, and have no start.
+    """The outcome of an update: recordings that were found, analysed, failed, got other labels, and have no start.
 
     `failures`: recording and error of all that stand as failed.
     """
@@ -32,7 +32,7 @@ class Updated(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """What the store has of a recording; of a long one its parts' rows, which share all but their names."""
+    """The rows that the store has of a recording; of a long one those of its parts, which share all but their names."""
 
     recordings: list[str]
     row: Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""What `monitor.apply` gains and risks: drives on which something begins, and recordings, with it and without.
+"""The gains and risks of `monitor.apply`: drives on which something begins, and recordings, with it and without.
 
 `python -m drd_tools.trial.applied [--each N] [RECORDING ...]` prints the table of drd/monitor/README.md.
 """
@@ -99,7 +99,7 @@ def driven(recording: Recording, is_on: bool) -> Driven:
 
 
 def position_rms_m(made: Driven, recording: Recording) -> float:
-    """Of the poses against the reference, turned and shifted onto it as fits best."""
+    """The error of the poses against the reference, turned and shifted onto it as fits best."""
     log = recording.reference
     assert log is not None
     time_s = np.array([(p.t_ns - made.zero_ns) * S_PER_NS for p in made.poses])

@@ -1,4 +1,4 @@
-"""What others would do: sparse regressions of the residual increments on the diagnosis' own library, not whitened.
+"""Methods of others: sparse regressions of the residual increments on the diagnosis' own library, not whitened.
 
 They get the same columns, blocks of BLOCK_S (where the reference is sparser: between its poses), each channel scaled
 by its own scatter, and the gyro's constant bias is taken off. They know nothing of noise that hangs together.

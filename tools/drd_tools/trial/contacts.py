@@ -80,7 +80,7 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
 
 
 def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Errors:
-    """What takes off all that a calibration could know, by least squares."""
+    """The errors that take off all that a calibration could know, by least squares."""
     v, w = m.speed_m_s, _rate(m.heading_rad, m.time_s)
     dv, dw = _rate(v, m.time_s), _rate(w, m.time_s)
     bent = [v, w, v * np.abs(v), w * np.abs(w), v * w, v * np.abs(w)]

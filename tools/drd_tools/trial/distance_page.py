@@ -61,7 +61,7 @@ CAPTION: Final = (
 
 
 def lead(distances: Distances) -> list[str]:
-    """What the matrices say, in a sentence or two."""
+    """The message of the matrices, in a sentence or two."""
     pairs = distances.pairs()
     never = sum(p.farthest < ALIKE for p in pairs)
     return [

@@ -102,7 +102,7 @@ def judged(seed: int, robots: int = ROBOTS, days: int = DAYS) -> FleetRow:
 
 
 def _note(said: list[Said], found: Sequence[Event], evening: int) -> None:
-    """What is said again is one and the same where its dates meet."""
+    """Note events; one that is said again is the same where its dates meet."""
     for event in found:
         for old in said:
             o = old.event
@@ -214,7 +214,7 @@ def _line(s: Said) -> str:
 
 
 def tables(rows: Sequence[FleetRow]) -> list[Table]:
-    """What is found, when, and what is not there."""
+    """Tables of the changes that are found, when, and of those that are not there."""
     every = [c for r in rows for c in r.changes]
     radii = [c for c in every if c.name in RADII and c.form == "step"]
     kinds = {

@@ -1,4 +1,4 @@
-"""What a diagnosis is worth on another drive of the same robot, beside an oracle that knows what is true."""
+"""The worth of a diagnosis on another drive of the same robot, beside an oracle that knows what is true."""
 
 import math
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
 
 
 def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
-    """What a selected effect explains, its covariate held to the range in which it was seen, as model.yaml has it."""
+    """Rows that a selected effect explains, its covariate held to the range in which it was seen, as in model.yaml."""
     return problem.along(within(problem.sensitivities.motion, seen)).effect_rows([selected])
 
 

@@ -46,7 +46,7 @@ class Said(Struct, frozen=True):
 
 
 class LiveRow(Struct, frozen=True, kw_only=True):
-    """What the monitor said of a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
+    """The monitor's answer to a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
 
     `sigmas`: errors of its parameters in their own deviations, of the finding that has its name.
     """

@@ -17,7 +17,7 @@ BEGIN, END = "<!-- figures of drd trial -->", "<!-- end of figures -->"
 
 
 class Content(NamedTuple):
-    """What a page holds: where it comes from, tables, and lines under a title. `figures`: what is drawn of it."""
+    """The contents of a page: where it comes from, tables, and lines under a title. `figures`: what is drawn of it."""
 
     origin: str
     tables: Sequence[Table]

@@ -1,4 +1,4 @@
-"""What a diagnosis is worth on a real drive into which an effect was planted, on top of what that drive has already."""
+"""The score of a diagnosis on a real drive into which an effect was planted, on top of what that drive has already."""
 
 import math
 from collections.abc import Callable, Sequence

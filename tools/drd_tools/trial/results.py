@@ -72,7 +72,7 @@ class Stress(Struct, frozen=True):
 
 
 class Mismatch(Struct):
-    """Of another drive: without a model, with that of the diagnosis, and with the true effects (the oracle)."""
+    """Figures of another drive: without a model, with that of the diagnosis, and with the true effects (the oracle)."""
 
     before: float
     after: float
@@ -88,7 +88,7 @@ class OtherDrive(Struct):
 
 
 class Answer(Struct, kw_only=True):
-    """What is true of a recording: an entry of answers.json."""
+    """The truth about a recording: an entry of answers.json."""
 
     case: str
     kind: str
@@ -140,7 +140,7 @@ Row = Record | NotMade
 
 
 class Head(Struct, kw_only=True):
-    """What makes cases the same cases, and the build that diagnosed them. `plant`: the folder of real drives."""
+    """Settings that make cases the same, and the build that diagnosed them. `plant`: the folder of real drives."""
 
     format: str = FORMAT
     seed: int
@@ -186,7 +186,7 @@ class Store:
             out.write(_line(row))
 
     def read(self) -> tuple[Head, list[Row]]:
-        """What is there. A last line that was cut off does not count. Raises ConfigError."""
+        """The rows that are there. A last line that was cut off does not count. Raises ConfigError."""
         try:
             lines = self.file.read_text(encoding="utf-8").split("\n")[:-1]
             rows: list[Any] = [json.loads(line) for line in lines]

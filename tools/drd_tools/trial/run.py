@@ -39,7 +39,7 @@ NO_OTHERS: Final = Others()
 def calls(
     folder: Path | None, answers: Sequence[Answer], drawn: Sequence[Drawing], others: Others, beside: int = 1
 ) -> list[Callable[[], Row]]:
-    """What is to be done, a call for each case. `others`: other methods, for one in `beside` of those drawn."""
+    """The work to be done, a call for each case. `others`: other methods, for one in `beside` of those drawn."""
     made: list[Callable[[], Row]] = [] if folder is None else [partial(from_folder, folder, a, others) for a in answers]
     return [*made, *(partial(simulated, d, NO_OTHERS if d.number % beside else others) for d in drawn)]
 

@@ -72,7 +72,7 @@ def features(r: Regression) -> Array:
     index = np.array([names.index(e) for e in r.effects])
 
     def largest(values: Array) -> Array:
-        """Of each effect's columns."""
+        """The largest value among each effect's columns."""
         most = np.zeros(len(names))
         np.maximum.at(most, index, values)
         return most
@@ -82,7 +82,7 @@ def features(r: Regression) -> Array:
     first, second = (int(k) for k in np.argsort(-alone)[:2])
 
     def beside_best(name: int) -> Array:
-        """What each effect explains beside the best column of one."""
+        """The part that each effect explains beside the best column of one."""
         best = int(np.argmax(np.where(index == name, np.abs(products), -1.0)))
         shared = r.X.T @ r.X[:, best] / n
         free = 1.0 - shared**2

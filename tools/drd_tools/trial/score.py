@@ -1,4 +1,4 @@
-"""What a diagnosis is worth against the answer."""
+"""The score of a diagnosis against the answer."""
 
 import itertools
 import math

@@ -99,7 +99,7 @@ class Whitener:
         return found if found is not None and d / NEAR <= found[1] <= d * NEAR else None
 
     def event(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
-        """Of some draws of what destroys readings, the values (SI) whose detectability is nearest to `d`, and it."""
+        """The values (SI), of some draws of what destroys readings, whose detectability is nearest to `d`, and it."""
         drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
         sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
         return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
