@@ -174,7 +174,7 @@ def resumed(before: dict[str, Any], pose: dict[str, Any]) -> dict[str, Any]:
         return {"kind": "cold"}
     x_m, y_m = (pose[key] - before["pose"][key] for key in ("x_m", "y_m"))
     return {
-        "kind": "warm" if abs(pose["x_m"]) + abs(pose["y_m"]) > 0 else "at the origin",
+        "kind": "warm",
         "jump_m": round((x_m**2 + y_m**2) ** 0.5, 3),
         "bound_m": round(pose["position_bound_99_m"] + before["pose"]["position_bound_99_m"], 3),
         "validity": pose["validity"],
@@ -189,7 +189,6 @@ def is_kept(rows: list[dict[str, Any]], i: int) -> bool:
         not row["troubles"]
         and max(row["recording_lost_s"]) <= RECORDING_S
         and max(row["state_lost_s"]) <= STATE_S
-        and again.get("kind") != "at the origin"
         and again.get("jump_m", 0.0) <= min(again.get("bound_m", 0.0), SPEED_M_S * unseen_s + MARGIN_M)
     )
 
