@@ -25,7 +25,7 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test lint bench soak honesty clean
+.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test power-cut lint bench soak honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -112,6 +112,10 @@ vm-test: $(STAMP) ## boot Debian with vcan and systemd (as root), install drd th
 	done; \
 	$(INSTALL_MISSING)
 	$(BIN)/python -m pytest tests/vm -m vm
+
+N ?= 200
+power-cut: $(STAMP) ## cut the power of the virtual machine N times while it records (as root; goes on where it was stopped)
+	PYTHONPATH=tests $(BIN)/python tests/vm/power_cut.py --cuts $(N) --output out/power-cut
 
 lint: $(STAMP) ## check style, format and types
 	$(BIN)/ruff check

@@ -28,6 +28,7 @@ COMMANDS = {
     "watch": Command("drd.commands.watch", "watch the pose and the health, live"),
     "foxglove": Command("drd_tools.foxglove_command", "show a running drd in Foxglove, live", "foxglove"),
     "install-service": Command("drd.commands.install_service", "install the daemon as a service of systemd"),
+    "refused": Command("drd.commands.refused", "which system calls the service's sandbox has refused, by name"),
     "emulate": Command("drd_tools.emulate.command", "be the hardware: gyro and encoders that drive a path", "tools"),
     "calibrate": Command("drd_tools.calibrate.command", "calibrate the gyro or the wheels", "tools"),
     "paper": Command("drd_tools.paper.command", "repeat the paper's experiments in simulation", "tools"),

@@ -8,17 +8,20 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from recorded_drive import CALIBRATION, drive, recordings
 
-from drd.config.keys import Config
+from drd.config.keys import Config, Recording, State
 from drd.config.schema import ConfigError, loads
 from drd.pipeline import Pipeline
 from drd.recording import recorder as recorder_module
 from drd.recording.in_force import AS_WRITTEN, IN_FORCE
 from drd.recording.in_force import CALIBRATION as CALIBRATION_NAME
+from drd.recording.recorder import Recorder
 from drd.recording.topics import CHANNELS, RAW_CAN, RAW_EVENTS, RAW_FOG, SCENE_PERIOD_NS
 from drd.samples import Pose
 from drd_tools.recordings.mcap_file import open_mcap
@@ -121,6 +124,31 @@ def test_an_old_file_is_continued(tmp_path: Path) -> None:
     d.run(2.0)
     recorder.close(5.0)
     assert len(recordings(tmp_path)) == 2
+
+
+@pytest.mark.parametrize(("flush_s", "fsync_s"), [(0.5, 0.5), (1.0, 5.0), (0.7, 1.0), (2.0, 0.5)])
+def test_what_a_kill_and_a_power_cut_may_lose_is_flushed_and_synced_in_time(
+    tmp_path: Path, flush_s: float, fsync_s: float
+) -> None:
+    d = drive(tmp_path, f"flush_s: {flush_s}, fsync_s: {fsync_s}")
+    recorder: Any = Recorder(d.loaded, tmp_path)
+    flushed_s, synced_s, now_s = [0.0], [0.0], 0.0
+    file: Any = SimpleNamespace(size=0, pending=0)
+    file.flush, file.sync = lambda: flushed_s.append(now_s), lambda: synced_s.append(now_s)
+    recorder._file, recorder._full_bytes = file, 1e9
+    for i in range(1, 101):
+        now_s = i * recorder_module.DRAIN_S
+        recorder._keep(round(now_s * 1e9))
+    assert max(np.diff([*flushed_s, now_s])) < flush_s
+    assert max(np.diff([*synced_s, now_s])) < fsync_s
+    assert set(synced_s) <= set(flushed_s)
+    assert len(flushed_s) <= 2 + sum(now_s / (s - recorder_module.DRAIN_S) for s in (flush_s, fsync_s))
+
+
+def test_no_more_is_lost_in_a_power_cut_than_promised() -> None:
+    """At most 1 s of recording and 5 s of state, with as much time again for the disk."""
+    assert max(Recording().flush_s, Recording().fsync_s) <= 0.5
+    assert State().period_s <= 4.0
 
 
 def test_a_full_disk_is_told_what_was_flushed_reads_and_it_goes_on_when_there_is_room(

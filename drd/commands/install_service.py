@@ -20,6 +20,7 @@ from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
 
 UNIT: Final = "etc/systemd/system/drd@.service"
+MANAGER: Final = "etc/systemd/system.conf.d/drd-log-refused.conf"
 DROP_INS: Final = "etc/systemd/system/drd@.service.d"
 RULES: Final = "etc/udev/rules.d/99-drd.rules"
 CONFIGS: Final = "etc/drd"
@@ -51,6 +52,9 @@ with --slcan
 with --tls
   /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
   /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
+with --log-refused
+  /etc/systemd/system.conf.d/drd-log-refused.conf     refused system calls go into the kernel's log,
+                                                      for `drd refused`; then systemctl daemon-reexec
 
 --lock FILE first brings the packages of drd's environment to the versions of a lock file, by
 `pip install --require-hashes`: a package whose content is not what was locked is refused, and then nothing is written.
@@ -110,6 +114,8 @@ def _parser() -> argparse.ArgumentParser:
     text = "install the drop-in that takes CAN sockets away, for serial CAN adapters, too"
     add("--slcan", action="store_true", help=text)
     add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
+    text = "have systemd log the system calls that sandboxes refuse, for `drd refused`"
+    add("--log-refused", action="store_true", help=text)
     add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
     text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: that of this drd)"
     add("--lock", metavar="FILE", help=text)
@@ -140,6 +146,8 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
         for drop_in, wanted in drop_ins:
             if wanted or f"{DROP_INS}/{drop_in}.conf" in files.files:
                 files.put(f"{DROP_INS}/{drop_in}.conf", _shipped("systemd", f"{drop_in}.conf"))
+        if arguments.log_refused or MANAGER in files.files:
+            files.put(MANAGER, _shipped("systemd", "log-refused.conf"), "then systemctl daemon-reexec")
         if arguments.tls:
             text = _shipped("config", "zenoh-tls.json5").replace("drd@mybot.service", f"drd@{name}.service")
             files.put_once(f"{CONFIGS}/{name}-tls.json5", text, "edit it: its head says how")

@@ -389,9 +389,9 @@ class Recording:
     folder: Annotated[str, "path"] = "recordings"
     """Where the files go; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the
     working directory"""
-    flush_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 1.0
+    flush_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 0.5
     """How often data is handed to the system: what a killed daemon loses"""
-    fsync_s: Annotated[float, "s", Meta(ge=0.1, le=3600)] = 5.0
+    fsync_s: Annotated[float, "s", Meta(ge=0.1, le=3600)] = 0.5
     """How often the disk is waited for: what a power cut loses; longer spares flash"""
     max_file_mb: Annotated[float, "MB", Meta(ge=1, le=100_000)] = 64.0
     """A larger file is continued in a new one"""
@@ -410,7 +410,7 @@ class State:
     folder: Annotated[str, "path"] | None = None
     """Where the file lies; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the
     working directory. null = that directory under systemd, else no state is kept"""
-    period_s: Annotated[float, "s", Meta(ge=0.5, le=3600)] = 5.0
+    period_s: Annotated[float, "s", Meta(ge=0.5, le=3600)] = 4.0
     """How often it is written, beside each time that the robot starts to move or drd ends; longer spares flash, and
     leaves more unseen way when drd is killed on the move"""
     pose: Literal["continue", "origin"] = "continue"

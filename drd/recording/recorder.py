@@ -249,11 +249,14 @@ class Recorder:
         if file is None:
             return
         is_full = file.size + file.pending + CHUNK_BYTES > FULL_PART * self._full_bytes  # one is being filled
-        if not is_full and now_ns + DRAIN_S * NS_PER_S - self._flushed_ns < settings.flush_s * NS_PER_S:
+        next_ns = now_ns + DRAIN_S * NS_PER_S
+        is_due = next_ns - self._flushed_ns >= settings.flush_s * NS_PER_S
+        sync_is_due = next_ns - self._synced_ns >= settings.fsync_s * NS_PER_S
+        if not (is_full or is_due or sync_is_due):
             return
         file.flush()
         self._unflushed, self._flushed_ns = 0, now_ns
-        if now_ns - self._synced_ns >= settings.fsync_s * NS_PER_S:
+        if sync_is_due:
             file.sync()
             self._synced_ns = now_ns
         if is_full or (now_ns - self._opened_ns) * S_PER_NS > settings.max_file_age_s:

@@ -137,9 +137,9 @@ def install_drd(root: Path, wheels: Path) -> None:
 
 
 def install_kernel_modules(root: Path, source: Path) -> None:
-    """The CAN modules of User-mode Linux."""
+    """User-mode Linux' modules for CAN and for block devices."""
     target = root / "lib/modules" / source.name
-    for part in ("kernel/net/can", "kernel/drivers/net/can"):
+    for part in ("kernel/net/can", "kernel/drivers/net/can", "kernel/drivers/block"):
         shutil.copytree(source / part, target / part)
     for file in (source / "modules.order", *source.glob("modules.builtin*")):
         shutil.copy(file, target)
@@ -150,6 +150,8 @@ def prepare_system(root: Path) -> None:
     """What the checks need beside drd: their own unit, the shipped examples, names of the serial lines."""
     units = root / "etc/systemd/system"
     (units / "drd-test.service").write_text(TEST_UNIT)
+    (wants := units / "multi-user.target.wants").mkdir(exist_ok=True)
+    (wants / "drd-test.service").symlink_to("../drd-test.service")
     for unit in MASKED:
         (units / unit).unlink(missing_ok=True)
         (units / unit).symlink_to("/dev/null")

@@ -11,11 +11,12 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
-from vm import image, robot
+from vm import image, robot, volatile_disk
 from vm.kernel import CONTAINED, Kernel
 
 from drd.config.file import load_config
@@ -25,6 +26,8 @@ from drd_tools.emulate.hardware import Emulator
 LIMIT_S = 240.0
 POLL_S = 0.004
 CONSOLE_LINES = 40  # a panic prints about thirty
+# What a robot's own machine starts; the checks need less.
+UNITS = {robot.REBOOTING: "multi-user.target"}
 RESULTS, OUTSIDE, CONSOLE = "results.json", "outside.jsonl", "console.log"
 
 # The namespace, and all in it, ends with the machine. Time must go on in there whatever else runs out here: where that
@@ -32,10 +35,11 @@ RESULTS, OUTSIDE, CONSOLE = "results.json", "outside.jsonl", "console.log"
 SCRIPT = f"""\
 ip link set lo up && ip tuntap add dev tap0 mode tap && ip address add {robot.HOST_ADDRESS}/24 dev tap0 &&
 ip link set tap0 up || exit 1
+chrt --rr 1 true && first="chrt --rr 1"
 "$1" -c "$2" {robot.ENDPOINTS[1]} "$3" &
-shift 3
-chrt --rr 1 true && exec chrt --rr 1 "$@"
-exec "$@"
+test -z "$4" || $first "$1" "$5" "$4" {robot.DISK[0]} {robot.DISK[1]} &
+shift 5
+exec $first "$@"
 """
 SUBSCRIBER = """\
 import json
@@ -53,11 +57,15 @@ with zenoh.open(config) as session, open(sys.argv[2], "w", buffering=1) as strea
 class Machine:
     """One robot's machine while it runs, with the gyro of that robot on its serial line, a pseudo-terminal."""
 
-    def __init__(self, name: str, kernel: Kernel, disk: Path, work: Path):
-        """Start it, in `work`, a folder of its own; `disk` is changed."""
+    def __init__(self, name: str, kernel: Kernel, disk: str, work: Path, volatile: Path | None = None):
+        """Start it, in `work`, a folder of its own; `disk` is changed, or else it names a file for the changes first.
+
+        `volatile`: the folder of a second disk whose cache a power cut empties (volatile_disk.py).
+        """
         self.out = work / "out"
         self.out.mkdir()
         shutil.copytree(Path(__file__).parent, self.out / "vm", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(image.CHECKOUT / "tests/golden", self.out / "golden")
         (self.out / "robot").write_text(name)
         small, gyro, configuration = work / "small.ext4", work / "gyro", work / "gyro.yaml"
         image.run("mke2fs", "-q", "-F", "-t", "ext4", small, "8M")
@@ -69,18 +77,21 @@ class Machine:
         system = (
             *(*kernel.command, "mem=768M", f"umid={work.name}", f"uml_dir={work}/uml", f"ubd0={disk}", f"ubd1={small}"),
             *("root=/dev/ubda", "rw", "init=/lib/systemd/systemd", "quiet", "panic=1", "con=null", "con0=null,fd:1"),
-            *("ssl=null", f"ssl0=tty:{gyro.readlink()}", "vec0:transport=tap,ifname=tap0"),
-            *("systemd.unit=drd-test.service", f"drd_out={self.out}"),
+            *("ssl=null", f"ssl0=tty:{gyro.readlink()}", "vec0:transport=tap,ifname=tap0,gro=1"),
+            *(f"systemd.unit={UNITS.get(name, 'drd-test.service')}", f"drd_out={self.out}"),
         )
         command = (
             *(*CONTAINED, "--net"),
             *("sh", "-c", SCRIPT, "sh", sys.executable, SUBSCRIBER, str(self.out / OUTSIDE)),
+            *(str(volatile or ""), volatile_disk.__file__),
             *("timeout", "--kill-after=5", str(LIMIT_S), *system),
         )
+        self._alive, alive = os.pipe()
         with (self.out / CONSOLE).open("wb") as console:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT
+                command, stdin=subprocess.DEVNULL, stdout=console, stderr=subprocess.STDOUT, pass_fds=(alive,)
             )
+        os.close(alive)
 
     def is_running(self) -> bool:
         """Whether it has not ended."""
@@ -96,20 +107,22 @@ class Machine:
         self._gyro.step((time.time_ns() - orders["start_wall_ns"]) * S_PER_NS)
 
     def close(self) -> None:
-        """Pull both plugs."""
+        """Pull both plugs: every process of the machine is gone afterwards."""
         self._process.kill()
         self._process.wait()
+        os.read(self._alive, 1)  # an end when nobody holds the other one any more
+        os.close(self._alive)
         self._gyro.stop()
 
 
-def run(kernel: Kernel, disk: Path, work: Path) -> dict[str, Path]:
-    """Boot a machine for each robot, wait for their ends, and return the folders with what they left."""
+def run(kernel: Kernel, disk: Path, work: Path, names: Sequence[str]) -> dict[str, Path]:
+    """Boot a machine for each of these robots, wait for their ends, and return the folders with what they left."""
     with contextlib.ExitStack() as ends:
         machines = {}
-        for name in robot.NAMES:
+        for name in names:
             (own := work / name).mkdir()
             image.run("cp", "--sparse=always", disk, own / "root.ext4")
-            machines[name] = Machine(name, kernel, own / "root.ext4", own)
+            machines[name] = Machine(name, kernel, str(own / "root.ext4"), own)
             ends.callback(machines[name].close)
         # The machines' own programs are started: from here on the gyros must not wait for a busy host.
         ends.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))

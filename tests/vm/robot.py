@@ -26,12 +26,18 @@ from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 # Shared with the host: what stands in files there leaves the machine.
 SHARED: Final = Path("/mnt")
 HOST_ADDRESS, GUEST_ADDRESS = "10.213.0.1", "10.213.0.2"  # private, as the unit asks
-NAMES: Final = ("driving", "standing")
+REBOOTING: Final = "rebooting"
+# Machines that run beside each other, and one after the other.
+ROUNDS: Final = (("driving", "standing"), (REBOOTING,))
+NAMES: Final = tuple(name for names in ROUNDS for name in names)
+# The one whose power is cut; its disk is at this address (volatile_disk.py).
+CUT: Final = "cut"
+DISK: Final = (HOST_ADDRESS, 10809)
 PORT: Final = 7447
 LINE: Final = "/dev/ttyS0"
 BUS: Final = "vcan0"
 # First the gyro is away, then its bias is measured.
-STAND_S: Final = 30.0
+STAND_S: Final = {"driving": 30.0, CUT: 5.0}
 GEOMETRY: Final = {"wheel_radius_m": 0.1, "tread_m": 0.5}
 # Few bytes: User-mode Linux never reads a serial line again in which 4 KiB have been waiting. These need 50 s for them.
 FOG: Final = {"protocol": "ecore", "baud": 9600, "rate_hz": 10, "full_scale_deg_s": 100, "latency_s": 0.0}
@@ -47,7 +53,7 @@ ORDERS: Final = "gyro.json"
 
 def drive(name: str) -> Drive:
     """The way of the robot of that name; the gyro outside goes the same."""
-    return demo_drive(300, stand_s=STAND_S) if name == "driving" else make_drive("stand")
+    return demo_drive(300, stand_s=STAND_S[name]) if name in STAND_S else make_drive("stand")
 
 
 def sh(command: str, *, may_fail: bool = False) -> str:
@@ -110,7 +116,7 @@ class Robot:
         values["estimation"]["static_bias"] = {"duration_s": 3.0, "minimum_s": 1.0}
         # Nothing here waits for a silence: a lost port says so.
         values["fog"]["silent_after_s"] = values["encoders"]["silent_after_s"] = 5.0
-        values["output"] = {"listen": list(ENDPOINTS), "commands": True}
+        values["output"] = {"listen": list(ENDPOINTS[: 1 if self.name == REBOOTING else 2]), "commands": True}
         return values
 
     def configure(self, **sections: dict[str, Any]) -> None:

@@ -3,20 +3,22 @@
 import os
 import shutil
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from vm import image, kernel, machine
+from vm import image, kernel, machine, power_cut
 from vm.guest import CHECKS
-from vm.robot import NAMES
+from vm.robot import NAMES, ROUNDS
 from vm.table import KERNEL, VERDICTS
 
 from drd.units import S_PER_NS
 
 pytestmark = pytest.mark.vm
 
+CUTS = 2
 KEPT = image.CHECKOUT / "out" / "vm"
 
 
@@ -26,6 +28,7 @@ class Run(NamedTuple):
     verdicts: dict[str, dict[str, dict[str, Any]]]
     consoles: dict[str, str]
     poses: list[dict[str, Any]]
+    cuts: list[dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +43,25 @@ def attempt(request: pytest.FixtureRequest) -> Run | str:
             chosen, stash[KERNEL] = kernel.choose(kernel.makers(work), work)
         except kernel.NoKernelError as error:
             return str(error)
-        left = machine.run(chosen, image.build(work, chosen.modules), work)
+        disk = image.build(work, chosen.modules)
+        left = machine.run(chosen, disk, work, ROUNDS[0])
+        with ThreadPoolExecutor(1) as beside:
+            cuts = beside.submit(some_cuts, chosen, disk, work)
+            left |= machine.run(chosen, disk, work, ROUNDS[1])
         verdicts = {name: machine.results(out) for name, out in left.items()}
         consoles = {name: machine.console_end(out) for name, out in left.items()}
         stash[VERDICTS] = {title: verdict for own in verdicts.values() for title, verdict in own.items()}
         shutil.rmtree(KEPT, ignore_errors=True)
         for name, out in left.items():
             shutil.copytree(out, KEPT / name, ignore=shutil.ignore_patterns("__pycache__"))
-        return Run(verdicts, consoles, machine.poses_outside(left["driving"]))
+        return Run(verdicts, consoles, machine.poses_outside(left["driving"]), cuts.result())
+
+
+def some_cuts(chosen: kernel.Kernel, disk: Path, work: Path) -> list[dict[str, Any]]:
+    """A few of the power cuts that `make power-cut` makes."""
+    (own := work / "cuts").mkdir()
+    bench = power_cut.Bench(chosen, disk, own, seed=1)
+    return [bench.cut() for _ in range(CUTS)]
 
 
 @pytest.fixture
@@ -99,3 +113,8 @@ def test_poses_arrive_outside(run: Run) -> None:
     assert taken_s > 20
     assert len(poses) / taken_s > 10  # 20 Hz, less what the faults take
     assert max(abs(pose["x_m"]) for pose in poses if pose["validity"] == "valid") > 1.0
+
+
+def test_a_power_cut_loses_no_more_than_promised(run: Run) -> None:
+    assert len(run.cuts) == CUTS
+    assert all(power_cut.is_kept(run.cuts, i) for i in range(CUTS)), "\n".join(power_cut.table(run.cuts))
