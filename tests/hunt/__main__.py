@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -10,7 +11,7 @@ from drd_tools.report.terminal import print_table
 from hunt.judge import once
 from hunt.search import Case, Hunt, Tally, causes, hunt, repeats
 
-CASES_FROM = 1.5  # the ratio that is never to be passed
+CASES_FROM: Final = 1.5  # the ratio that is never to be passed
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from msgspec.structs import replace as changed
 
 from drd.config import keys
 from drd.config.keys import Config
-from hunt.kinds import GYRO, KINDS, MOMENTS, SIDEWAYS, SLIP_BOTH
+from hunt.kinds import GYRO, KINDS, MOMENTS, NO_GYRO, SIDEWAYS, SLIP_BOTH, UNCONTRADICTED
 
 # Each gene's values, the usual one first. With a dot: a key of the configuration; without: of the true robot.
 MENU: Final[dict[str, tuple[Any, ...]]] = {
@@ -30,10 +30,10 @@ MENU: Final[dict[str, tuple[Any, ...]]] = {
     "encoders.silent_after_s": (0.3, 1.0),
     "output.publish_on": ("wheels", "gyro"),
     "estimation.heading": ("filter", "gyro"),
-    "estimation.gate_sigma": (5.0, 3.0, 10.0),
+    "estimation.gate_sigma": (5.0, 3.0, 6.0),
     "estimation.rejections_before_release": (3, 1, 10),
     "estimation.reorder_s": (0.25, 0.05, 1.0),
-    "estimation.static_bias.duration_s": (2.0, 0.0),
+    "estimation.static_bias.duration_s": (6.0, 2.0, 0.0),
 }
 SPEEDS_M_S: Final = (-0.6, 1.5)
 RATE_RAD_S: Final = 0.9
@@ -79,7 +79,9 @@ class Genome(Struct, frozen=True):
     @property
     def named(self) -> frozenset[str]:
         """Classes of what no sensor could know."""
-        return frozenset(KINDS[event.kind].named for event in self.events) - {""}
+        kinds = {event.kind for event in self.events}
+        alone = self.gene("fog.protocol") == "none" and kinds.intersection(UNCONTRADICTED)
+        return frozenset([KINDS[kind].named for kind in kinds] + [NO_GYRO] * bool(alone)) - {""}
 
     def config(self) -> Config:
         """What the robot's engineer has written."""
@@ -127,7 +129,12 @@ def _settled(genome: Genome) -> Genome:
             legs.append(changed(leg, seconds=min(leg.seconds, left_s)))
             left_s -= leg.seconds
     seconds = sum(leg.seconds for leg in legs)
-    events = [e for e in genome.events if e.at_s < seconds - 0.5 and (has_gyro or e.kind not in GYRO)]
+    never = set() if has_gyro else set(GYRO)
+    if genes.get("robot.drive") == "differential":
+        never.add("other ground")  # that its tread is always the same is what this says
+    if genes.get("fog.protocol") != "dsp17xx":
+        never.add("gyro packets doubled")  # without a counter twice the same is no fault
+    events = [e for e in genome.events if e.at_s < seconds - 0.5 and e.kind not in never]
     genes = {name: genes[name] for name in MENU if name in genes and genes[name] != MENU[name][0]}
     return Genome(genome.seed, genes, tuple(legs), tuple(sorted(events, key=lambda e: e.at_s)[:MOST_EVENTS]))
 

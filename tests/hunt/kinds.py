@@ -5,6 +5,11 @@ from typing import Final
 
 SLIP_BOTH: Final = "both wheels slip alike"
 SIDEWAYS: Final = "moved sideways"
+# Classes of what no sensor could know, beside these two.
+GYRO_LIES: Final = "the gyro reads wrong"  # beyond the gate the wheels are taken to slip, which is far more usual
+TURNS_LATE: Final = "a line turns late"  # how late a sensor is, is learned over a minute
+NO_GYRO: Final = "one wheel lies, no gyro"
+JUMPS: Final = "a counter jumps by less than the robot can drive"  # believed until the gyro's next sample
 
 
 @dataclass(frozen=True)
@@ -12,7 +17,7 @@ class Kind:
     """Sizes are drawn log-uniformly from `low` to `high` in `unit`, of both signs where `signed`.
 
     `traces`: sources of reasons or counters (part.name), of which one must tell of it where it lasts a second.
-    `named`: the class of what no sensor could know. `sided`: one wheel's; `needs_gyro`: nothing without one.
+    `named`: the class of what no sensor could know. `sided`: one wheel's.
     """
 
     low: float = 1.0
@@ -22,16 +27,15 @@ class Kind:
     traces: tuple[str, ...] = ()
     named: str = ""
     sided: bool = False
-    needs_gyro: bool = False
     longest_s: float = 15.0
 
 
 GYRO: Final = {
-    "gyro bias steps": Kind(0.005, 5.0, "deg/s", signed=True),
-    "gyro scale steps": Kind(0.001, 0.2, "", signed=True),
-    "gyro stuck": Kind(),
+    "gyro bias steps": Kind(0.005, 5.0, "deg/s", signed=True, named=GYRO_LIES),
+    "gyro scale steps": Kind(0.001, 0.2, "", signed=True, named=GYRO_LIES),
+    "gyro stuck": Kind(named=GYRO_LIES),
     "gyro noise": Kind(1.5, 30.0, "x"),
-    "gyro spikes": Kind(1.0, 80.0, "deg/s", signed=True),
+    "gyro spikes": Kind(1.0, 80.0, "deg/s", signed=True, named=GYRO_LIES),
     "gyro invalid": Kind(),
     "gyro silent": Kind(traces=("fog",)),
     "gyro port lost": Kind(traces=("fog.port",)),
@@ -40,14 +44,14 @@ GYRO: Final = {
         "fog.foreign_bytes", "fog.implausible", "agreement", "fog", "fog.malformed_lines")),
     "gyro packets doubled": Kind(0.05, 1.0, "of them"),
     "gyro in bunches": Kind(0.03, 0.6, "s"),
-    "gyro late": Kind(0.02, 0.5, "s"),
+    "gyro late": Kind(0.02, 0.5, "s", named=TURNS_LATE),
     "garbage on the line": Kind(1.0, 30.0, "bytes", traces=("fog.foreign_bytes", "fog.framing_errors", "fog.malformed_lines")),
 }  # fmt: skip
 WHEELS: Final = {
     "one wheel slips": Kind(0.005, 1.0, "", signed=True, sided=True),
     SLIP_BOTH: Kind(0.01, 1.0, "", signed=True, named=SLIP_BOTH),
-    "counter to zero": Kind(sided=True),
-    "counter jumps": Kind(0.01, 2.0, "m", signed=True, sided=True),
+    "counter to zero": Kind(sided=True, named=JUMPS),
+    "counter jumps": Kind(0.01, 2.0, "m", signed=True, sided=True, named=JUMPS),
     "node restarts": Kind(sided=True),
     "both counters silent": Kind(traces=("encoders",)),
     "one counter silent": Kind(sided=True, traces=("encoders.left", "encoders.right", "encoders")),
@@ -55,7 +59,7 @@ WHEELS: Final = {
     "frames lost": Kind(0.02, 0.9, "of them"),
     "frames doubled": Kind(0.05, 1.0, "of them"),
     "frames late": Kind(0.02, 1.0, "s"),
-    "frames stamped late": Kind(0.01, 0.3, "s"),
+    "frames stamped late": Kind(0.01, 0.3, "s", named=TURNS_LATE),
     "frames swapped": Kind(0.05, 1.0, "of them"),
     "foreign frames": Kind(1.0, 30.0, "a cycle", traces=("encoders.foreign", "encoders.wrong_length")),
 }  # fmt: skip
@@ -68,6 +72,8 @@ OTHERS: Final = {
     "reset": Kind(),
     "calibrate_bias": Kind(),
 }
-KINDS: Final = {**{name: kind for name, kind in GYRO.items()}, **WHEELS, **OTHERS}
+KINDS: Final = {**GYRO, **WHEELS, **OTHERS}
 # What is given once, at the event's time.
 MOMENTS: Final = ("set_pose", "reset", "calibrate_bias", "counter to zero", "counter jumps", "node restarts")
+# Without a gyro nothing contradicts these.
+UNCONTRADICTED: Final = ("one wheel slips", "counter to zero", "counter jumps", "other ground", "turned by hand")

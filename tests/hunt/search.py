@@ -1,6 +1,5 @@
 """The search: drives at random, and children of the worst of each kind, in several processes; kept in a file."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from random import Random
@@ -12,7 +11,7 @@ from msgspec.structs import replace as changed
 from tqdm import tqdm
 
 from drd_tools.processes import pool_of
-from hunt.genome import MENU, Genome, bred, drawn
+from hunt.genome import Genome, bred, drawn
 from hunt.judge import Found, judge, once
 
 BATCH: Final = 120  # drives between two writings of the file
@@ -168,8 +167,3 @@ def causes(cases: Iterable[Case], least: float) -> list[Case]:
         key = tuple(sorted({event.kind for event in genome.events}))
         found.setdefault(key, Case(genome, judge(genome)))
     return list(found.values())
-
-
-def genes_beyond(cases: Iterable[Case]) -> Counter[str]:
-    """How often each unusual gene is in these cases."""
-    return Counter(f"{name}={value}" for case in cases for name, value in case.genome.genes.items() if name in MENU)

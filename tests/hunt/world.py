@@ -20,14 +20,14 @@ EPOCH_NS: Final = 1000 * NS_PER_S
 STEP_S: Final = 0.01
 # Speeds and rates of the legs run into each other over this long.
 SMOOTHING_S: Final = 1.5
-STAND_S: Final = 3.0  # at first, where the bias is measured
+GUARD_S: Final = 1.0  # longer than the bias is measured the robot stands at first
 # From the end of a gyro's interval to its packet's last byte: the least, and the mean beyond it. Together about what
 # the configuration states.
 GYRO_DELAY_S, JITTER_S = 0.008, 0.001
 NODE_SKEW_S: Final = 0.001
 CLOCK_ERROR: Final = 0.01
-# Skid steering: the effective tread over the measured one, and where its sideways slip ends.
-SKID_TREAD: Final = (1.0, 1.9)
+# Skid steering: the effective tread over the measured one, from where it is found out; where its sideways slip ends.
+SKID_TREAD: Final = (1.25, 1.9)
 MOST_SLIP_S: Final = 0.4
 
 Item = tuple[float, Any]  # when it arrives, s, and bytes, a list of frames, or a command's event
@@ -44,7 +44,7 @@ class World:
     def __init__(self, genome: Genome):
         self.genome, self.config = genome, genome.config()
         self._random = np.random.default_rng([genome.seed, 19])
-        self._begin_s = STAND_S if self.config.estimation.static_bias.duration_s else 0.5
+        self._begin_s = self.config.estimation.static_bias.duration_s + GUARD_S
         self.seconds = self._begin_s + genome.seconds
         self.time_s = np.arange(round(self.seconds / STEP_S) + 1) * STEP_S
         self._drive()
