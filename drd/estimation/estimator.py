@@ -269,7 +269,7 @@ class Estimator:
             self.rest_noise.interrupt()
             if track.gyro_heading:
                 return
-        if not self._agreement.update(track, t_ns, self.steering.drive):
+        if not self._agreement.update(track, t_ns, self.steering.drive, gyro.a):
             self._recover(t_ns)
         else:
             # Slip that the gate found is no noise, and must not pass for it.
