@@ -9,7 +9,7 @@ import msgspec
 
 from drd_tools.report.terminal import print_table
 from hunt.judge import once
-from hunt.search import Case, Hunt, Tally, causes, hunt, repeats
+from hunt.search import Case, Tally, causes, hunt, repeats
 
 CASES_FROM: Final = 1.5  # the ratio that is never to be passed
 
@@ -18,11 +18,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Search, simplify and print. Returns 0, or 1 where something outside the named classes is beyond the goal."""
     parser = argparse.ArgumentParser(
         prog="python -m hunt",
-        description="Genomes of drives, faults, robots and configurations go through drd.pipeline as bytes and frames in "
-        "simulated time; those with the largest error over bound in valid rows breed.",
-        epilog="example: python -m hunt --drives 100000 --jobs 2 --output out/hunt; replay: --replay out/hunt/cases.json:3",
+        description="Genomes of drives, faults, robots and configurations go through drd.pipeline as bytes and frames "
+        "in simulated time; those with the largest error over bound in valid rows breed.",
+        epilog="example: python -m hunt --drives 100000 --jobs 2 --output out/hunt",
     )
-    parser.add_argument("--drives", type=int, default=1000, help="in all; a search goes on from its file [default 1000]")
+    parser.add_argument(
+        "--drives", type=int, default=1000, help="in all; a search goes on from its file [default 1000]"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes [default 1]")
     parser.add_argument("--seed", type=int, default=1, help="of a new search [default 1]")
     parser.add_argument("--output", type=Path, metavar="DIR", help="takes hunt.json and cases.json")
@@ -54,7 +56,14 @@ def _replay(file: str, number: str) -> int:
 
 def _print_tallies(about: str, tallies: dict[str, Tally]) -> None:
     rows = [
-        [name, str(t.drives), str(t.rows), f"{100.0 * t.beyond / max(1, t.rows):.2f}", str(t.drives_beyond), f"{t.worst:.2f}"]
+        [
+            name,
+            str(t.drives),
+            str(t.rows),
+            f"{100.0 * t.beyond / max(1, t.rows):.2f}",
+            str(t.drives_beyond),
+            f"{t.worst:.2f}",
+        ]
         for name, t in sorted(tallies.items(), key=lambda row: -row[1].beyond / max(1, row[1].rows))
     ]
     print_table([about, "drives", "valid rows", "% beyond", "drives with", "worst"], rows)
@@ -63,8 +72,9 @@ def _print_tallies(about: str, tallies: dict[str, Tally]) -> None:
 def _print_cases(cases: Sequence[Case]) -> None:
     for number, case in enumerate(cases):
         f = case.found
-        print(f"{number}: {f.score:.2f} (position {f.position:.2f}, heading {f.heading:.2f}, at {f.at_s:.1f} s, "
-            f"{f.beyond} of {f.rows} rows, jump {f.jump:.2f}) {' '.join(f.wrong)}\n   {case.genome.text()}")  # fmt: skip
+        ratios = f"{f.score:.2f} (position {f.position:.2f}, heading {f.heading:.2f}) at {f.at_s:.1f} s"
+        print(f"{number}: {ratios}, {f.beyond} of {f.rows} rows, jump {f.jump:.2f} {' '.join(f.wrong)}")
+        print(f"   {case.genome.text()}")
 
 
 if __name__ == "__main__":

@@ -31,9 +31,9 @@ RETRIES: Final = 2
 
 
 class Found(Struct, frozen=True):
-    """`position`, `heading`: largest error over bound in valid rows; `score` the larger, the median of three seeds where
-    it is above 1. `rows` valid ones, of which `beyond` are beyond a bound. `jump`: largest step of the error between
-    two valid poses, over the bound before. `wrong`: NaN, crashes, silences. `seen`: reasons and counters.
+    """`position`, `heading`: largest error over bound in valid rows; `score` the larger, the median of three seeds
+    where it is above 1. `rows` valid ones, of which `beyond` are beyond a bound. `jump`: largest step of the error
+    between two valid poses, over the bound before. `wrong`: NaN, crashes, silences. `seen`: reasons and counters.
     """
 
     position: float = 0.0
@@ -148,7 +148,7 @@ def once(genome: Genome) -> Found:
     run = _Run(genome)
     try:
         run.run()
-    except Exception as error:  # noqa: BLE001 # whatever it is, the daemon would have ended
+    except Exception as error:  # whatever it is, the daemon would have ended
         return Found(wrong=(f"crash: {type(error).__name__}: {error}",))
     if not run.poses:
         return Found(wrong=("no pose",), seen=tuple(sorted(run.seen)))

@@ -45,7 +45,8 @@ GYRO: Final = {
     "gyro packets doubled": Kind(0.05, 1.0, "of them"),
     "gyro in bunches": Kind(0.03, 0.6, "s"),
     "gyro late": Kind(0.02, 0.5, "s", named=TURNS_LATE),
-    "garbage on the line": Kind(1.0, 30.0, "bytes", traces=("fog.foreign_bytes", "fog.framing_errors", "fog.malformed_lines")),
+    "garbage on the line": Kind(1.0, 30.0, "bytes", traces=("fog.foreign_bytes", "fog.framing_errors",
+        "fog.malformed_lines")),
 }  # fmt: skip
 WHEELS: Final = {
     "one wheel slips": Kind(0.005, 1.0, "", signed=True, sided=True),

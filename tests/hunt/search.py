@@ -46,8 +46,8 @@ class Tally(Struct):
 
 
 class Hunt(Struct):
-    """All that a search has found so far. `niches`: the worst case of each kind of drive; `tallies` by way of making and
-    class; `single`: those at random with one event, by its kind.
+    """All that a search has found so far. `niches`: the worst case of each kind of drive; `tallies` by way of making
+    and class; `single`: those at random with one event, by its kind.
     """
 
     seed: int
@@ -106,7 +106,9 @@ def hunt(file: Path, drives: int, jobs: int, seed: int) -> Hunt:
             for genome, result, made in results:
                 found.take(genome, result, made)
             bar.update(len(results))
-            bar.set_postfix_str(f"worst {max((t.worst for n, t in found.tallies.items() if 'rest' in n), default=0):.2f}")
+            bar.set_postfix_str(
+                f"worst {max((t.worst for n, t in found.tallies.items() if 'rest' in n), default=0):.2f}"
+            )
             file.with_suffix(".new").write_bytes(msgspec.json.encode(found))
             file.with_suffix(".new").replace(file)
     return found

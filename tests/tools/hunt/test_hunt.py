@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 from pathlib import Path
@@ -28,6 +29,9 @@ MENDED = {
     "turned by hand at rest, before the gyro's noise is known (104)": (
         Genome(1, {"estimation.static_bias.duration_s": 2.0}, (Leg(5.0, 0.0, 0.0), Leg(9.0, 0.4, 0.71)),
                (Event("turned by hand", 1.7, 2.6, -4.54),)), 3.0),
+    "the gyro is stuck for 8 s (229)": (
+        Genome(4190325052, {"fog.protocol": "dsp3000"}, (Leg(9.0, 1.0, 0.41), Leg(5.0, 1.3, -0.3), Leg(4.0, 1.5, 0.24),
+               Leg(10.0, 0.5, 0.0)), (Event("gyro stuck", 12.2, 8.0),)), 3.0),
 }  # fmt: skip
 
 
@@ -95,7 +99,7 @@ def test_a_bound_that_is_too_small_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_same_genome_gives_the_same_drive_and_every_genome_is_a_valid_configuration() -> None:
     random = Random(7)
     genomes = [drawn(random) for _ in range(30)]
-    genomes += [bred(mother, father, random) for mother, father in zip(genomes, genomes[1:], strict=False)]
+    genomes += [bred(mother, father, random) for mother, father in itertools.pairwise(genomes)]
     for genome in genomes:
         stated = {name: genome.gene(name) for name in MENU if "." in name}
         read = loads(json.dumps(nested(ROBOT | stated)), Config).value
