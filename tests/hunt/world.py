@@ -1,10 +1,13 @@
 """The true drive of a genome, and what its sensors deliver, in simulated CLOCK_MONOTONIC time."""
 
 import math
+from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.encoders.cia406 import BOOT_UP, HEARTBEAT_ID
@@ -31,6 +34,8 @@ SKID_TREAD: Final = (1.25, 1.9)
 MOST_SLIP_S: Final = 0.4
 
 Item = tuple[float, Any]  # when it arrives, s, and bytes, a list of frames, or a command's event
+# Makes of an item what comes instead, from the event, random numbers and when it began.
+LineFault = Callable[[Item, Event, np.random.Generator, float], list[Item]]
 
 
 def monotonic_ns(t_s: float) -> int:
@@ -56,7 +61,7 @@ class World:
         """When an event begins."""
         return self._begin_s + event.at_s
 
-    def during(self, t_s: Array, event: Event) -> Array:
+    def during(self, t_s: Array, event: Event) -> npt.NDArray[np.bool_]:
         """Where in these times an event lasts."""
         return (t_s >= self.at_s(event)) & (t_s < self.at_s(event) + event.seconds)
 
@@ -67,14 +72,15 @@ class World:
 
     def _drive(self) -> None:
         """True pose, and what each wheel turns, as way on the nominal wheel."""
-        random, t, noise_part = self._random, self.time_s[1:] - 0.5 * STEP_S, self.genome.gene("noise")
+        random, noise_part = self._random, self.genome.gene("noise")
+        t: Array = np.asarray(self.time_s[1:] - 0.5 * STEP_S, float)
         v, w, start_s = np.zeros_like(t), np.zeros_like(t), self._begin_s
         for leg in self.genome.legs:
             inside = (t >= start_s) & (t < start_s + leg.seconds)
             v[inside], w[inside] = leg.speed_m_s, leg.rate_rad_s
             start_s += leg.seconds
         box = np.full(round(SMOOTHING_S / STEP_S), STEP_S / SMOOTHING_S)
-        v, w = (np.convolve(row, box)[: len(t)] for row in (v, w))
+        v, w = (np.asarray(np.convolve(row, box)[: len(t)], float) for row in (v, w))
         robot, tread_m, scales, slip_s = self.config.robot, *self._robot()
         noise = make_noise("physical", self.config.estimation.noise, robot.tread_m)
         noise = skid_steer(noise, robot.tread_m) if self.genome.gene("skids") else noise
@@ -89,7 +95,7 @@ class World:
             treads *= 1.0 + e.size * self.during(t, e)
 
         def white(variance: Array) -> Array:
-            return np.asarray(np.sqrt(variance * part2) * random.standard_normal(len(t)))
+            return np.asarray(np.sqrt(variance * part2) * random.standard_normal(len(t)), float)
 
         heading = _sums((w + by_hand) * STEP_S)
         middle = 0.5 * (heading[1:] + heading[:-1])
@@ -180,7 +186,7 @@ class World:
 
     # ---- the lines and the host
 
-    def _line(self, items: list[Item], faults: dict[str, Any]) -> list[Item]:
+    def _line(self, items: list[Item], faults: dict[str, LineFault]) -> list[Item]:
         """What the line's faults make of the deliveries."""
         for e in self.genome.events:
             if (fault := faults.get(e.kind)) is not None:
@@ -190,8 +196,8 @@ class World:
                     found += fault(item, e, self._random, begin_s) if begin_s <= item[0] < end_s else [item]
                 items = found
         if not self._events("frames swapped"):  # nothing overtakes on a line
-            latest = np.maximum.accumulate([t_s for t_s, _ in items]) if items else []
-            items = [(float(t_s), content) for t_s, (_, content) in zip(latest, items, strict=True)]
+            latest = accumulate((t_s for t_s, _ in items), max)
+            items = [(t_s, content) for t_s, (_, content) in zip(latest, items, strict=True)]
         return items
 
     def _stalled(self, items: list[Item]) -> list[Item]:
@@ -236,7 +242,7 @@ def _hit(r: np.random.Generator, e: Event) -> bool:
     return bool(r.random() < e.size)
 
 
-GYRO_LINE: Final = {
+GYRO_LINE: Final[dict[str, LineFault]] = {
     "gyro silent": lambda *_: [],
     "gyro port lost": lambda *_: [],
     "gyro packets lost": lambda item, e, r, _: [] if _hit(r, e) else [item],
@@ -246,7 +252,7 @@ GYRO_LINE: Final = {
     "gyro late": lambda item, e, *_: [(item[0] + e.size, item[1])],
     "garbage on the line": lambda item, e, r, _: [(item[0], r.bytes(round(e.size)) + item[1])],
 }
-BUS_LINE: Final = {
+BUS_LINE: Final[dict[str, LineFault]] = {
     "both counters silent": lambda *_: [],
     "bus lost": lambda *_: [],
     "one counter silent": _one_side,
