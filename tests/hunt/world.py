@@ -229,6 +229,8 @@ def _bunched(item: Item, e: Event, _: Any, begin_s: float) -> list[Item]:
 def _foreign(item: Item, e: Event, random: np.random.Generator, _: float) -> list[Item]:
     """Frames of others, and cut ones of the wheels' own."""
     t_s, frames = item
+    if not frames:  # lost already
+        return [item]
     strangers = [frames[0]._replace(can_id=0x5A5, data=b"?" * 8), frames[-1]._replace(data=b"?")]
     return [(t_s, [*frames, *(strangers[int(random.integers(2))] for _ in range(round(e.size)))])]
 
