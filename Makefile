@@ -6,6 +6,7 @@ STAMP := $(VENV)/installed
 ROS2 := .venv-ros2
 DEMO_SECONDS ?= 30
 SOAK_HOURS ?= 24
+HUNT_DRIVES ?= 100000
 HONESTY ?=
 LOCK := systemd/robot.lock
 LOCK_ARGUMENTS ?=
@@ -25,7 +26,7 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test power-cut lint bench soak honesty clean
+.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test power-cut lint bench soak hunt honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -127,6 +128,10 @@ bench: $(STAMP) ## measure the filter's and the daemon's speed
 
 soak: $(STAMP) ## a day of sensor data with faults through the daemon's core, in simulated time
 	PYTHONPATH=tests $(BIN)/python -m soak --hours $(SOAK_HOURS) --output out/soak
+
+# A drive takes some 45 ms of a core; a search goes on where it was stopped.
+hunt: $(STAMP) ## search for drives and faults that make the published pose lie, in simulated time
+	PYTHONPATH=tests $(BIN)/python -m hunt --drives $(HUNT_DRIVES) --jobs 2 --output out/hunt --cases
 
 # On one core HONESTY=--short takes about a minute, 40 seeds a scenario a quarter of an hour, and all of it an hour.
 honesty: $(STAMP) ## the estimator's promises on real and simulated drives, beside simpler estimators

@@ -3,7 +3,7 @@
 import math
 
 from drd.estimation.drift import Drift
-from drd.estimation.filter import Outcome
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
 from drd.estimation.track import Track
@@ -11,6 +11,8 @@ from drd.units import NS_PER_S
 
 # Agreement for so long ends the report of a disagreement.
 AGREEMENT_NS = 2 * NS_PER_S
+# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
+STUCK_READINGS = 10
 
 
 class Agreement:
@@ -24,13 +26,17 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._slipped_m = 0.0
         self._drift = Drift()
+        self._reading, self._repeats, self._stuck_rad = math.nan, 0, 0.0
 
-    def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
-        """Compare at the end of a gyro sample. False: the filter is not finite and must start again.
+    def update(self, track: Track, t_ns: int, drive: Drive, reading: float = math.nan) -> bool:
+        """Compare at the end of a gyro sample, of which `reading` is the rate. False: the filter is not finite and must
+        start again.
 
         Until it is known how the robot steers, a drift of the two headings is nothing unusual.
         """
         kf = track.kf
+        self._repeats = self._repeats + 1 if reading == self._reading else 0
+        self._reading = reading
         outcome = kf.update(track.rate_rad_s)
         if outcome is Outcome.REJECTED:
             self._counters["rejected"] += 1
@@ -44,6 +50,8 @@ class Agreement:
             # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (18)
             before_m, self._slipped_m = self._slipped_m, self._slipped_m + 0.5 * kf.nominal.tread_m * abs(kf.z)
             kf.add_position_variance(self._slipped_m**2 - before_m**2)
+            if self._repeats >= STUCK_READINGS:
+                self._cover_stuck_gyro(kf)
             self._counters["released"] += 1
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
@@ -62,6 +70,11 @@ class Agreement:
                 self._rejected_ns = t_ns
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
-            self._slipped_m = 0.0
+            self._slipped_m = self._stuck_rad = 0.0
             self._drift.is_over()
         return True
+
+    def _cover_stuck_gyro(self, kf: Filter) -> None:
+        """The wheels' heading is about to follow a gyro that is stuck: both are wrong by what they part. (18)"""
+        before_rad, self._stuck_rad = self._stuck_rad, self._stuck_rad + abs(kf.z)
+        kf.add_heading_variance(self._stuck_rad**2 - before_rad**2, both=True)

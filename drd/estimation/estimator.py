@@ -261,13 +261,15 @@ class Estimator:
             self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
             kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
             if not self.rest_noise.known:
-                kf.anchor_gyro()  # robot and heading stand
+                # Robot and heading stand; if they do not, since the wheels are late or slip, both are wrong by this.
+                kf.add_heading_variance((kf.nominal.heading_rad - kf.nominal.gyro_heading_rad) ** 2, both=True)
+                kf.anchor_gyro()
                 return
         else:
             self.rest_noise.interrupt()
             if track.gyro_heading:
                 return
-        if not self._agreement.update(track, t_ns, self.steering.drive):
+        if not self._agreement.update(track, t_ns, self.steering.drive, gyro.a):
             self._recover(t_ns)
         else:
             # Slip that the gate found is no noise, and must not pass for it.

@@ -33,14 +33,16 @@ def covariance_after(
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (37)
 
-    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error. `scale`:
-    standard deviation of the scale of all ways beyond P's. (30), (34)
+    A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error; while the lag is
+    hardly known, a robot that seems to stand may have moved off. `scale`: standard deviation of the scale of all ways
+    beyond P's. (30), (34)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n = kf.noise, kf.nominal
     lx, ly, lh, lag = kf.lag_covariance()
-    unseen = 0.5 * UNSEEN_ACCELERATION_M_S2 * lag_s * lag_s
-    reading = k.count_m2 + unseen * unseen
+    lag2 = lag_s * lag_s
+    unseen2 = 0.25 * UNSEEN_ACCELERATION_M_S2**2 * (lag2 * lag2 + 6.0 * lag2 * lag + 3.0 * lag * lag)
+    reading = k.count_m2 + unseen2
     variance = lag + k.jitter_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     gx, gy = scale * (n.x_m - n.origin_x_m), scale * (n.y_m - n.origin_y_m)
@@ -50,7 +52,7 @@ def covariance_after(
         xh + vx * lh + rate_rad_s * lx + vx * rate_rad_s * variance,
         yy + 2.0 * vy * ly + vy * vy * variance + reading + gy * gy,
         yh + vy * lh + rate_rad_s * ly + vy * rate_rad_s * variance,
-        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance,
+        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance + 2.0 * k.count_m2 / (n.tread_m * n.tread_m),
     )
 
 

@@ -1,0 +1,1 @@
+"""A search for drives and faults that make the published pose lie."""

@@ -1,0 +1,202 @@
+"""A drive as a genome: the robot, its configuration, what it does and what befalls it; all else comes from the seed."""
+
+import math
+from dataclasses import replace
+from random import Random
+from typing import Any, Final
+
+from msgspec import Struct
+from msgspec.structs import replace as changed
+
+from drd.config import keys
+from drd.config.keys import Config
+from hunt.kinds import GYRO, KINDS, MOMENTS, NO_GYRO, SIDEWAYS, SLIP_BOTH, UNCONTRADICTED
+
+# Each gene's values, the usual one first. With a dot: a key of the configuration; without: of the true robot.
+MENU: Final[dict[str, tuple[Any, ...]]] = {
+    "skids": (False, True),
+    "noise": (0.5, 0.0, 1.0),  # of what the configuration states
+    "wheel_lag_s": (0.0, 0.05, 0.15, 0.3, -0.03),
+    "split": (False, True),  # the gyro's packets come in two parts
+    "robot.drive": ("auto", "differential", "skid"),
+    "fog.protocol": ("ecore", "dsp3000", "dsp17xx", "none"),
+    "fog.rate_hz": (10.0, 5.0, 20.0, 50.0),
+    "fog.full_scale_deg_s": (100.0, 40.0),  # less than some drives turn
+    "fog.silent_after_s": (0.5, 2.0),
+    "encoders.layout": ("cia406", "agilex", "odrive", "vesc"),
+    "encoders.rate_hz": (10.0, 5.0, 20.0),
+    "encoders.counts_per_revolution": (20000.0, 2000.0, 200.0),
+    "encoders.gap_s": (0.5, 0.25, 2.0),
+    "encoders.silent_after_s": (0.3, 1.0),
+    "output.publish_on": ("wheels", "gyro"),
+    "estimation.heading": ("filter", "gyro"),
+    "estimation.gate_sigma": (5.0, 3.0, 6.0),
+    "estimation.rejections_before_release": (3, 1, 10),
+    "estimation.reorder_s": (0.25, 0.05, 1.0),
+    "estimation.static_bias.duration_s": (6.0, 2.0, 0.0),
+}
+SPEEDS_M_S: Final = (-0.6, 1.5)
+RATE_RAD_S: Final = 0.9
+LEG_S: Final = (2.0, 10.0)
+LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
+MOST_EVENTS: Final = 4
+RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
+
+
+class Leg(Struct, frozen=True):
+    """So many seconds at that speed and yaw rate."""
+
+    seconds: float
+    speed_m_s: float
+    rate_rad_s: float
+
+
+class Event(Struct, frozen=True):
+    """Something of KINDS from `at_s` on, for `seconds`; `side` 0 is left."""
+
+    kind: str
+    at_s: float
+    seconds: float
+    size: float = 1.0
+    side: int = 0
+
+
+class Genome(Struct, frozen=True):
+    """`genes`: what is not as usual in MENU."""
+
+    seed: int
+    genes: dict[str, Any]
+    legs: tuple[Leg, ...]
+    events: tuple[Event, ...] = ()
+
+    def gene(self, name: str) -> Any:
+        return self.genes.get(name, MENU[name][0])
+
+    @property
+    def seconds(self) -> float:
+        return sum(leg.seconds for leg in self.legs)
+
+    @property
+    def named(self) -> frozenset[str]:
+        """Classes of what no sensor could know."""
+        kinds = {event.kind for event in self.events}
+        alone = self.gene("fog.protocol") == "none" and kinds.intersection(UNCONTRADICTED)
+        return frozenset([KINDS[kind].named for kind in kinds] + [NO_GYRO] * bool(alone)) - {""}
+
+    def config(self) -> Config:
+        """What the robot's engineer has written."""
+        parts: dict[str, dict[str, Any]] = {}
+        for path in MENU:
+            if "." in path:
+                part, _, key = path.rpartition(".")
+                parts.setdefault(part, {})[key] = self.gene(path)
+        bias = keys.StaticBias(minimum_s=1.0, **parts["estimation.static_bias"])
+        robot = keys.Robot(wheel_radius_m=0.11, tread_m=0.6, **parts["robot"])
+        return Config(
+            robot=robot,
+            fog=keys.Fog(latency_s=0.009, **parts["fog"]),
+            encoders=keys.Encoders(modulus_counts=65536 if self.gene("encoders.layout") == "cia406" else None,
+                pair_window_s=0.04, **parts["encoders"]),
+            estimation=replace(keys.Estimation(static_bias=bias), **parts["estimation"]),
+            output=keys.Output(**parts["output"]),
+        )  # fmt: skip
+
+    def text(self) -> str:
+        """One line for people."""
+        events = [
+            f"{e.kind}{f' {e.size:.3g} {KINDS[e.kind].unit}'.rstrip() if KINDS[e.kind].unit or e.size != 1.0 else ''}"
+            f"{(' left', ' right')[e.side] if KINDS[e.kind].sided else ''} at {e.at_s:.1f} s"
+            f"{'' if e.kind in MOMENTS else f' for {e.seconds:.1f} s'}"
+            for e in self.events
+        ]
+        legs = " ".join(f"{leg.seconds:.0f}s@{leg.speed_m_s:.1f},{leg.rate_rad_s:+.2f}" for leg in self.legs)
+        genes = ", ".join(f"{name}={value}" for name, value in self.genes.items())
+        return f"{'; '.join(events) or 'no event'} | {legs} | {genes or 'as usual'} | seed {self.seed}"
+
+
+def _settled(genome: Genome) -> Genome:
+    """Without contradictions: a robot that is not as its configuration says is no case, and usual genes go."""
+    genes, legs = dict(genome.genes), []
+    has_gyro = genes.get("fog.protocol") != "none"
+    if genes.get("skids") and (not has_gyro or genes.get("robot.drive") == "differential"):
+        genes["robot.drive"] = "skid"  # nothing could find it out
+    if not has_gyro:  # nothing tells the lag: it has to be stated
+        genes["wheel_lag_s"] = 0.0
+        genes.pop("estimation.heading", None)
+    left_s = LONGEST_S
+    for leg in genome.legs:
+        if left_s > 1.0:
+            legs.append(changed(leg, seconds=min(leg.seconds, left_s)))
+            left_s -= leg.seconds
+    seconds = sum(leg.seconds for leg in legs)
+    never = set() if has_gyro else set(GYRO)
+    if genes.get("robot.drive") == "differential":
+        never.add("other ground")  # that its tread is always the same is what this says
+    if genes.get("fog.protocol") != "dsp17xx":
+        never.add("gyro packets doubled")  # without a counter twice the same is no fault
+    events = [e for e in genome.events if e.at_s < seconds - 0.5 and e.kind not in never]
+    genes = {name: genes[name] for name in MENU if name in genes and genes[name] != MENU[name][0]}
+    return Genome(genome.seed, genes, tuple(legs), tuple(sorted(events, key=lambda e: e.at_s)[:MOST_EVENTS]))
+
+
+def _leg(random: Random) -> Leg:
+    kind = random.random()
+    speed = 0.0 if kind < 0.15 else random.uniform(*SPEEDS_M_S) if kind < 0.4 else random.uniform(0.3, SPEEDS_M_S[1])
+    rate = 0.0 if kind < 0.1 or kind > 0.75 else random.uniform(-RATE_RAD_S, RATE_RAD_S)
+    return Leg(round(random.uniform(*LEG_S), 1), round(speed, 2), round(rate, 2))
+
+
+def _event(random: Random, seconds: float) -> Event:
+    name = random.choice([name for name in KINDS if name not in {SLIP_BOTH, SIDEWAYS} or random.random() < RARE])
+    kind = KINDS[name]
+    size = math.exp(random.uniform(math.log(kind.low), math.log(kind.high)))
+    size *= random.choice((-1.0, 1.0)) if kind.signed else 1.0
+    lasting_s = 0.0 if name in MOMENTS else round(random.uniform(0.2, kind.longest_s), 1)
+    return Event(name, round(random.uniform(0.5, seconds), 1), lasting_s, float(f"{size:.3g}"), random.randrange(2))
+
+
+def drawn(random: Random) -> Genome:
+    """A genome at random."""
+    genes = {name: random.choice(values) for name, values in MENU.items() if random.random() < 0.25}
+    legs = tuple(_leg(random) for _ in range(random.randint(3, 7)))
+    seconds = min(LONGEST_S, sum(leg.seconds for leg in legs))
+    events = tuple(_event(random, seconds) for _ in range(random.choice((0, 1, 1, 1, 2, 2, 3))))
+    return _settled(Genome(random.getrandbits(32), genes, legs, events))
+
+
+def bred(mother: Genome, father: Genome, random: Random) -> Genome:
+    """A child: of both where they are two, and changed in one to three places. Its noise is new."""
+    genes, legs, events = dict(mother.genes), list(mother.legs), list(mother.events)
+    if father is not mother:
+        genes = {n: (mother if random.random() < 0.5 else father).gene(n) for n in MENU}
+        legs = list((mother if random.random() < 0.7 else father).legs)
+        events = [e for e in (*mother.events, *father.events) if random.random() < 0.6]
+    for _ in range(random.randint(1, 3)):
+        place = random.random()
+        if place < 0.2:
+            name = random.choice(list(MENU))
+            genes[name] = random.choice(MENU[name])
+        elif place < 0.45 and legs:
+            legs[random.randrange(len(legs))] = _leg(random)
+        elif place < 0.55:
+            legs.insert(random.randint(0, len(legs)), _leg(random))
+        elif place < 0.65 and len(legs) > 2:
+            legs.pop(random.randrange(len(legs)))
+        elif place < 0.75 or not events:
+            events.append(_event(random, min(LONGEST_S, sum(leg.seconds for leg in legs))))
+        elif place < 0.8:
+            events.pop(random.randrange(len(events)))
+        else:
+            i = random.randrange(len(events))
+            events[i] = _nudged(events[i], random)
+    return _settled(Genome(random.getrandbits(32), genes, tuple(legs), tuple(events)))
+
+
+def _nudged(event: Event, random: Random) -> Event:
+    """The same event at about the same time, size and duration."""
+    kind = KINDS[event.kind]
+    size = min(max(abs(event.size) * math.exp(random.gauss(0.0, 0.4)), kind.low), kind.high)
+    seconds = min(event.seconds * math.exp(random.gauss(0.0, 0.4)), kind.longest_s)
+    at_s = max(0.5, event.at_s + random.gauss(0.0, 1.5))
+    return changed(event, at_s=round(at_s, 1), seconds=round(seconds, 1),
+        size=float(f"{math.copysign(size, event.size):.3g}"))  # fmt: skip
