@@ -22,6 +22,7 @@ from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
+LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
@@ -66,7 +67,7 @@ def analyse(recording: Recording) -> Analysis:
         noise, fix_inflation = fitted(near, fit, searched=False)
         # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
         # only the reference tells, is larger than that.
-        inflation = Inflation(inflated(near, fit.left, searched=False).wheels) if start else problem.inflation
+        inflation = Inflation(inflated(near, fit.left, noise, searched=False).wheels) if start else problem.inflation
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
     problem = problem if start else converged(problem, known)
     found = coarse_search(problem, known, start)
@@ -75,7 +76,7 @@ def analyse(recording: Recording) -> Analysis:
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
             break
         noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
-        inflation = inflated(found.problem, found.fit.left, searched=True)
+        inflation = inflated(found.problem, found.fit.left, noise, searched=True)
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
@@ -110,8 +111,8 @@ def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:
         (noise.slip_m_per_sqrt_m, before.slip_m_per_sqrt_m),
         (noise.position_m, before.position_m),
         (noise.heading_rad, before.heading_rad),
-        *zip(inflation.fixes, was.fixes, strict=True),
+        (noise.jitter_s + LEAST_JITTER_S, before.jitter_s + LEAST_JITTER_S),
     )
-    wheels = np.ndim(inflation.wheels) == np.ndim(was.wheels)
-    wheels = wheels and float(np.mean(np.abs(inflation.wheels / was.wheels - 1.0))) < NOISE_CHANGED
-    return wheels and all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)
+    sizes = ((inflation.wheels, was.wheels), *zip(np.transpose(inflation.fixes), np.transpose(was.fixes), strict=True))
+    same = all(np.ndim(a) == np.ndim(b) and float(np.mean(np.abs(a / b - 1.0))) < NOISE_CHANGED for a, b in sizes)
+    return same and all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)

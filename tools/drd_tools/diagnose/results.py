@@ -209,7 +209,7 @@ class Scatter(Struct, frozen=True, kw_only=True):
 
     `channel`: slip (of the wheels), gyro, or position and heading of the reference. `levels`: by bins of `covariate`,
     None where none tells. `nats`: gain of the covariate's bins, `window_nats` of the interval of time, their
-    costs taken off.
+    costs taken off. `jitter_s`: of the wheels' time from one change of speed to the next (25).
     """
 
     kind: Literal["noise"] = "noise"
@@ -223,6 +223,7 @@ class Scatter(Struct, frozen=True, kw_only=True):
     window_ratio: float | None
     window_nats: float | None
     sentence: str
+    jitter_s: float | UnsetType = UNSET
 
 
 class Result(Struct, frozen=True, kw_only=True):

@@ -25,7 +25,7 @@ from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.results import NOTHING, UNNAMED, Array, Because, Gain, Smallest, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple, ripples
-from drd_tools.diagnose.select.search import Found, Search
+from drd_tools.diagnose.select.search import Found, Search, linearised
 from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
 from drd_tools.diagnose.selected import Selected
@@ -35,7 +35,6 @@ from drd_tools.diagnose.selected import Selected
 LEAST_NATS: Final = 12.0
 FAILING_NATS: Final = -0.01  # of both halves: 0, for or against nothing, but for rounding
 # A curve without a name, beside all names, must be no mere rest of a name's imperfect form.
-FORM_SHARE: Final = 0.02  # of what constants far off explain: 14 % of their size is another form
 UNKNOWN_SHARE: Final = 0.02  # of what all effects explain: 14 % of their size is another form
 GENERIC_SHARE: Final = 0.01  # of the names' worth, or
 UNLIKE_SHARE: Final = 0.25  # of them where the world is unlike the model, and no name has the exact form, or
@@ -60,10 +59,10 @@ class Conclusion:
 
 def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
     """Judge each selected effect, and what is left. `constants`: names that a calibration has given."""
-    search = Search(found.problem, [e.selected for e in events])
-    splines = SplineTerms(found.problem)
+    logic = [e.selected for e in events]
+    found = _held(found, Search(found.problem, logic), constants)
+    search, splines = Search(found.problem, logic), SplineTerms(found.problem)
     identity = Identifiability(found.problem, search.library)
-    found = _held(found, search, constants)
     chance = chance_gains(found.problem, search.library, found.fit.left)
     by_logic = {e.selected.id: e for e in events}
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
@@ -96,7 +95,7 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
         if p <= FAMILY_WISE and not same:
             findings.append(_unknown(left, p, left.gain / (left.gain + total)))
     findings += [_periodic(ripple) for ripple in periodic]
-    findings = [f for f in _merged(findings) if (f.support.family_wise_p or 0.0) <= SUSPECTING]
+    findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
     findings = _shared(findings, all_explained)
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
@@ -164,11 +163,9 @@ def _generic_share(problem: Problem) -> float:
 def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
     """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
-    One that shows in a single fix has no such data: nothing speaks against it there. Constants far from those believed
-    have no exact form either, and what is missing of it some name will gain.
+    One that shows in a single fix has no such data: nothing speaks against it there.
     """
     problem, fit = found.problem, found.fit
-    share = FORM_SHARE * max(found.score - found.null, 0.0) if constants else 0.0
     stays = search.known.union(constants)
     unseen = [0.0 if c.id in stays else sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
     kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if nats > FAILING_NATS]
@@ -176,13 +173,15 @@ def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
         fit = refine(problem, kept)
     while others := [one for one in fit.selection if one.id not in search.known]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
-        asked = [LEAST_NATS if one.id in constants else max(LEAST_NATS, share) for one in others]
-        short = [rest.cost - fit.cost - nats for rest, nats in zip(rests, asked, strict=True)]
-        least = int(np.argmin(short))
-        if short[least] >= 0.0:
+        worth = [rest.cost - fit.cost for rest in rests]
+        least = int(np.argmin(worth))
+        if worth[least] >= LEAST_NATS:
             break
         fit = rests[least]
-    return found if fit is found.fit else Found(problem, fit, search.score(fit), found.null)
+    if fit is found.fit:
+        return found
+    # Constants far off were linearised around beside the others, which took part of them.
+    return linearised(problem, fit, found.null) if constants else Found(problem, fit, search.score(fit), found.null)
 
 
 def _finding(
@@ -201,7 +200,9 @@ def _finding(
     worth = rest.cost - fit.cost
     nats = predictive_nats(problem, search.library, fit, selected)
     e = e_value(nats)
-    p = family_wise_p(worth, chance)
+    # A constant was looked for before all others.
+    by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
+    p = family_wise_p(worth, by_chance)
     sure = p <= FAMILY_WISE
     status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
     rivals = rivals_of(found, search, selected, rest, near)

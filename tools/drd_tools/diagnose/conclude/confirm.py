@@ -29,16 +29,20 @@ def blocks(problem: Problem) -> npt.NDArray[np.intp]:
     return np.asarray((t - t.min()) / BLOCK_S, np.intp)
 
 
-def chance_gains(problem: Problem, library: Library, left: Array) -> Array:
+def chance_gains(problem: Problem, library: Library, left: Array, name: str = "") -> Array:
     """The most that any candidate gains where nothing is there, (FLIPS,), nats: blocks' signs are flipped at random.
 
     What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together. (84)
+    `name`: of the only effect that was looked for; else it is any of the catalogue.
     """
-    if not library.columns.size:
+    index, own = blocks(problem), list(range(library.columns.shape[1]))
+    if name:
+        own = sorted({i for c in library.candidates if c.effect.id == name for i in c.columns})
+    if not own:
         return np.zeros(FLIPS)
-    index = blocks(problem)
-    B = np.stack([library.columns[index == b].T @ left[index == b].astype(np.float32) for b in np.unique(index)])
-    diagonal = np.maximum(np.diag(library.products).astype(float), 1e-30)
+    columns = library.columns[:, own]
+    B = np.stack([columns[index == b].T @ left[index == b].astype(np.float32) for b in np.unique(index)])
+    diagonal = np.maximum(np.diag(library.products)[own].astype(float), 1e-30)
     signs = np.random.default_rng(SEED).choice((-1.0, 1.0), (FLIPS, len(B)))
     result: Array = (0.5 * (signs @ B) ** 2 / diagonal).max(axis=1)
     return result

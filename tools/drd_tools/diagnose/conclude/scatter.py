@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -97,7 +98,8 @@ def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scat
         blocks = _blocks(rows)
         law = _best_law(problem, rows.channel, blocks)
         is_stated = getattr(sheet, STATED_BY[rows.channel]) is not None
-        told.append(_scatter(rows.channel, ratio, blocks, law, "" if is_stated else UNSTATED))
+        one = _scatter(rows.channel, ratio, blocks, law, "" if is_stated else UNSTATED)
+        told.append(_with_jitter(one, problem.noise.jitter_s) if rows.channel == "slip" else one)
         size = ratio * np.exp(0.5 * (blocks.level - blocks.level.mean())) if len(blocks.level) else blocks.level
         courses.append(Spread(rows.channel, 0.5 * (blocks.begin_s + blocks.end_s), size))
     return told, courses
@@ -271,6 +273,17 @@ def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, unst
         sentence=f"{WHO[channel]} {ratio:.2g} times as much as stated{unstated}"
         + _located(law, levels, window, window_ratio),
     )
+
+
+def _with_jitter(scatter: Scatter, jitter_s: float) -> Scatter:
+    """The wheels' scatter, and how much of it their time makes."""
+    if not jitter_s:
+        return scatter
+    text = (
+        f"{scatter.sentence}; most where their speeds change: their time is off by {jitter_s:.2g} s from one change to "
+        "the next, as where a drive holds its speeds"
+    )
+    return msgspec.structs.replace(scatter, jitter_s=jitter_s, sentence=text)
 
 
 def _located(law: _Law | None, levels: Sequence[Level], window: Window | None, window_ratio: float | None) -> str:

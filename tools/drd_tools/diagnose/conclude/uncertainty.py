@@ -73,11 +73,13 @@ def shrunk(
     Where a drive tells a sum but not its parts, the parts that fit best by chance may be anything, and another drive
     would show them. So it is decided for combinations that the data tell apart, in units of the parameters' usual
     sizes: one that is worth less than a parameter costs is taken to be of usual size. (88)
-    `covariance` (k, k): of all free parameters. `known` from logic: these stay.
+    `covariance` (k, k): of all free parameters. `known` from logic, and what a calibration has measured: these stay.
     """
     named = [(i, name) for i, selected in enumerate(selection) for name in selected.free]
     index = [
-        j for j, (i, name) in enumerate(named) if selection[i].id not in known and selection[i].parameter(name).linear
+        j
+        for j, (i, name) in enumerate(named)
+        if selection[i].id not in known and selection[i].parameter(name).linear and name not in selection[i].prior
     ]
     if not index:
         return tuple(selection)

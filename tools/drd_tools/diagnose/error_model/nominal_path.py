@@ -39,6 +39,7 @@ def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linea
         walk_rad_per_sqrt_s=INFLATION * datasheet.walk_rad_per_sqrt_s,
         bias_rad_s=INFLATION * datasheet.bias_rad_s,
         slip_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
+        forward_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
         lateral_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
     )
     return Linear(e, path, noise, like=like)

@@ -180,7 +180,7 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
-    if e.gyro_rad is None:
+    if e.gyro_rad is None or e.is_far:
         since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
         found.append((DRIFT, DRIFT_S_PER_S, Sensitivity(fix=-dp * since_s)))
     if e.is_far:

@@ -1,6 +1,7 @@
 """A recording on one grid of time: what the sensors say of each step, and what the reference says of the pose."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -46,10 +47,12 @@ class Noise:
     resolution_rad_s: float
     slip_m_per_sqrt_m: float
     turn_slip_rad_per_sqrt_rad: float
+    forward_m_per_sqrt_m: float
     lateral_m_per_sqrt_m: float
     count_m: float
     position_m: float
     heading_rad: float
+    jitter_s: float = 0.0  # of the wheels' time from one change of speed to the next (25)
 
     def wheels(self, e: "Evidence", turn_rad: Array) -> Array:
         """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""
@@ -59,6 +62,8 @@ class Noise:
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
         wheels = wheels + (e.left_inflation_m2 + e.right_inflation_m2) / D2
         wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
+        if self.jitter_s:
+            wheels = wheels + self.jitter_s**2 * e.speed_changes_rad2_s2
         return wheels + np.where(e.gyroless, 1e-12, self.gyro(e))
 
     def gyro(self, e: "Evidence") -> Array:
@@ -71,7 +76,7 @@ class Noise:
 
     def steps(self, e: "Evidence", turn_rad: Array, c: Array, s: Array, hx: Array, hy: Array) -> Array:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
-        forward = (self.slip_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
+        forward = (self.forward_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
         turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e))
         Q = np.zeros((len(c), 4, 4))
@@ -138,6 +143,15 @@ class Evidence:
         """Steps whose turn is the wheels' alone, (n,)."""
         return np.isinf(self.gyro_inflation_rad2) | (self.gyro_rad is None)
 
+    @cached_property
+    def speed_changes_rad2_s2(self) -> Array:
+        """Square of the turn per second of jitter (25), mean of the changes at a step's begin and end, (n,)."""
+        wheels = (travel / self.step_s / self.tread_m for travel in (self.left_m, self.right_m))
+        gyro = np.zeros(len(self.step_s)) if self.gyro_rad is None else self.gyro_rad / self.step_s
+        changes = np.sum([np.diff(speed) ** 2 for speed in (*wheels, gyro)], axis=0)
+        result: Array = 0.5 * (np.append(changes, 0.0) + np.append(0.0, changes))
+        return result
+
     @property
     def observed(self) -> slice | npt.NDArray[np.intp]:
         """Index of the observed rows among those of the filter: of the wheels (n,), then x, y, heading of each fix."""
@@ -191,6 +205,7 @@ def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
         resolution_rad_s=given(nominal.gyro_resolution_deg_s, 0.0) * RAD_PER_DEG,
         slip_m_per_sqrt_m=slip,
         turn_slip_rad_per_sqrt_rad=0.0,
+        forward_m_per_sqrt_m=slip,
         lateral_m_per_sqrt_m=LATERAL_SHARE * slip,
         count_m=2.0 * np.pi * nominal.wheel_radius_m / per_revolution if per_revolution and has_wheels else 0.0,
         position_m=given(nominal.reference_position_sigma_m, POSITION_SIGMA_M) if has_wheels else UNSEEN,

@@ -1,4 +1,4 @@
-"""A long recording as several of about an hour, so that time and memory stay bounded."""
+"""A long recording as several of half an hour at most, so that time and memory stay bounded."""
 
 import math
 from dataclasses import replace

@@ -1,9 +1,9 @@
 """Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly. (77)"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,8 @@ BELIEVED: Final = 1.5
 ROWS_PER_PRIOR: Final = 30
 SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which hang together over seconds
 FEWEST_BLOCKS: Final = 20  # a deviation of fewer blocks is mostly scatter
+TOGETHER_S: Final = (0.3, 0.5, 1.0, 2.0, 4.0)  # of slip: from a row or two to the longest of the spans
+SHARES: Final = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)  # of the variance
 LEAST_COLOUR: Final = 1.15  # less is taken for the scatter of the estimate
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
 SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
@@ -33,41 +35,86 @@ LEAST_M, LEAST_RAD = 1e-5, 1e-5
 # Degrees of freedom of the wheels' tails: from what real skid steer shows (3 to 4) to what is hardly a tail.
 FREEDOMS: Final = (2.5, 3.0, 4.0, 6.0, 10.0)
 HEAVY_NATS: Final = 50.0  # that tails must gain: simulated noise, which has none, gains less than 5
+# Times the slip's factor: of speeds that a drive holds for 0.5 s the jitter is 0.14 s.
+JITTERS_S: Final = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2)
 LEAST_MEDIAN: Final = 1e-9  # rows without noise
 FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
-def inflated(problem: Problem, left: Array, searched: bool) -> Inflation:
+def inflated(problem: Problem, left: Array, noise: Noise, searched: bool) -> Inflation:
     """Variance inflation, at its worst scale, of what selected effects leave (r,) of the whitened data. (78)
 
-    Before the search for effects, heavy tails may be an effect's, and so may those of a robot that is as robot.yaml
-    has it: where it starts and stops, a delay that is not yet found exactly leaves some.
+    `noise`: what it will be whitened with. Before the search for effects, heavy tails may be an effect's, and so may
+    those of a robot that is as robot.yaml has it: where it starts and stops, a delay that is not yet found exactly
+    leaves some.
     """
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = not_inflated(problem, left)
     moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
-    slow = _slow(wheels[moving], step_s)
+    has_tails = searched and e.is_far and bool(len(wheels))
+    if has_tails:
+        turn_rad = problem.path.steps()[2]
+        wheels = wheels * np.sqrt(problem.noise.wheels(e, turn_rad) / noise.wheels(e, turn_rad))
+    slow = (long_run if has_tails else _slow)(wheels[moving], step_s)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
-    sizes = [_slow(fixes[:, i], fix_s) for i in range(3)]
-    both = max(sizes[:2])
-    has_tails = searched and e.is_far
-    return Inflation(slow * tails(wheels, moving) if has_tails else slow, (both, both, sizes[2]))
+    if not has_tails:
+        return Inflation(slow, _slow_fixes(fixes, fix_s))
+    # At rest a reference drifts by itself.
+    moves = moving[e.fix_step]
+    parts = (_slow_fixes(fixes[which], fix_s) for which in (moves, ~moves))
+    return Inflation(slow * tails(wheels, moving), np.where(moves[:, None], *parts))
+
+
+def _slow_fixes(fixes: Array, every_s: float) -> Array:
+    """Of x and y, which are one, and of heading, (3,)."""
+    x, y, heading = (_slow(fixes[:, i], every_s) for i in range(3))
+    return np.array([max(x, y), max(x, y), heading])
+
+
+class _Students(NamedTuple):
+    """Student's t that rows (k,) are likeliest from, a Gaussian of nu = inf among them."""
+
+    nu: float
+    scale: float
+    nats: float
+
+
+def _students(rows: Array) -> _Students:
+    median = max(float(np.median(np.abs(rows))), LEAST_MEDIAN)
+    gaussian = median / float(norm.ppf(0.75))
+    scales = {nu: median / float(student.ppf(0.75, nu)) for nu in FREEDOMS}
+    found = [_Students(nu, scale, float(student.logpdf(rows, nu, scale=scale).sum())) for nu, scale in scales.items()]
+    found.append(_Students(math.inf, gaussian, float(norm.logpdf(rows, scale=gaussian).sum()) + HEAVY_NATS))
+    return max(found, key=lambda one: one.nats)
 
 
 def tails(rows: Array, moving: npt.NDArray[np.bool_]) -> float | Array:
     """Inflation of each row by Student's t: root of 1 + u^2/nu, 1 at rest; 1 where a Gaussian does as well. (78)"""
     seen = rows[moving]
-    if len(seen) < FEWEST_ROWS:
+    found = _students(seen) if len(seen) >= FEWEST_ROWS else None
+    if found is None or math.isinf(found.nu):
         return 1.0
-    median = max(float(np.median(np.abs(seen))), LEAST_MEDIAN)
-    scales = {nu: median / float(student.ppf(0.75, nu)) for nu in FREEDOMS}
-    nats = {nu: float(student.logpdf(seen, nu, scale=scale).sum()) for nu, scale in scales.items()}
-    gaussian = float(norm.logpdf(seen, scale=median / float(norm.ppf(0.75))).sum())
-    nu = max(nats, key=nats.__getitem__)
-    if nats[nu] < gaussian + HEAVY_NATS:
-        return 1.0
-    return np.where(moving, np.sqrt(1.0 + (rows / scales[nu]) ** 2 / nu), 1.0)
+    return np.where(moving, np.sqrt(1.0 + (rows / found.scale) ** 2 / found.nu), 1.0)
+
+
+def _slip_and_jitter(problem: Problem, wheels: Array, moving: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """Factor of the slip, and the jitter, s, with which the wheels' rows in motion are likeliest. (77)"""
+    e, noise = problem.evidence, problem.noise
+    if not e.is_far or moving.sum() < FEWEST_ROWS:
+        return _scale(wheels[moving]), noise.jitter_s
+    rows, square = wheels[moving], e.speed_changes_rad2_s2[moving]
+    now = noise.wheels(e, problem.path.steps()[2])[moving]
+    alone = now - noise.jitter_s**2 * square
+    best, most = (1.0, 0.0), -math.inf
+    for ratio in JITTERS_S:
+        share = (alone + ratio**2 * square) / now
+        found = _students(rows / np.sqrt(share))
+        nats = found.nats - 0.5 * float(np.log(share).sum()) - (HEAVY_NATS if ratio else 0.0)
+        if nats > most:
+            factor = _scale(rows / np.sqrt(share))
+            best, most = (factor, ratio * factor), nats
+    return best
 
 
 def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
@@ -77,9 +124,9 @@ def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
     """
     if not problem.evidence.has_wheels:
         headings = left[len(left) - len(problem.evidence.fix) :]
-        return left[:0], np.outer(headings, (0.0, 0.0, problem.inflation.fixes[2]))
+        return left[:0], np.outer(headings, (0.0, 0.0, float(problem.inflation.fixes[2])))
     n = len(left) - 3 * len(problem.evidence.fix)
-    return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * np.array(problem.inflation.fixes)
+    return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * problem.inflation.fixes
 
 
 def _slow(rows: Array, every_s: float) -> float:
@@ -106,14 +153,19 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     wheels, fixes = not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
     walk = stated = e.datasheet.walk_rad_per_sqrt_s
+    jitter_s = 0.0
     if len(wheels):
-        slip = _scale(wheels[moving])
+        slip, jitter_s = _slip_and_jitter(problem, wheels, moving) if searched else (_scale(wheels[moving]), 0.0)
         # A gyro's samples may hang together: its walk is what it does over seconds.
         at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
         at_rest_scale = _scale(at_rest)
         walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s)
+        way = slip
+        if jitter_s or noise.jitter_s:
+            way, fixes = _most_likely(problem, fit.selection, fixes, driving)
     else:
-        slip, fixes = _most_likely_slip(problem, fit.selection, fixes)
+        slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
+        way = slip
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     inflation = np.maximum(1.0, np.mean(scaled**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
@@ -122,16 +174,20 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     before = problem.fix_inflation if problem.fix_inflation is not None else np.ones(len(inflation))
     return (
         replace(
-            slipping(noise, slip),
+            driving(noise, way),
+            slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
             walk_rad_per_sqrt_s=walk if walk > BELIEVED * stated else stated,
             position_m=max(noise.position_m * position, LEAST_M),
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
+            jitter_s=jitter_s,
         ),
         np.maximum(inflation * before, 1.0),
     )
 
 
-def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Array) -> tuple[float, Array]:
+def _most_likely(
+    problem: Problem, selection: Sequence[Selected], fixes: Array, scaled: Callable[[Noise, float], Noise]
+) -> tuple[float, Array]:
     """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
 
     Without a gyro nothing else tells how much the wheels slip; with few fixes, or without wheels, it stays.
@@ -141,11 +197,11 @@ def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Ar
     sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
     best, most = (1.0, fixes), -math.inf
     for factor in SLIPS:
-        linear = Linear(problem.evidence, problem.path, slipping(problem.noise, factor), problem.fix_inflation)
+        linear = Linear(problem.evidence, problem.path, scaled(problem.noise, factor), problem.fix_inflation)
         rows = linear.whiten(sensitivities)[1]
         left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
         nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
-        ratio = factor * problem.noise.slip_m_per_sqrt_m / problem.evidence.datasheet.slip_m_per_sqrt_m
+        ratio = factor * problem.noise.forward_m_per_sqrt_m / problem.evidence.datasheet.slip_m_per_sqrt_m
         nats -= 0.5 * (math.log(ratio) / SLIP_SPREAD) ** 2
         if nats > most:
             best, most = (factor, left), nats
@@ -153,23 +209,60 @@ def _most_likely_slip(problem: Problem, selection: Sequence[Selected], fixes: Ar
 
 
 def ratios(problem: Problem) -> Figures:
-    """Ratios of a problem's noise to what is stated."""
+    """Ratios of a problem's noise to what is stated; of the wheels' with their jitter, which nobody states."""
     noise, stated = problem.noise, problem.evidence.datasheet
     found: Figures = {"heading": noise.heading_rad / stated.heading_rad}
     if problem.evidence.has_wheels:
         found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
-        found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m
+        found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m * _with_jitter(problem)
         found["position"] = noise.position_m / stated.position_m
     return found
 
 
+def _with_jitter(problem: Problem) -> float:
+    """Deviation of the wheels' rows in motion over that without jitter."""
+    e, noise, turn_rad = problem.evidence, problem.noise, problem.path.steps()[2]
+    if not noise.jitter_s:
+        return 1.0
+    whole, alone = (n.wheels(e, turn_rad)[~e.still].sum() for n in (noise, replace(noise, jitter_s=0.0)))
+    return math.sqrt(whole / alone)
+
+
 def slipping(noise: Noise, factor: float) -> Noise:
     """Noise with `factor` times the slip."""
+    return replace(driving(noise, factor), slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor)
+
+
+def driving(noise: Noise, factor: float) -> Noise:
+    """Noise with `factor` times the slip of the way, and of the wheels against each other as it was."""
     return replace(
         noise,
-        slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor,
+        forward_m_per_sqrt_m=noise.forward_m_per_sqrt_m * factor,
         lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * factor,
     )
+
+
+def long_run(rows: Array, every_s: float) -> float:
+    """Long-run deviation of rows over their own, as white noise and one that hangs together for some time. (78)
+
+    The likeliest spectrum (Whittle 1953): all rows tell it, where blocks of seconds are few.
+    """
+    if len(rows) < FEWEST_ROWS:
+        return 1.0
+    power = np.abs(np.fft.rfft(rows - rows.mean())[1:]) ** 2 / len(rows)
+    omega = np.pi * np.arange(1, len(power) + 1) / (0.5 * len(rows))
+    most, found = -math.inf, 1.0
+    for together_s in (0.0, *TOGETHER_S):
+        phi = math.exp(-every_s / together_s) if together_s else 0.0
+        spectrum = (1.0 - phi**2) / np.abs(1.0 - phi * np.exp(-1j * omega)) ** 2
+        for share in SHARES if together_s else (0.0,):
+            S = 1.0 - share + share * spectrum
+            level = float(np.mean(power / S))
+            nats = -float(np.log(S).sum()) - len(S) * math.log(level) - (math.log(len(rows)) if share else 0.0)
+            if nats > most:
+                most = nats
+                found = math.sqrt((1.0 - share + share * (1.0 + phi) / (1.0 - phi)) * level)
+    return max(found, 1.0)
 
 
 def _scale(rows: Array) -> float:

@@ -37,15 +37,20 @@ class Inflation(NamedTuple):
 
     Real slip and real references hang together over seconds. What is whitened as if they did not would find something
     everywhere; divided by this, a slow sensitivity has the weight that it deserves. Where the wheels' tails are heavy
-    each of their rows has its own, (n,).
+    each of their rows has its own, (n,), and on real ground each fix, (m, 3), by whether the robot moves.
     """
 
     wheels: float | Array = 1.0
-    fixes: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    fixes: Array = np.ones(3)
 
     def of_another_drive(self) -> "Inflation":
-        """The same for other rows: one for all of the wheels', with the mean of their information."""
-        return self._replace(wheels=float(np.mean(np.square(self.wheels, dtype=float) ** -1.0) ** -0.5))
+        """The same for other rows: one for all of the wheels', and of the fixes, with the mean of their information."""
+        return Inflation(float(_mean_inflation(np.reshape(self.wheels, (-1, 1)))[0]), _mean_inflation(self.fixes))
+
+
+def _mean_inflation(sizes: Array) -> Array:
+    """The one, of each column, with the mean of the rows' information."""
+    return np.asarray(np.mean(np.atleast_2d(sizes) ** -2.0, axis=0) ** -0.5, float)
 
 
 NOT_INFLATED: Final = Inflation()
@@ -176,7 +181,7 @@ class Problem:
         """
         rows, n = self.linear.rows(sensitivities, dtype), len(self.evidence.step_s)
         rows[:n] /= np.reshape(self.inflation.wheels, (-1, 1))
-        rows[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))[:, None]
+        rows[n:] /= np.broadcast_to(self.inflation.fixes, self.evidence.fix.shape).reshape(-1, 1)
         return rows[self.evidence.observed]
 
     def adjoint(self, rows: Array) -> Array:
@@ -188,7 +193,7 @@ class Problem:
         every = np.zeros(n + 3 * len(self.evidence.fix))
         every[self.evidence.observed] = rows
         every[:n] /= self.inflation.wheels
-        every[n:] /= np.tile(self.inflation.fixes, len(self.evidence.fix))
+        every[n:] /= np.broadcast_to(self.inflation.fixes, self.evidence.fix.shape).ravel()
         return self.linear.adjoint(every)
 
     @property

@@ -130,7 +130,7 @@ class Library:
                 made, own = columns_of(problem, effect, shape, first + len(sensitivities))
                 self.candidates += made
                 sensitivities += own
-            # Those of an hour's drive, all at once, would be 400 MB.
+            # Those of half an hour's drive, all at once, would be 200 MB.
             if len(sensitivities) >= COLUMNS or effect is plain[-1]:
                 whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
                 first += len(sensitivities)

@@ -195,14 +195,18 @@ class Sets:
                             better[key] = total, names, i
             found |= {key: (total, (*last[rest].chosen, i)) for key, (total, rest, i) in better.items()}
             if size < largest - 1:
-                last = {key: self._grown(last[rest], i, total) for key, (total, rest, i) in better.items()}
+                grown = ((key, self._grown(last[rest], i, total)) for key, (total, rest, i) in better.items())
+                last = {key: one for key, one in grown if one is not None}
         return found
 
-    def _grown(self, one: "_Set", i: int, score: float) -> "_Set":
-        """A set with one candidate more."""
+    def _grown(self, one: "_Set", i: int, score: float) -> "_Set | None":
+        """A set with one candidate more; None where single precision cannot tell its columns apart."""
         columns = list(self.candidates[i].columns)
         left = self._G[columns] - one.D[:, columns].T @ one.D
-        L = np.linalg.cholesky(left[:, columns])
+        try:
+            L = np.linalg.cholesky(left[:, columns])
+        except np.linalg.LinAlgError:
+            return None
         D = np.linalg.solve(L, left)
         b = one.b - np.linalg.solve(L, one.b[columns]) @ D
         return _Set((*one.chosen, i), score, np.concatenate([one.D, D]), b, one.own - np.einsum("mi,mi->i", D, D))

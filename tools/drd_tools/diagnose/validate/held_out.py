@@ -57,10 +57,9 @@ class _HeldOut:
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
-            noise, inflation = fitted(near, fit, searched=True)
-            problem = Problem(
-                problem.evidence, problem.path, noise, inflation, inflation=inflated(near, fit.left, searched=False)
-            )
+            noise, fix_inflation = fitted(near, fit, searched=True)
+            inflation = inflated(near, fit.left, noise, searched=False)
+            problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}

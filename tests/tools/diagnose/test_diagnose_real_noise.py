@@ -1,0 +1,89 @@
+"""Noise of real ground: tails, colour, and speeds that a drive holds are seen, and only where they are. (77), (78)"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_drives import recorded, selected
+
+from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.regression.noise_fit import long_run, ratios, tails
+from drd_tools.diagnose.results import Array
+from drd_tools.recordings.folder import Recording
+
+ROWS = 4000
+HELD_S = 0.3
+FAR = (selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gaussian_rows_are_left_as_they_are(seed: int) -> None:
+    rows = np.random.default_rng(seed).normal(0.0, 0.7, ROWS)
+    assert np.array_equal(tails(rows, np.ones(ROWS, bool)), 1.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_of_students_t_get_the_weight_that_their_likelihood_gives_them(seed: int) -> None:
+    """Weighted least squares then finds the middle of rows better than their mean does."""
+    random = np.random.default_rng(seed)
+    rows, moving = random.standard_t(3.0, ROWS), np.arange(ROWS) % 10 > 0
+    found = np.asarray(tails(rows, moving))
+    assert np.all(found[~moving] == 1.0)
+    assert found[moving] == pytest.approx(np.sqrt(1.0 + rows[moving] ** 2 / 3.0), rel=0.15)
+
+
+def test_the_middle_of_rows_with_heavy_tails_is_found_better() -> None:
+    errors = []
+    for seed in range(100):
+        rows = np.random.default_rng(seed).standard_t(2.5, 400)
+        weights = np.broadcast_to(tails(rows, np.ones(400, bool)), rows.shape) ** -2.0
+        errors.append((rows.mean(), np.average(rows, weights=weights)))
+    mean, weighted = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert weighted < 0.8 * mean
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_the_long_run_deviation_of_rows_is_the_root_of_their_spectrum_at_zero(share: float) -> None:
+    found, phi = [], float(np.exp(-0.1))  # rows of 0.1 s that hang together for 1 s
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        slow, shocks = np.zeros(ROWS), random.normal(size=ROWS)
+        for i in range(1, ROWS):
+            slow[i] = phi * slow[i - 1] + np.sqrt(1.0 - phi**2) * shocks[i]
+        rows = np.sqrt(1.0 - share) * random.normal(size=ROWS) + np.sqrt(share) * slow
+        found.append(long_run(rows, 0.1))
+    true = np.sqrt(1.0 - share + share * (1.0 + phi) / (1.0 - phi))
+    assert np.mean(found) == pytest.approx(true, rel=0.1)
+    assert np.std(found) < 0.15 * true
+
+
+def held(recording: Recording) -> Recording:
+    """The recording of a drive that tells each wheel's speed only every HELD_S, and meanwhile the last one."""
+    wheels = recording.wheels
+    assert wheels is not None
+    assert wheels.left_counts is not None
+    assert wheels.right_counts is not None
+    t = wheels.time_s
+    edges = np.arange(t[0], t[-1] + HELD_S, HELD_S)
+
+    def told(counts: Array) -> Array:
+        speed = np.gradient(np.interp(edges, t, counts), edges)
+        way = np.concatenate([[0.0], np.cumsum(speed[:-1] * HELD_S)])
+        return np.asarray(np.interp(t, edges, counts[0] + way), float)
+
+    left, right = told(wheels.left_counts), told(wheels.right_counts)
+    return replace(recording, wheels=replace(wheels, left_counts=left, right_counts=right))
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_speeds_that_a_drive_holds_are_jitter_of_a_far_robots_wheels_and_no_effect(is_held: bool) -> None:
+    recording = recorded(("field", 200.0), 3, *FAR)
+    made = analyse(held(recording) if is_held else recording)
+    problem = made.conclusion.found.problem
+    assert {c.effect for c in made.conclusion.causes} == {c.id for c in FAR}
+    if is_held:
+        assert 0.1 * HELD_S < problem.noise.jitter_s < HELD_S
+        assert any("holds its speeds" in one.sentence for one in made.scatter()[0])
+    else:
+        assert problem.noise.jitter_s == 0.0
+        assert (ratios(problem)["slip"] or 0.0) < 1.5
