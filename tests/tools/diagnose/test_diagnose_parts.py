@@ -20,7 +20,7 @@ DRIVE = ("warehouse", 260.0)
 
 @pytest.fixture
 def two_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The longest part, in place of half an hour."""
+    """The longest part, in place of 20 minutes."""
     monkeypatch.setattr(parts_module, "MOST_STEPS", 1320)
 
 
@@ -28,7 +28,7 @@ def long() -> Recording:
     return recorded(DRIVE, 3, SCALE)
 
 
-def test_half_an_hour_is_one_part() -> None:
+def test_twenty_minutes_are_one_part() -> None:
     recording = long()
     assert parts(recording) == [recording]
 

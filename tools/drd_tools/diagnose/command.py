@@ -30,7 +30,7 @@ three are there. Without encoders only the gyro's heading is judged. Of absent s
 
 The output folder gets diagnosis.json, model.yaml (for drd replay --model, the daemon and the simulator) and
 report.html.
-Several recordings get a folder each, and what they say together. What is longer than half an hour is looked at in
+Several recordings get a folder each, and what they say together. What is longer than 20 minutes is looked at in
 parts, as if they were recordings of their own.
 """
 EXAMPLES = """\
@@ -63,7 +63,7 @@ def main(argv: list[str]) -> int:
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
     names = ", ".join(r.name for r in recordings)
     pieces = [part for recording in recordings for part in parts(recording)]
-    # A part of half an hour needs memory for half an hour: one at a time.
+    # A part of 20 minutes needs half a gigabyte: one at a time.
     jobs = chosen.jobs if len(pieces) == len(recordings) else 1
     with writing(chosen.output):
         chosen.output.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ SHORTEST_S: Final = 0.045  # references of 20 Hz and more: of faster ones some r
 MOST_SHARE: Final = 0.55  # of a step: at half, as of two fixes to a step, nothing grows; stamps jitter
 WITHIN_SHARE: Final = 1e-6  # of a step: rounding
 # Time and memory are bounded: what is longer is cut.
-MOST_STEPS: Final = 18_000  # half an hour at 0.1 s takes 0.7 GB
+MOST_STEPS: Final = 12_000  # 20 minutes at 0.1 s
 LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
 HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a hole may be off, of itself and in a second

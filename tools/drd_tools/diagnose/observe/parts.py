@@ -1,4 +1,4 @@
-"""A long recording as several of half an hour at most, so that time and memory stay bounded."""
+"""A long recording as several of 20 minutes at most, so that time and memory stay bounded."""
 
 import math
 from dataclasses import replace

@@ -130,7 +130,7 @@ class Library:
                 made, own = columns_of(problem, effect, shape, first + len(sensitivities))
                 self.candidates += made
                 sensitivities += own
-            # Those of half an hour's drive, all at once, would be 200 MB.
+            # Those of 20 minutes, all at once, would be 130 MB.
             if len(sensitivities) >= COLUMNS or effect is plain[-1]:
                 whitened.append(problem.whiten(sensitivities, np.float32).astype(np.float32, copy=False))
                 first += len(sensitivities)
