@@ -90,7 +90,7 @@ def test_a_standing_robot_goes_on_where_it_stood_with_what_it_has_learned(standi
     assert pose["heading_rad"] == pytest.approx(1.0, abs=1e-6)
     assert pose["validity"] == "degraded"  # the bias is measured anew, but it is known well enough to go on with
     xx = pose["covariance_m_rad"][0][0]
-    assert 0.04 <= xx < 0.041  # state.position_m
+    assert 0.04 <= xx < 0.042  # state.position_m, and what a robot may move before its wheels' lag is known
     told = daemon.health()["state"]
     assert told["start"]["kind"] == "warm"
     assert 0.0 < told["start"]["off_s"] < 20.0
