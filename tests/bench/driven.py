@@ -12,6 +12,7 @@ from typing import Final
 import can
 
 from bench.cpu import end, wait_until_ready
+from bench.listener import ENVIRONMENT
 from bench.report import Refused
 from bench.robot import Circle, config_text, free_endpoint
 from drd.config.file import load_config
@@ -82,7 +83,7 @@ def driven(
     with ExitStack() as stack:
         log = stack.enter_context((folder / "log").open("w", encoding="utf-8"))
         command = [*start_with, sys.executable, "-m", "drd", "run", str(file)]
-        process = stack.enter_context(subprocess.Popen(command, stderr=log))
+        process = stack.enter_context(subprocess.Popen(command, stderr=log, env=ENVIRONMENT))
         stack.callback(process.kill)
         robot = Driven(folder, name, process, endpoint)
         for device in (robot.fog, robot.bus):

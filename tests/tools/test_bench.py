@@ -13,8 +13,8 @@ from bench.report import Refused, table
 from drd.estimation.filter import Filter, Outcome
 
 FIGURES = {"filter": 3, "allocation": 4, "rates": 3, "latency": 8, "cpu": 4, "flood": 9, "clients": 17, "recording": 7,
-           "replay": 3, "load": 15, "overload": 25, "realtime": 19}  # fmt: skip
-PROCESSES = {"cpu", "flood", "clients", "recording", "load", "overload", "realtime"}
+           "replay": 3, "load": 15, "overload": 25, "fleet": 3, "realtime": 19}  # fmt: skip
+PROCESSES = {"cpu", "flood", "clients", "recording", "load", "overload", "fleet", "realtime"}
 # Zero is what they are to be; of `clients`, the idle share of a busy machine.
 MAY_BE_ZERO = {"allocation", "realtime", "clients", "overload"}
 

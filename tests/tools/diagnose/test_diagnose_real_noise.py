@@ -12,7 +12,7 @@ from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
 
 ROWS = 4000
-HELD_S = 0.3
+HELD_S = 0.4
 FAR = (selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
 
 
