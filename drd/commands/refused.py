@@ -42,7 +42,7 @@ class Refused(NamedTuple):
 
 
 def refused(lines: Iterable[str]) -> list[Refused]:
-    """What the kernel's log says of services with a user of their own."""
+    """Refused calls in the kernel's log, of services with a user of their own."""
     found = (match.groups() for line in lines if (match := LINE.search(line)))
     calls = [Refused(int(uid), int(pid), comm, name(int(arch, 16), int(n))) for uid, pid, comm, arch, n in found]
     return [call for call in calls if call.user in DYNAMIC_USERS]

@@ -184,7 +184,7 @@ class CanPort(Port):
 
     def _on_readable(self, bus: can.BusABC) -> None:
         try:
-            # What is left after this many frames wakes the loop again: only SlcanBus keeps complete frames back.
+            # Frames that are left after so many wake the loop again: only SlcanBus keeps complete frames back.
             for _ in range(min(FRAMES_PER_WAKE_UP, self._encoders.queue_frames)):
                 if not self._receive(bus, 0):
                     break

@@ -48,7 +48,7 @@ SEND_BUFFER_BYTES: Final = 8192
 
 
 class Phase(NamedTuple):
-    """What the daemon did under one load."""
+    """Figures of the daemon under one load."""
 
     ages_ms: list[float]  # of the poses at a subscriber
     lost: int
@@ -77,7 +77,7 @@ def run(quick: bool) -> Report:
 
 
 def figures(kind: str, phase: Phase, unloaded: Phase) -> Iterator[Figure]:
-    """Of one load."""
+    """The table's figures for one load."""
     for percent in (50, 99):
         value = percentile(phase.ages_ms, percent)
         yield Figure(f"{kind}: age of a pose, p{percent}", value, "ms", value / percentile(unloaded.ages_ms, percent))

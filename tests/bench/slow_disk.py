@@ -11,7 +11,7 @@ BYTES_PER_S: Final = 1e6
 
 
 def _slow_down(sink: Any) -> None:
-    """What is handed to the disk takes its time; as a thread that waits in write(2) does, it lets others run."""
+    """Make what is handed to the disk take its time; as a thread that waits in write(2) does, it lets others run."""
     flush = sink.flush
 
     def slowly(self: Any) -> None:

@@ -86,7 +86,7 @@ class _AtOnce(ThreadPoolExecutor):
 
 
 class _Log(logging.Handler):
-    """What the server calls an error of its own."""
+    """An error that the server calls its own."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -13,7 +13,7 @@ SIZE = 4 * disk.BLOCK_BYTES
 
 
 class Client:
-    """What the kernel says to the server."""
+    """The kernel's side of the connection."""
 
     def __init__(self, folder: Path):
         with socket.create_server(("127.0.0.1", 0)) as free:

@@ -35,14 +35,15 @@ def chance_gains(problem: Problem, library: Library, left: Array, name: str = ""
     What is white keeps its likelihood when the signs of whole blocks change, and loses what hangs together. (84)
     `name`: of the only effect that was looked for; else it is any of the catalogue.
     """
-    index, own = blocks(problem), list(range(library.columns.shape[1]))
+    columns, square = library.columns, np.diag(library.products)
     if name:
         own = sorted({i for c in library.candidates if c.effect.id == name for i in c.columns})
-    if not own:
+        columns, square = columns[:, own], square[own]
+    if not columns.size:
         return np.zeros(FLIPS)
-    columns = library.columns[:, own]
+    index = blocks(problem)
     B = np.stack([columns[index == b].T @ left[index == b].astype(np.float32) for b in np.unique(index)])
-    diagonal = np.maximum(np.diag(library.products)[own].astype(float), 1e-30)
+    diagonal = np.maximum(square.astype(float), 1e-30)
     signs = np.random.default_rng(SEED).choice((-1.0, 1.0), (FLIPS, len(B)))
     result: Array = (0.5 * (signs @ B) ** 2 / diagonal).max(axis=1)
     return result

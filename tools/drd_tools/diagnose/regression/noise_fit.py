@@ -54,8 +54,7 @@ def inflated(problem: Problem, left: Array, noise: Noise, searched: bool) -> Inf
     moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
     has_tails = searched and e.is_far and bool(len(wheels))
     if has_tails:
-        turn_rad = problem.path.steps()[2]
-        wheels = wheels * np.sqrt(problem.noise.wheels(e, turn_rad) / noise.wheels(e, turn_rad))
+        wheels = wheels * np.sqrt(_variance(problem, problem.noise) / _variance(problem, noise))
     slow = (long_run if has_tails else _slow)(wheels[moving], step_s)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     if not has_tails:
@@ -67,7 +66,7 @@ def inflated(problem: Problem, left: Array, noise: Noise, searched: bool) -> Inf
 
 
 def _slow_fixes(fixes: Array, every_s: float) -> Array:
-    """Of x and y, which are one, and of heading, (3,)."""
+    """Inflation of x and y, which are one, and of heading, (3,)."""
     x, y, heading = (_slow(fixes[:, i], every_s) for i in range(3))
     return np.array([max(x, y), max(x, y), heading])
 
@@ -104,7 +103,7 @@ def _slip_and_jitter(problem: Problem, wheels: Array, moving: npt.NDArray[np.boo
     if not e.is_far or moving.sum() < FEWEST_ROWS:
         return _scale(wheels[moving]), noise.jitter_s
     rows, square = wheels[moving], e.speed_changes_rad2_s2[moving]
-    now = noise.wheels(e, problem.path.steps()[2])[moving]
+    now = _variance(problem, noise)[moving]
     alone = now - noise.jitter_s**2 * square
     best, most = (1.0, 0.0), -math.inf
     for ratio in JITTERS_S:
@@ -160,12 +159,11 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
         at_rest_scale = _scale(at_rest)
         walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s)
-        way = slip
-        if jitter_s or noise.jitter_s:
-            way, fixes = _most_likely(problem, fit.selection, fixes, driving)
     else:
         slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
-        way = slip
+    way = slip
+    if jitter_s or noise.jitter_s:
+        way, fixes = _most_likely(problem, fit.selection, fixes, driving)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     scaled = fixes / np.array([position, position, heading])
     inflation = np.maximum(1.0, np.mean(scaled**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
@@ -214,18 +212,23 @@ def ratios(problem: Problem) -> Figures:
     found: Figures = {"heading": noise.heading_rad / stated.heading_rad}
     if problem.evidence.has_wheels:
         found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
-        found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m * _with_jitter(problem)
+        found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m * _raised_by_jitter(problem)
         found["position"] = noise.position_m / stated.position_m
     return found
 
 
-def _with_jitter(problem: Problem) -> float:
+def _raised_by_jitter(problem: Problem) -> float:
     """Deviation of the wheels' rows in motion over that without jitter."""
-    e, noise, turn_rad = problem.evidence, problem.noise, problem.path.steps()[2]
+    noise, moving = problem.noise, ~problem.evidence.still
     if not noise.jitter_s:
         return 1.0
-    whole, alone = (n.wheels(e, turn_rad)[~e.still].sum() for n in (noise, replace(noise, jitter_s=0.0)))
+    whole, alone = (_variance(problem, n)[moving].sum() for n in (noise, replace(noise, jitter_s=0.0)))
     return math.sqrt(whole / alone)
+
+
+def _variance(problem: Problem, noise: Noise) -> Array:
+    """Variance of the wheels' turn in each step, (n,). (68)"""
+    return noise.wheels(problem.evidence, problem.path.steps()[2])
 
 
 def slipping(noise: Noise, factor: float) -> Noise:
