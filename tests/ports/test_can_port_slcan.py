@@ -56,8 +56,7 @@ def test_frames_arrive_in_whatever_pieces_the_adapter_sends_them(
             before_ns = time.monotonic_ns()
             stream = b"".join(slcan_line(number) for number in range(100)) + b"T18FF1234201FF\r"
             for start in range(0, len(stream), 7):
-                line.write(stream[start : start + 7])
-                await asyncio.sleep(0)
+                await line.stream(stream[start : start + 7])
             await eventually(lambda: len(can_record.frames) == 101)
         assert can_record.numbers[:100] == list(range(100))
         assert can_record.frames[100][1:] == (0x18FF1234, True, b"\x01\xff")
@@ -131,8 +130,7 @@ def test_a_bus_full_of_foreign_frames_costs_none_of_the_own_ones(
             await eventually(lambda: can_record.states == [None])
             foreign = b"".join(b"t%03X1FF\r" % (0x200 + i) for i in range(20)) + b"T18FF12351FF\r"
             for number in range(400):
-                line.write(foreign + slcan_line(number))
-                await asyncio.sleep(0)
+                await line.stream(foreign + slcan_line(number))
             line.write(b"T18ff12340\r")
             await eventually(lambda: len(can_record.frames) == 401)
         assert can_record.numbers[:400] == list(range(400))
@@ -201,8 +199,7 @@ def test_noise_without_line_ends_does_not_fill_the_memory(
         async with run_port(port):
             await eventually(lambda: can_record.states == [None])
             for _ in range(20):
-                line.write(bytes(1000))
-                await asyncio.sleep(0.005)
+                await line.stream(bytes(1000))
             await eventually(lambda: port.counters["bad_frames"] >= 3)
             assert len(buses[0]._buffer) < 8192
             assert buses[0].serialPortOrig.timeout == 0, "python-can would wait on the event loop"

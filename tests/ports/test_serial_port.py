@@ -55,10 +55,8 @@ def test_every_byte_value_passes_unchanged(make_pty: Any, run_port: Any, eventua
         sent = bytes(range(256)) * 64
         async with run_port(record.port(line.path)):
             await eventually(lambda: record.states == [None])
-            writer = threading.Thread(target=lambda: [line.write(sent[i : i + 512]) for i in range(0, len(sent), 512)])
-            writer.start()
+            await line.stream(sent)
             await eventually(lambda: len(record.data) >= len(sent))
-            writer.join()
         assert record.data == sent
 
     asyncio.run(scenario())
