@@ -1,6 +1,7 @@
 """The search among sets of selected effects."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from drd_tools.diagnose.select.search import (
     full_search,
     is_rough,
 )
+from drd_tools.diagnose.select.sets import Sets
 
 
 def test_a_stretch_that_was_found_in_pieces_becomes_one() -> None:
@@ -117,6 +119,23 @@ def test_a_ripple_is_found_beside_counts_that_turn_its_phase_away() -> None:
     assert len(named) == 2
     assert any("bump_counts" in names for names in named)
     assert any("wheel_eccentricity" in names for names in named)
+
+
+def test_columns_that_what_is_held_explains_belong_to_no_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+    beside = Sets._beside
+
+    def rounded(self: Sets, columns: Any, products: Any) -> tuple[Any, Any]:
+        """Two columns of 1e12 are held: of single precision's products less than nothing is left."""
+        G, b = beside(self, columns, products)
+        if columns.shape[1] > 2:
+            G[:2, :2] = [[-1e4, 1e11], [1e11, -1e4]]
+        return G, b
+
+    monkeypatch.setattr(Sets, "_beside", rounded)
+    sets = Sets(problem(WAREHOUSE, 3), ())
+    assert sets.candidates
+    assert not any({0, 1}.intersection(c.columns) for c in sets.candidates)
+    assert sets.best(3, 3)
 
 
 def test_names_that_fit_alike_are_led_by_the_best_exact_form() -> None:

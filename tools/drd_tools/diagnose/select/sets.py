@@ -19,7 +19,6 @@ from drd_tools.diagnose.selected import Selected, parameter, shape_of
 LEFT_SHARE: Final = 1e-3  # of a column's square that the others of its set must leave
 FREE_SHARE: Final = 1e-5  # that what is held must leave: products of single precision are no better
 RIDGE: Final = 1e-4  # of a column's square, as their prior: two columns that are alike have finite sizes
-LEAST_SQUARE: Final = 1e-300  # of a column that is nothing
 
 
 class _Group(NamedTuple):
@@ -74,10 +73,12 @@ class Sets:
         between, count = columns.T @ own, self._library.columns.shape[1]
         products = np.block([[self._library.products, between[:, :count].T], [between]])
         G, b = self._beside(own, products)
-        self._scale = 1.0 / np.sqrt(np.maximum(np.diag(G), LEAST_SQUARE))
+        free, taken = np.diag(G) > FREE_SHARE * np.diag(products), {c.id for c in held if not c.effect.repeats}
+        # What is held leaves nothing of the others: they belong to no candidate.
+        self._scale = np.zeros(len(G))
+        self._scale[free] = np.diag(G)[free] ** -0.5
         self._G = G * self._scale[:, None] * self._scale + RIDGE * np.eye(len(G))
         self._b = b * self._scale
-        free, taken = np.diag(G) > FREE_SHARE * np.diag(products), {c.id for c in held if not c.effect.repeats}
         candidates = [*self._library.candidates, *extra]
         self.candidates = [c for c in candidates if c.effect.id not in taken and free[list(c.columns)].all()]
         labels = [self._label(c, near) for c in self.candidates]
