@@ -128,7 +128,7 @@ def test_it_says_the_same_twice() -> None:
 
 def test_a_curve_without_a_name_is_put_against_names() -> None:
     knots = np.linspace(-40.0, 40.0, 8)
-    curve = Curve("gyro", "yaw_rate", "deg/s", "deg/s", knots, 1e-4 * knots**2, np.full(8, 0.01), 20.0)
+    curve = Curve("gyro", "yaw_rate", "deg/s", "deg/s", knots, 1e-4 * knots**2, np.full(8, 0.01), 20.0, 1.0)
     advice = advised(finding(None, selected("gyro_scale_error", k=0.001), curve=curve))
     assert advice.separates == [["unknown", "gyro_scale_error"]]
 

@@ -14,12 +14,14 @@ from drd_tools.diagnose.conclude.confirm import (
     e_value,
     family_wise_p,
     gain_over_time,
+    predictive_curve_nats,
     predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.select.library import Library
+from drd_tools.diagnose.select.splines import SplineTerms
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
 
@@ -71,6 +73,18 @@ def test_a_true_effect_holds_on_the_half_it_was_not_fitted_to(missing: Selected)
         times, gains = gain_over_time(p, fit, fit.selection[0])
         assert gains[-1] > gains[len(gains) // 2] > 0.0
         assert (np.diff(times) > 0.0).all()
+
+
+def test_a_curve_holds_on_both_halves_where_it_stands_for_an_effect_and_on_neither_where_it_stands_for_noise() -> None:
+    p = null()[0]
+    noise = np.random.default_rng(8).standard_normal(len(p.data))
+    missing, nothing = (p.with_data(noise + rows) for rows in (p.effect_rows([TREAD]), 0.0))
+    curve = SplineTerms(missing).best([], None, ("wheels' turn", "yaw_rate"))
+    assert curve is not None
+    columns = SplineTerms(missing).columns(curve)
+    found, none = ((q, refine(q, [TREAD])) for q in (missing, nothing))
+    assert min(predictive_curve_nats(*found, found[1].selection[0], columns)) > 30.0
+    assert max(predictive_curve_nats(*none, none[1].selection[0], columns)) < 0.0
 
 
 def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:

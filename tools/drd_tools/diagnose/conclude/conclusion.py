@@ -14,9 +14,10 @@ from drd_tools.diagnose.conclude.confirm import (
     e_value,
     family_wise_p,
     gain_over_time,
+    predictive_curve_nats,
     predictive_nats,
 )
-from drd_tools.diagnose.conclude.identify import Identifiability
+from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
 from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.audit import Event
@@ -167,8 +168,10 @@ def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
     """
     problem, fit = found.problem, found.fit
     stays = search.known.union(constants)
-    unseen = [0.0 if c.id in stays else sum(predictive_nats(problem, search.library, fit, c)) for c in fit.selection]
-    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if nats > FAILING_NATS]
+    unseen = [(0.0, 0.0) if c.id in stays else predictive_nats(problem, search.library, fit, c) for c in fit.selection]
+    # Real ground is not the same all along: what only one half of it shows is the ground's.
+    floor = -APART_NATS if problem.evidence.is_far else -math.inf
+    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if sum(nats) > FAILING_NATS and min(nats) > floor]
     if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
     while others := [one for one in fit.selection if one.id not in search.known]:
@@ -209,6 +212,10 @@ def _finding(
     rival, asked = splines.best(fit.selection, selected), max(GENERIC_NATS, _generic_share(problem) * worth)
     # A constant that a calibration gives is no curve, whatever varies about it.
     unnamed = None if is_constant or rival is None else rival.gain - asked
+    if rival is not None and unnamed is not None and problem.evidence.is_far:
+        # Where the world is unlike the model some curve always fits better: it has to predict either half better, too.
+        unseen = predictive_curve_nats(problem, fit, selected, splines.columns(rival))
+        unnamed = min(unnamed, *(rivals.own + u - n for u, n in zip(unseen, nats, strict=True)))
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None

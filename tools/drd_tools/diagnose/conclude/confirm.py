@@ -60,6 +60,22 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
     and without the selected effect, the other selected effects are as the other half has them.
     """
+    halves = _halves(problem, fit, selected)
+    return (
+        (0.0, 0.0) if halves is None else (_nats(library, selected, *halves), _nats(library, selected, *halves[::-1]))
+    )
+
+
+def predictive_curve_nats(problem: Problem, fit: Fit, selected: Selected, columns: Array) -> tuple[float, float]:
+    """The same of a curve in a selected effect's place, on the same halves; `columns` (r, k): of prior 1."""
+    halves = _halves(problem, fit, selected)
+    if halves is None:
+        return 0.0, 0.0
+    return _curve_nats(columns, *halves), _curve_nats(columns, *halves[::-1])
+
+
+def _halves(problem: Problem, fit: Fit, selected: Selected) -> "tuple[_Half, _Half] | None":
+    """Alternating segments of equal visibility of an effect; None where it shows in none."""
     others = [c for c in fit.selection if c is not selected]
     data = problem.data - problem.effect_rows(others)
     soft, freed = nuisance_columns(problem, others)
@@ -67,11 +83,11 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
     order = np.argsort(problem.row_time_s, kind="stable")
     total = np.cumsum(seen[order])
     if total[-1] <= 0.0:
-        return 0.0, 0.0
+        return None
     half = np.zeros(len(data), bool)
     half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
     first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
-    return _nats(library, selected, first, second), _nats(library, selected, second, first)
+    return first, second
 
 
 class _Half(NamedTuple):
@@ -107,6 +123,15 @@ def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> fl
     nats = with_it(test.soft, np.column_stack([test.freed, T[1] * scale]), left[1])
     without = _predicted(train.soft, train.freed, part.data)
     return nats - without(test.soft, test.freed, test.problem.data) - math.log(choices)
+
+
+def _curve_nats(columns: Array, train: _Half, test: _Half) -> float:
+    """Log likelihood ratio of a curve on `test`, as `train` has it."""
+    sides = [np.column_stack([h.freed, columns[h.rows]]) for h in (train, test)]
+    with_it = _predicted(train.soft, sides[0], train.problem.data)
+    without = _predicted(train.soft, train.freed, train.problem.data)
+    data = test.problem.data
+    return with_it(test.soft, sides[1], data) - without(test.soft, test.freed, data)
 
 
 def _predicted(soft: Array, freed: Array, left: Array) -> Callable[[Array, Array, Array], float]:

@@ -78,6 +78,7 @@ class Curve:
     value: Array
     sigma: Array
     gain: float  # nats above the selected effects, its freedom paid
+    amplitude: float  # T of (83)
 
 
 @dataclass(frozen=True)
@@ -135,14 +136,16 @@ class SplineTerms:
                 continue
             S = smooth.rows.astype(float)
             G = marginal.beside(S.T @ S, (S.T @ held).T)
-            gain, value, sigma = _evidence(G, S.T @ cleared, smooth.rough)
+            gain, value, sigma, amplitude = _evidence(G, S.T @ cleared, smooth.rough)
             gain -= self.cost
             if best is None or gain > best.gain:
                 channel = CHANNELS[smooth.channel]
                 covariate_unit, si = COVARIATE_UNITS[smooth.covariate]
                 value, sigma = value * channel.hat_in_public, sigma * channel.hat_in_public
                 knots = smooth.knots * si
-                best = Curve(smooth.channel, smooth.covariate, channel.unit, covariate_unit, knots, value, sigma, gain)
+                best = Curve(
+                    smooth.channel, smooth.covariate, channel.unit, covariate_unit, knots, value, sigma, gain, amplitude
+                )
         return best
 
     def reported(self, selected: Selected, curve: Curve) -> Array:
@@ -158,6 +161,12 @@ class SplineTerms:
         """Whitened data that a curve explains, (r,)."""
         result: Array = self._of(curve).rows @ (curve.value / CHANNELS[curve.channel].hat_in_public)
         return result
+
+    def columns(self, curve: Curve) -> Array:
+        """Whitened data of what a curve is made of, (r, k), each with the prior 1."""
+        smooth = self._of(curve)
+        root = np.linalg.cholesky(smooth.rough / curve.amplitude)
+        return np.asarray(np.linalg.solve(root, smooth.rows.T.astype(float)).T)
 
     def _of(self, curve: Curve) -> _SplineTerm:
         return next(s for s in self._splines if (s.channel, s.covariate) == (curve.channel, curve.covariate))
@@ -175,10 +184,10 @@ def _roughness(covariate: str, k: int) -> Array:
     return rough
 
 
-def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
-    """Evidence of a smooth curve, its size integrated over its best prior; the curve and its deviation. (83)"""
+def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array, float]:
+    """Evidence of a smooth curve, its size integrated over its best prior; curve, deviation, that prior. (83)"""
     k = len(b)
-    best = (-math.inf, np.zeros(k), np.zeros(k))
+    best = (-math.inf, np.zeros(k), np.zeros(k), AMPLITUDES[0])
     _, logdet_R = np.linalg.slogdet(R)
     for t in AMPLITUDES:
         M = G + R / t
@@ -188,7 +197,7 @@ def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array]:
         x = np.linalg.solve(M, b)
         gain = 0.5 * float(b @ x) - 0.5 * (logdet - logdet_R + k * math.log(t))
         if gain > best[0]:
-            best = (gain, x, np.sqrt(np.maximum(np.diag(np.linalg.inv(M)), 0.0)))
+            best = (gain, x, np.sqrt(np.maximum(np.diag(np.linalg.inv(M)), 0.0)), t)
     return best
 
 
