@@ -3,10 +3,11 @@
 import math
 
 from drd.estimation.drift import Drift
-from drd.estimation.filter import Filter, Outcome
+from drd.estimation.filter import Outcome
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
 from drd.estimation.track import Track
+from drd.estimation.uncertainty import OneSided
 from drd.units import NS_PER_S
 
 # Agreement for so long ends the report of a disagreement.
@@ -24,9 +25,9 @@ class Agreement:
     def __init__(self, rejections_before_release: int, reasons: Reasons, counters: dict[str, int]):
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
-        self._slipped_m = 0.0
+        self._slipped_m, self._stuck_rad = OneSided(), OneSided()
         self._drift = Drift()
-        self._reading, self._repeats, self._stuck_rad = math.nan, 0, 0.0
+        self._reading, self._repeats = math.nan, 0
 
     def update(self, track: Track, t_ns: int, drive: Drive, reading: float = math.nan) -> bool:
         """Compare at the end of a gyro sample, of which `reading` is the rate. False: the filter is not finite and must
@@ -48,10 +49,11 @@ class Agreement:
                 return True
             kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
             # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (18)
-            before_m, self._slipped_m = self._slipped_m, self._slipped_m + 0.5 * kf.nominal.tread_m * abs(kf.z)
-            kf.add_position_variance(self._slipped_m**2 - before_m**2)
-            if self._repeats >= STUCK_READINGS:
-                self._cover_stuck_gyro(kf)
+            kf.add_position_variance(self._slipped_m.growth(0.5 * kf.nominal.tread_m * abs(kf.z)))
+            if kf.stands:
+                kf.turn_by_gyro_alone(-kf.z)
+            if self._repeats >= STUCK_READINGS:  # the wheels' heading is about to follow a gyro that is stuck
+                kf.add_heading_variance(self._stuck_rad.growth(abs(kf.z)), both=True)
             self._counters["released"] += 1
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
@@ -63,18 +65,14 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
-        if drive is not Drive.UNKNOWN and not self._slipped_m:  # the cause of what follows slip is known
+        if drive is not Drive.UNKNOWN and not self._slipped_m.sum:  # the cause of what follows slip is known
             self._drift.watch(kf, t_ns, drive)
             if self._drift.text is not None:
                 self._reasons.set("agreement", self._drift.text, t_ns)
                 self._rejected_ns = t_ns
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
-            self._slipped_m = self._stuck_rad = 0.0
+            self._slipped_m.forget()
+            self._stuck_rad.forget()
             self._drift.is_over()
         return True
-
-    def _cover_stuck_gyro(self, kf: Filter) -> None:
-        """The wheels' heading is about to follow a gyro that is stuck: both are wrong by what they part. (18)"""
-        before_rad, self._stuck_rad = self._stuck_rad, self._stuck_rad + abs(kf.z)
-        kf.add_heading_variance(self._stuck_rad**2 - before_rad**2, both=True)

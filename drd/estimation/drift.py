@@ -6,6 +6,7 @@ from typing import Final
 
 from drd.estimation.filter import Filter
 from drd.estimation.learning import Drive
+from drd.estimation.uncertainty import OneSided
 from drd.units import NS_PER_S
 
 # So many comparisons that differ to one side, each within its gate, are no noise: their normalised sum is white.
@@ -27,15 +28,15 @@ class Drift:
     def __init__(self) -> None:
         self.text: str | None = None
         self._ratios, self._turns_rad = deque([0.0] * IN_A_ROW, IN_A_ROW), deque([0.0] * IN_A_ROW, IN_A_ROW)
-        self._drifted_rad = 0.0
+        self._drifted_rad = OneSided()
         # Since the ground was taken to be another: when, the tread and the heading then, and by how much the heading
         # would be off by now if it was the gyro; now and at most.
         self._ground_ns, self._tread_m, self._heading_rad = 0, 0.0, 0.0
-        self._gyro_rad = self._covered_rad = 0.0
+        self._gyro_rad = OneSided()
 
     def is_over(self) -> None:
         """The headings agree again."""
-        self._drifted_rad = 0.0
+        self._drifted_rad.forget()
 
     def watch(self, kf: Filter, t_ns: int, drive: Drive) -> None:
         """After a comparison that was accepted."""
@@ -44,7 +45,7 @@ class Drift:
         self._turns_rad.append(kf.z)
         if self._ground_ns:
             self._cover_the_gyro(kf, t_ns, drive)
-        limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad else ONE_SIDED_SIGMAS
+        limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad.sum else ONE_SIDED_SIGMAS
         if abs(sum(self._ratios)) < limit * math.sqrt(IN_A_ROW):
             return
         if not self._ground_ns or t_ns - self._ground_ns > GROUND_NS:
@@ -56,7 +57,7 @@ class Drift:
         tread_m = kf.nominal.tread_m
         kf.add_tread_variance((GROUND_CHANGE * tread_m) ** 2)
         self._ground_ns, self._tread_m, self._heading_rad = t_ns, tread_m, kf.heading_rad
-        self._gyro_rad = self._covered_rad = 0.0
+        self._gyro_rad.forget()
         self._cover(kf, sum(self._turns_rad))
         for row in (self._ratios, self._turns_rad):
             row.extend([0.0] * IN_A_ROW)
@@ -75,14 +76,10 @@ class Drift:
         self.text = f"wheels and gyro drift apart: another ground (tread {100.0 * part:+.0f} %), or the gyro"
 
     def _cover(self, kf: Filter, part_rad: float) -> None:
-        self._gyro_rad += part_rad
-        if abs(self._gyro_rad) > self._covered_rad:
-            kf.add_heading_variance(self._gyro_rad**2 - self._covered_rad**2, both=True)
-            self._covered_rad = abs(self._gyro_rad)
+        kf.add_heading_variance(self._gyro_rad.growth(part_rad), both=True)
 
     def _suspect_both(self, kf: Filter) -> None:
         """No other ground: nobody knows which of the headings is wrong, so both may be."""
-        before_rad = self._drifted_rad
-        self._drifted_rad = before_rad + abs(kf.z) if before_rad else abs(sum(self._turns_rad))
-        kf.add_heading_variance(self._drifted_rad**2 - before_rad**2, both=True)
-        self.text = f"wheels and gyro drift apart, by {math.degrees(self._drifted_rad):.1f} deg so far"
+        d = self._drifted_rad
+        kf.add_heading_variance(d.growth(abs(kf.z) if d.sum else abs(sum(self._turns_rad))), both=True)
+        self.text = f"wheels and gyro drift apart, by {math.degrees(d.sum):.1f} deg so far"

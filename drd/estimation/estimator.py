@@ -22,6 +22,7 @@ from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
 from drd.estimation.steering import Steering, as_driven
 from drd.estimation.timeline import Segment, Stream
 from drd.estimation.track import MakeTrack, Track, make_track
+from drd.estimation.uncertainty import OneSided
 from drd.samples import CalibratedRate, GyroSample, Pose, Validity, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 
@@ -66,6 +67,7 @@ class Estimator:
             WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential"),
         )
         self.steering = Steering(config, self.wheel_noise)
+        self.steering.begin(self._track.kf)
         self.wheel_noise.put_into(self._track.kf.noise)
         self.bias = BiasMeasurement(e.static_bias, self.rest_noise)
         self.bias_known = False  # measured, or known from before a restart
@@ -79,6 +81,7 @@ class Estimator:
              "bias_measured"), 0)  # fmt: skip
         self._corrections = Corrections(calibration, compensation, self._heading_rad, self.reasons, self.counters)
         self.applied = Applied()
+        self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
         # Longer than gap_s: within it a returning counter still tells the whole travel.
@@ -262,11 +265,13 @@ class Estimator:
             kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
             if not self.rest_noise.known:
                 # Robot and heading stand; if they do not, since the wheels are late or slip, both are wrong by this.
-                kf.add_heading_variance((kf.nominal.heading_rad - kf.nominal.gyro_heading_rad) ** 2, both=True)
+                part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
+                kf.add_heading_variance(self._unbelieved_rad.growth(part_rad), both=True)
                 kf.anchor_gyro()
                 return
         else:
             self.rest_noise.interrupt()
+            self._unbelieved_rad.forget()
             if track.gyro_heading:
                 return
         if not self._agreement.update(track, t_ns, self.steering.drive, gyro.a):
@@ -355,6 +360,7 @@ class Estimator:
 
     def _recall_wheels(self, learned: Learned) -> None:
         self.steering.recall(learned)
+        self.steering.begin(self._track.kf)
         self.wheel_noise.recall(learned)
         self.wheel_noise.put_into(self._track.kf.noise)
 
@@ -398,6 +404,7 @@ class Estimator:
             self._take_over_wheels(other)
         else:
             forget_wheels(self._track.kf, self._config.robot.tread_m, self.sigmas)
+            self.steering.begin(self._track.kf)
         if same_gyro:
             if self.noise == other.noise:
                 self.rest_noise = self.bias.rest_noise = other.rest_noise
@@ -453,6 +460,7 @@ class Estimator:
         covariance = np.diag([sigma_m**2, sigma_m**2, sigma_rad**2])
         x_m, y_m = x_m - c * dx_m + s * dy_m, y_m - s * dx_m - c * dy_m
         self._track.kf.set_pose(x_m, y_m, self._track.kf.heading_rad + turned, covariance)
+        self._track.kf.lead_to_pose(self._track.speed_m_s, self._track.rate_rad_s)
         self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
         self._silence.was_lost = False
         for source in ("filter", "position"):
@@ -480,6 +488,7 @@ class Estimator:
         self.applied = Applied()
         self.wheel_noise = self.wheel_noise.anew()
         self.steering = Steering(self._config, self.wheel_noise)
+        self.steering.begin(self._track.kf)
         self.wheel_noise.put_into(self._track.kf.noise)
 
     def _recover(self, t_ns: int) -> None:

@@ -4,7 +4,7 @@ It knows no clock, no sensor and no logger, never raises on data, and returns a 
 """
 
 import math
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import Callable, Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import cos, sin
@@ -471,6 +471,22 @@ class Filter:
         self.P[target, :] = self.P[source, :]
         self.P[:, target] = self.P[:, source]
 
+    @property
+    def stands(self) -> bool:
+        """The wheels did not move in the last step."""
+        return self._left_m_s == 0.0 == self._right_m_s
+
+    def turn_by_gyro_alone(self, turn_rad: float) -> None:
+        """Where the wheels stood, or were not there, F was taken at no turn: what the gyro's scale made of it. (15)"""
+        self.spread_error(GYRO_SCALE, {GYRO_HEADING: turn_rad / self.nominal.gyro_scale})
+
+    def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
+        """Each state's error grows by its share of that of `source`; a share of its own is what is left of it."""
+        T = np.eye(N)
+        for i, share in shares.items():
+            T[i, source] = share
+        np.copyto(self.P, T @ self.P @ T.T)
+
     def add_position_variance(self, variance_m2: float) -> None:
         """Widen the position by motion that was not seen, up to where it means "anywhere". (36)"""
         for i in (XX, YY):
@@ -512,6 +528,12 @@ class Filter:
         """The robot may slip sideways from now on. (33)"""
         self.P[SLIP, SLIP] += variance_s2
 
+    def forget_slip(self) -> None:
+        """The robot does not slip sideways, nor has it done so: P given that this error is none. (33)"""
+        column = self.P[SLIP].tolist()
+        if (variance := column[SLIP]) > 0.0:
+            self.spread_error(SLIP, {i: 0.0 if i == SLIP else -column[i] / variance for i in range(N)})
+
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
         """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
         n = self.nominal
@@ -523,6 +545,12 @@ class Filter:
         self.P[GYRO_HEADING, :] = self.P[:, GYRO_HEADING] = 0.0
         self.P[:3, :3] = covariance
         self._copy_error(HEADING, GYRO_HEADING)
+
+    def lead_to_pose(self, speed_m_s: float, rate_rad_s: float) -> None:
+        """The pose that was set is ahead of the filter's own by the lag, whose error is in both from now on. (30)"""
+        n = self.nominal
+        dx, dy = -speed_m_s * cos(n.heading_rad), -speed_m_s * sin(n.heading_rad)
+        self.spread_error(WHEEL_LAG, {X: dx, Y: dy, HEADING: -rate_rad_s, GYRO_HEADING: -rate_rad_s})
 
     def move(self, there: tuple[float, float, float], here: tuple[float, float, float]) -> None:
         """Turn and shift the plane a little, so that a pose (x, y in m, heading in rad) `there` comes to be `here`."""

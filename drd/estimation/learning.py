@@ -26,6 +26,7 @@ WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on grave
 TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
 JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
 OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
+TURNED: Final = 100.0  # at rest, where tails are heavier (a motor runs, people climb on), of the variance so far
 WAITING: Final = 20  # comparisons until a drift of the headings would have been found (drift.IN_A_ROW)
 FIRST_COUNTS: Final = 10.0  # what common ground makes weighs as so many comparisons, (31)
 RECALLED_COUNTS: Final = 60.0  # what was learned before a restart: the ground may be another
@@ -107,8 +108,11 @@ class RestNoise:
             self._block_s = self._block_rad = 0.0
 
     def _take(self, difference_rad_s: float) -> None:
+        square = 0.5 * difference_rad_s * difference_rad_s * self._length_s
+        if self.differences and self.is_learned:  # who turns the robot by hand makes no noise
+            square = min(square, TURNED * max(self._sum / self.differences, self.stated_rad2_per_s))
+        self._sum += square
         self.differences += 1
-        self._sum += 0.5 * difference_rad_s * difference_rad_s * self._length_s
         self._tell()
 
     def _tell(self) -> None:

@@ -52,15 +52,16 @@ class PoseMaker:
         """The track's pose, for `t_ns`. `gyro_interval_s`: of the rate's samples; None: the rate is the wheels'."""
         reasons, kf = self._reasons, track.kf
         x_m, y_m, heading_rad = led(track, lead)
-        covariance = covariance_after(kf, lead.lag_s, track.speed_m_s, track.rate_rad_s, heading_rad, lead.scale)
+        has_gyro = gyro_interval_s is not None
+        interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
+        speed_m_s, rate_rad_s = track.speed_m_s, track.rate_rad_s
+        covariance = covariance_after(kf, lead.lag_s, speed_m_s, rate_rad_s, heading_rad, lead.scale, interval_s)
         bound_m = position_bound_m(covariance)
         exceeded = self._limit_m is not None and bound_m > self._limit_m
         if exceeded or covariance[5] > HEADING_DOUBTFUL_RAD**2 or reasons.active():
             self._watch(covariance[5], exceeded, t_ns)
-        noise, speed_m_s, rate_rad_s = kf.noise, track.speed_m_s, track.rate_rad_s
+        noise = kf.noise
         speed_sigma = speed_sigma_m_s(kf, noise, speed_m_s, wheel_interval_s)
-        has_gyro = gyro_interval_s is not None
-        interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
         rate_sigma = rate_sigma_rad_s(kf, noise, rate_rad_s, interval_s, has_gyro)
         # In the order of its fields: by their names it takes twice as long.
         return Pose(

@@ -6,7 +6,7 @@ from typing import Final
 
 from drd.config.keys import Config
 from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, is_stated_skid
-from drd.estimation.filter import TREAD, Filter
+from drd.estimation.filter import SLIP, TREAD, Filter
 from drd.estimation.learning import Drive, Learned, WheelNoise
 
 # A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
@@ -37,21 +37,27 @@ class Steering:
         elif config.estimation.initial.wheel_scale is None:
             self.scale = SKID_SCALE
 
+    def begin(self, kf: Filter) -> None:
+        """Until it is known how the robot steers, it may slip sideways. (34)"""
+        if self.drive is Drive.UNKNOWN and self._initial.slip_s is None and not kf.sigma(SLIP):
+            kf.add_slip_variance(SKID_SLIP_S**2)
+
     def watch(self, kf: Filter) -> None:
         """After a comparison: the gyro may have shown by now which tread is effective."""
         if self.drive is not Drive.UNKNOWN:
             return
         tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
-        if abs(kf.nominal.tread_m - self._robot.tread_m) > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
+        off_m = abs(kf.nominal.tread_m - self._robot.tread_m)
+        if off_m > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
             if self.scale:
                 kf.add_scale_variance(SKID_SCALE, 0.0)
-            if self._initial.slip_s is None:
-                kf.add_slip_variance(SKID_SLIP_S**2)
             # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
             kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
-        elif sigma_m < tape_m:
+        elif off_m + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m:
             self.drive, self.scale = Drive.DIFFERENTIAL, 0.0
+            if self._initial.slip_s is None:
+                kf.forget_slip()
 
     def _found_skid(self) -> None:
         self.drive, self.scale = Drive.SKID, 0.0

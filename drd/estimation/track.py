@@ -141,6 +141,7 @@ class Track:
             self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
             self.blind_s += dt_s
         else:
+            self.kf.turn_by_gyro_alone(self.rate_rad_s * dt_s)
             self.kf.anchor_wheels()  # (35)
 
 

@@ -20,6 +20,23 @@ def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: floa
     return after * after - before * before
 
 
+class OneSided:
+    """Errors of one cause that have one sign while it lasts: the variance has the square of their sum. (18)"""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """The cause is over."""
+        self.sum = self._covered = 0.0
+
+    def growth(self, part: float) -> float:
+        """Variance to add for a further error; none where the sum has been as large before."""
+        self.sum += part
+        before, self._covered = self._covered, max(self._covered, abs(self.sum))
+        return self._covered**2 - before**2
+
+
 def position_bound_m(covariance: tuple[float, float, float, float, float, float]) -> float:
     """Radius that holds 99 % of a Gaussian position error, from the worst axis. (37)"""
     xx, xy, _, yy, _, _ = covariance
@@ -29,20 +46,28 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 
 
 def covariance_after(
-    kf: Filter, lag_s: float, speed_m_s: float, rate_rad_s: float, heading_rad: float, scale: float
+    kf: Filter,
+    lag_s: float,
+    speed_m_s: float,
+    rate_rad_s: float,
+    heading_rad: float,
+    scale: float,
+    interval_s: float,
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (37)
 
     A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error; while the lag is
-    hardly known, a robot that seems to stand may have moved off. `scale`: standard deviation of the scale of all ways
+    hardly known, a robot that seems to stand may have moved off; it turns unseen for `interval_s` at most, that of the
+    rate's samples. `scale`: standard deviation of the scale of all ways
     beyond P's. (30), (34)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n = kf.noise, kf.nominal
     lx, ly, lh, lag = kf.lag_covariance()
     lag2 = lag_s * lag_s
-    unseen2 = 0.25 * UNSEEN_ACCELERATION_M_S2**2 * (lag2 * lag2 + 6.0 * lag2 * lag + 3.0 * lag * lag)
-    reading = k.count_m2 + unseen2
+    lag4 = lag2 * lag2 + 6.0 * lag2 * lag + 3.0 * lag * lag
+    reading = k.count_m2 + 0.25 * UNSEEN_ACCELERATION_M_S2**2 * lag4
+    turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, interval_s**4)
     variance = lag + k.jitter_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     gx, gy = scale * (n.x_m - n.origin_x_m), scale * (n.y_m - n.origin_y_m)
@@ -52,7 +77,7 @@ def covariance_after(
         xh + vx * lh + rate_rad_s * lx + vx * rate_rad_s * variance,
         yy + 2.0 * vy * ly + vy * vy * variance + reading + gy * gy,
         yh + vy * lh + rate_rad_s * ly + vy * rate_rad_s * variance,
-        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance + 2.0 * k.count_m2 / (n.tread_m * n.tread_m),
+        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance + turned,
     )
 
 

@@ -66,6 +66,16 @@ def test_a_noise_below_the_stated_one_is_never_believed() -> None:
     assert found.variance_rad2_per_s == 1e-6
 
 
+@pytest.mark.parametrize("first_s", [4.0, 10.0])
+def test_who_turns_the_robot_by_hand_makes_no_noise(first_s: float) -> None:
+    n = 0.1 * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+    rates = n / math.sqrt(GYRO_S) * np.random.default_rng(2).normal(size=200)
+    rates[round(first_s / GYRO_S) : round((first_s + 5.0) / GYRO_S)] += 0.5
+    noise = at_rest(RestNoise(n**2), rates)
+    assert noise.differences > 15
+    assert 10.0 * math.sqrt(noise.variance_rad2_per_s / GYRO_S) < 0.5  # a gate of 5 sigma finds such a turn
+
+
 def test_neither_end_of_a_standstill_enters() -> None:
     rates = np.zeros(200)
     rates[: round(GUARD_S / GYRO_S)] = rates[-round(GUARD_S / GYRO_S) :] = 1.0
@@ -182,6 +192,31 @@ def test_the_effective_tread_tells_how_the_robot_steers(tread_m: float, drive_ki
     # No sensor tells both wheels' scale: it stays as unsure as it was.
     common = math.sqrt(e.filter.P[SCALE_R, SCALE_R] + e.filter.P[SCALE_L, SCALE_L] + 2.0 * e.filter.P[SCALE_R, SCALE_L])
     assert 0.5 * common > 0.9 * (SKID_SCALE if drive_kind is Drive.SKID else 0.005 / math.sqrt(2.0))
+
+
+def test_what_it_may_have_slipped_is_gone_once_it_is_known_not_to_slip() -> None:
+    free, bound = make(), make(NO_BIAS.replace("{static", "{initial: {slip_s: 0}, static"))
+    samples = list(drive(40.0))
+    first = [(t, sample) for t, sample in samples if t < 3.0]
+    feed(free, first)
+    feed(bound, first)
+    assert np.trace(free.filter.P[:2, :2]) > 1.5 * np.trace(bound.filter.P[:2, :2])
+    feed(free, samples[len(first) :])
+    feed(bound, samples[len(first) :])
+    assert free.steering.drive is Drive.DIFFERENTIAL
+    assert free.filter.P[:2, :2] == pytest.approx(bound.filter.P[:2, :2], rel=1e-6)
+    assert free.filter.nominal == bound.filter.nominal
+
+
+def test_a_tread_between_those_of_both_drives_is_not_decided_yet() -> None:
+    e = make()
+    e.filter.set_tread(1.12 * e.filter.nominal.tread_m)
+    e.filter.forget(TREAD, 0.03 * e.filter.nominal.tread_m)
+    e.steering.watch(e.filter)
+    assert e.steering.drive.value == "unknown"
+    e.filter.forget(TREAD, 0.005 * e.filter.nominal.tread_m)
+    e.steering.watch(e.filter)
+    assert e.steering.drive is Drive.DIFFERENTIAL
 
 
 def test_a_straight_line_does_not_tell_it_and_the_bound_covers_both() -> None:

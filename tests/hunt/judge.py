@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 from msgspec import Struct
 from msgspec.structs import replace as changed
 
@@ -16,7 +17,7 @@ from drd.samples import Pose, Validity
 from drd.units import NS_PER_S, RAD_PER_DEG
 from hunt.genome import Event, Genome
 from hunt.kinds import KINDS
-from hunt.world import EPOCH_NS, World, monotonic_ns
+from hunt.world import EPOCH_NS, GYRO_DELAY_S, World, monotonic_ns
 
 # Half-width of the 99 % interval of a Gaussian heading in its standard deviations: no bound of it is published.
 HEADING_SIGMAS: Final = 2.5758293035489004
@@ -136,6 +137,20 @@ class _Run:
         turned = own[:, 2] - true[:, 2]
         return own[:, :2] - true[:, :2], turned - 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
 
+    def unseen(self) -> npt.NDArray[np.bool_]:
+        """Poses of the time between an event's begin and the arrival of the first sample of the gyro that is all after
+        it: no sensor could know.
+        """
+        t_s = np.array([(pose.t_ns - EPOCH_NS) / NS_PER_S for pose in self.poses])
+        arrivals = np.array([at_s for at_s, content in self.world.items if isinstance(content, bytes)])
+        found = np.zeros(len(t_s), bool)
+        for e in self.world.genome.events:
+            if KINDS[e.kind].unseen:
+                begin_s = self.world.at_s(e)
+                whole = arrivals[arrivals > begin_s + 1.0 / self.world.config.fog.rate_hz + GYRO_DELAY_S]
+                found |= (t_s > begin_s) & (t_s < whole.min(initial=self.world.seconds))
+        return found
+
 
 def seen_from(poses: Array, origin: Array) -> Array:
     """Poses, shape (n, 3), as they look from another one."""
@@ -164,7 +179,7 @@ def _judged(run: _Run, numbers: Array) -> Found:
     position, heading = run.errors()
     error_m, error_rad = np.hypot(*position.T), abs(heading)
     bound_m, bound_rad = numbers[:, -1], HEADING_SIGMAS * np.sqrt(np.maximum(numbers[:, -2], 0.0))
-    valid = np.array([pose.validity is Validity.VALID for pose in run.poses])
+    valid = np.array([pose.validity is Validity.VALID for pose in run.poses]) & ~run.unseen()
     # Errors that are too small to matter are none; a bound of 0 is taken for the least.
     ratio_m = np.where(valid & (error_m > LEAST_M), error_m / np.maximum(bound_m, 1e-3), 0.0)
     ratio_rad = np.where(valid & (error_rad > LEAST_RAD), error_rad / np.maximum(bound_rad, 1e-4), 0.0)

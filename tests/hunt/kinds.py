@@ -17,7 +17,8 @@ class Kind:
     """Sizes are drawn log-uniformly from `low` to `high` in `unit`, of both signs where `signed`.
 
     `traces`: sources of reasons or counters (part.name), of which one must tell of it where it lasts a second.
-    `named`: the class of what no sensor could know. `sided`: one wheel's.
+    `named`: the class of what no sensor could know. `sided`: one wheel's. `unseen`: nothing shows it before the gyro's
+    next sample.
     """
 
     low: float = 1.0
@@ -27,6 +28,7 @@ class Kind:
     traces: tuple[str, ...] = ()
     named: str = ""
     sided: bool = False
+    unseen: bool = False
     longest_s: float = 15.0
 
 
@@ -67,7 +69,7 @@ WHEELS: Final = {
 OTHERS: Final = {
     "other ground": Kind(0.02, 0.5, "of the tread", signed=True),
     SIDEWAYS: Kind(0.01, 0.3, "m/s", signed=True, named=SIDEWAYS),
-    "turned by hand": Kind(1.0, 40.0, "deg/s", signed=True),
+    "turned by hand": Kind(1.0, 40.0, "deg/s", signed=True, unseen=True),
     "host stands still": Kind(longest_s=4.0),
     "set_pose": Kind(0.001, 1.0, "m"),
     "reset": Kind(),

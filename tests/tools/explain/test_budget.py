@@ -71,7 +71,18 @@ DRIVE = st.tuples(st.just("drive"), st.integers(1, 60), st.floats(-1.0, 1.5), st
 BLIND = st.tuples(st.just("blind"), st.floats(0.0, 2.0), st.booleans())
 ODOMETRY = st.tuples(st.just("odometry"), st.integers(1, 20), st.floats(0.0, 1.0))
 ONCE = st.sampled_from(
-    [("slip",), ("bias",), ("silence",), ("set_pose",), ("restart",), ("hole",), ("skid",), ("put",), ("forget",)]
+    [
+        ("slip",),
+        ("bias",),
+        ("silence",),
+        ("set_pose",),
+        ("restart",),
+        ("hole",),
+        ("skid",),
+        ("put",),
+        ("forget",),
+        ("straight",),
+    ]
 )
 
 
@@ -113,11 +124,15 @@ def once(kf: Filter, name: str) -> None:
             kf.add_gyro_bias_variance(1e-9)
         case "set_pose":
             kf.set_pose(1.0, 2.0, 0.5, np.diag([0.04, 0.04, 1e-4]))
+            kf.lead_to_pose(1.2, 0.4)
         case "restart":
             kf.restart(0.6, SIGMAS)
         case "skid":
             kf.add_scale_variance(0.04, 0.03)
             kf.add_slip_variance(0.04)
+        case "straight":
+            kf.turn_by_gyro_alone(0.5)
+            kf.forget_slip()
         case "put":
             kf.put(kf.nominal, 0.5 * kf.P)
         case "forget":

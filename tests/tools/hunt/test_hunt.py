@@ -28,7 +28,21 @@ MENDED = {
         Genome(1, {"encoders.layout": "vesc", "fog.protocol": "none"}, (Leg(5.0, 0.5, 0.36), Leg(9.0, 1.0, 0.3))), 1.0),
     "turned by hand at rest, before the gyro's noise is known (104)": (
         Genome(1, {"estimation.static_bias.duration_s": 2.0}, (Leg(5.0, 0.0, 0.0), Leg(9.0, 0.4, 0.71)),
-               (Event("turned by hand", 1.7, 2.6, -4.54),)), 3.0),
+               (Event("turned by hand", 1.7, 2.6, -4.54),)), 1.0),
+    "turned by hand at rest (817)": (
+        Genome(524033305, {}, (Leg(9.0, 0.0, 0.0), Leg(5.7, 0.84, -0.67)),
+               (Event("turned by hand", 0.8, 6.2, -28.5),)), 1.0),
+    "turned by hand at rest, heading: gyro (601)": (
+        Genome(49463429, {"estimation.heading": "gyro"}, (Leg(12.0, 0.0, 0.0), Leg(5.4, 1.13, 0.0)),
+               (Event("turned by hand", 4.0, 5.1, -15.8),)), 1.0),
+    "reset in motion, wheels 0.3 s late, then the host stands still (2.7)": (
+        Genome(4273569582, {"wheel_lag_s": 0.3}, (Leg(4.1, 1.23, -0.79), Leg(6.0, 0.0, 0.0), Leg(3.6, 1.09, -0.57)),
+               (Event("reset", 4.8, 0.0), Event("host stands still", 7.0, 1.9))), 1.0),
+    "the wheels are away for 4 s in turns (2.2)": (
+        Genome(1479114983, {"estimation.rejections_before_release": 1}, (Leg(5.4, 1.34, 0.72), Leg(5.0, 0.57, 0.0),
+               Leg(2.4, 0.23, 0.15), Leg(5.7, -0.18, -0.17)), (Event("one counter silent", 2.9, 3.9, side=1),)), 1.0),
+    "a skid-steer robot turns sharply before it is known to be one (1.6)": (
+        Genome(3415654245, {"skids": True}, (Leg(7.6, 1.16, -0.8), Leg(7.5, 0.87, -0.18), Leg(5.3, 0.56, -0.77))), 1.0),
     "the gyro is stuck for 8 s (229)": (
         Genome(4190325052, {"fog.protocol": "dsp3000"}, (Leg(9.0, 1.0, 0.41), Leg(5.0, 1.3, -0.3), Leg(4.0, 1.5, 0.24),
                Leg(10.0, 0.5, 0.0)), (Event("gyro stuck", 12.2, 8.0),)), 3.0),

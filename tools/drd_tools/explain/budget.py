@@ -1,5 +1,6 @@
 """A covariance for each cause, moved by the filter's own linear steps. The sum over the causes is the filter's P."""
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -50,9 +51,14 @@ class Budget:
         """One heading continues from the other and shares its error. (35)"""
         FT = np.eye(N)
         FT[:, target] = FT[:, source]
-        self._move(FT)
-        if self.parts is not None:
-            self.parts.move(FT)
+        self._step(FT)
+
+    def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
+        """Each state's error grows by its share of that of `source`; a share of its own is what is left of it."""
+        FT = np.eye(N)
+        for i, share in shares.items():
+            FT[source, i] = share
+        self._step(FT)
 
     def forget(self, *states: int) -> None:
         """These states are known from elsewhere: their old errors are gone."""
@@ -87,6 +93,9 @@ class Budget:
         FT[pose_heading, other] = -1.0
         FT[WHEEL_LAG, [X, Y, pose_heading]] = -velocity
         FT[WHEEL_LAG, other] = -velocity[2]
+        self._step(FT)
+
+    def _step(self, FT: Matrix) -> None:
         self._move(FT)
         if self.parts is not None:
             self.parts.move(FT)

@@ -1,5 +1,6 @@
 """The daemon's own filter, with every step of it repeated on the budget."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class _View(Filter):
     def add_scale_variance(self, common: float, difference: float) -> None:
         """Nothing."""
 
-    def add_slip_variance(self, variance_s2: float) -> None:
+    def forget_slip(self) -> None:
         """Nothing."""
 
     def add_lag_variance(self, variance_s2: float) -> None:
@@ -166,6 +167,12 @@ class TappedFilter(FilterByCause):
         self._unseen = False
         if self._is_recorded:
             self._budget.copy_error(GYRO_HEADING, HEADING)
+
+    def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
+        """As the filter's."""
+        super().spread_error(source, shares)
+        if self._is_recorded:
+            self._budget.spread_error(source, shares)
 
     def add_position_variance(self, variance_m2: float) -> None:
         """As the filter's: motion that was not seen."""
