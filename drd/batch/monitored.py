@@ -8,6 +8,7 @@ from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import check_times, gyro_samples, wheel_samples, zero_of
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
+from drd.monitor.constants import Constants
 from drd.monitor.findings import Finding
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample
@@ -23,9 +24,15 @@ class Monitored:
 
 
 def monitor_logs(
-    fog: FogLog | None, encoders: EncoderLog, config: Config, watch: Callable[[Monitor], object] = lambda _: None
+    fog: FogLog | None,
+    encoders: EncoderLog,
+    config: Config,
+    watch: Callable[[Monitor], object] = lambda _: None,
+    known: Constants | None = None,
 ) -> Monitored:
     """Monitor the samples that the daemon would have made of two logs. `watch` is called after each sample.
+
+    `known`: the robot's constants by earlier drives, if there were any.
 
     Raises ConfigError where there is no gyro, or the logs do not overlap.
     """
@@ -35,7 +42,7 @@ def monitor_logs(
     zero_ns = zero_of(fog, encoders)
     wheels, _, _ = wheel_samples(encoders, config, zero_ns)
     gyro, _ = gyro_samples(fog, config, zero_ns)
-    monitor = Monitor(config)
+    monitor = Monitor(config, known)
     samples: list[Any] = sorted([*gyro, *wheels], key=lambda s: s[0])  # stable
     for sample in samples:
         if isinstance(sample, GyroSample):

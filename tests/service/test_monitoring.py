@@ -1,6 +1,7 @@
 """The monitor's process beside the daemon: fed, killed, stopped and reloaded, and the pose goes on as without it."""
 
 import asyncio
+import math
 import os
 import signal
 import socket
@@ -351,3 +352,23 @@ def test_a_monitor_that_is_killed_is_started_again_and_no_pose_is_missed(watched
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     assert {again["counters"]["estimator"][name] for name in ("wheel_gaps", "gyro_gaps", "late_wheels")} == {0}
     assert again["counters"]["zenoh"]["findings"] >= 4
+    # Two poses that are set far enough apart show what both radii have in common.
+    assert "wheel_radius_error" in not_observable(watched)
+    here = watched.poses[-1]
+    set_pose(watched, here)
+    far = watched.wait("5.5 m away", lambda p: math.hypot(p["x_m"] - here["x_m"], p["y_m"] - here["y_m"]) > 5.5, 30.0)
+    set_pose(watched, far)
+    deadline = time.monotonic() + PATIENCE_S
+    while "wheel_radius_error" in not_observable(watched):
+        assert time.monotonic() < deadline
+        time.sleep(0.5)
+    assert watched.get("findings")["findings"] == []
+
+
+def not_observable(robot: Robot) -> set[str]:
+    return {e["effect"] for e in robot.get("findings")["not_observable"]}
+
+
+def set_pose(robot: Robot, pose: dict[str, Any]) -> None:
+    """Say that it is where it was a moment ago."""
+    robot.get("set_pose", {**{name: pose[name] for name in ("x_m", "y_m", "heading_rad")}, "sigma_m": 0.5})

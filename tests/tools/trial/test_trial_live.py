@@ -47,8 +47,9 @@ def test_only_what_was_right_all_the_time_counts_and_only_in_time() -> None:
     ]
     by_d = live_figures.tables(rows)[0].rows[0]
     assert by_d[:3] == ["d=12", "4", "0.25"]
-    assert by_d[4] == "0.50"
-    assert by_d[6] == "1"
+    assert by_d[4] == "0.25"
+    assert by_d[5] == "0.50"
+    assert by_d[7] == "1"
     assert len(live_figures.lines(rows)) == 3
 
 
@@ -65,3 +66,15 @@ def test_the_command_writes_results_that_are_read_again(tmp_path: Path, capsys: 
 def test_the_modes_of_the_trial_do_not_mix(tmp_path: Path) -> None:
     with pytest.raises(SystemExit):
         main(["--live", "1", "--each", "1", "--output", str(tmp_path)])
+
+
+def test_what_is_told_as_unknown_in_time_counts_beside_what_is_named() -> None:
+    unknown = Said("unknown", (), 0.9, 150.0, 102.0, False)
+    line = live_figures.tables([row("tread_error", [unknown]), row("tread_error", [])])[0].rows[0]
+    assert (line[2], line[4]) == ("0.00", "0.50")
+
+
+def test_a_name_that_was_wrong_for_some_time_is_as_probable_as_it_is_in_the_end() -> None:
+    late_right = Said("tread_error", (), 1.0, 150.0, 102.0, True)
+    honesty = live_figures.tables([row("tread_error", [late_right])])[3]
+    assert honesty.rows[1][1] == "0.000 of 1"

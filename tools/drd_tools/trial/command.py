@@ -105,7 +105,7 @@ def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
 
     todo = [
         case
-        for case in live_cases.cases(chosen.live, NULLS_TIMES * chosen.live, chosen.seed)
+        for case in live_cases.cases(chosen.live, NULLS_TIMES * chosen.live, chosen.seed, chosen.remembers)
         if any(fnmatchcase(case.name, pattern) for pattern in chosen.only)
     ]
     if not todo:
@@ -113,7 +113,8 @@ def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
     with writing(chosen.output):
         rows = list(live.run(todo, chosen.jobs))
         files = [live.save(chosen.output, rows), chosen.output / "live.html"]
-        origin = f"Made by `drd trial --live {chosen.live}`, seed {chosen.seed}: {len(rows)} cases."
+        options = f"{chosen.live}{' --remembers' * chosen.remembers}"
+        origin = f"Made by `drd trial --live {options}`, seed {chosen.seed}: {len(rows)} cases."
         live_figures.write_page(rows, origin, files[1])
     _tell(live_figures.tables(rows), live_figures.lines(rows), files)
     return 0
@@ -247,6 +248,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--plant", type=Path, metavar="RECORDINGS", help="plant effects in the real drives of this folder, instead")
     add("--distances", action="store_true", help="how far each manoeuvre sets the effects apart, instead")
     add("--live", type=whole(0), default=0, metavar="N", help="N cases of each effect and d for the monitor, instead")
+    add("--remembers", action="store_true", help="with --live: the monitor begins with a memory of earlier drives")
     add("--fleet", type=whole(0), default=0, metavar="N", help="N fleets for the fleet's statistics, instead")
     add("--glob", default="*", metavar="PATTERN", help="only drives whose names match, of --plant")
     add("--seed", type=whole(0), default=0, metavar="S", help="other cases (default 0)")

@@ -17,6 +17,7 @@ from drd.batch.monitored import monitor_logs
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
+from drd.monitor.constants import KNOWN_SIGMAS, Constants
 from drd.monitor.findings import Size
 from drd.monitor.library import UNKNOWN
 from drd.monitor.monitor import Monitor
@@ -27,6 +28,7 @@ from drd_tools.trial.live_cases import Case, drawn
 from drd_tools.trial.workers import completed
 
 RESULTS: Final = "live.jsonl"
+REMEMBERED: Final = Constants(dict.fromkeys(KNOWN_SIGMAS, 0.0), KNOWN_SIGMAS)  # of a robot that has not changed
 # Names of one and the same thing where there is no reference: scale times tread, whenever and wherever it begins.
 ALIKE: Final = frozenset({"tread_error", "gyro_scale_error", "terrain_tread"})
 
@@ -103,7 +105,9 @@ def judged(case: Case) -> LiveRow:
     recording, right = one.recording, _names(one.effect)
     watch = Watch(right, one.begin_s or 0.0)
     began_s = time.process_time()
-    made = monitor_logs(recording.fog, recording.encoders, configuration(recording), watch)
+    made = monitor_logs(
+        recording.fog, recording.encoders, configuration(recording), watch, REMEMBERED if case.remembers else None
+    )
     took_s = time.process_time() - began_s
     zero_s, first_s = made.zero_ns / NS_PER_S, (made.monitor.zero_ns or made.zero_ns) / NS_PER_S
     later_s = first_s - zero_s

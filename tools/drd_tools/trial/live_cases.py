@@ -13,7 +13,10 @@ from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Begins, Chance, Effect, Errors, Parameter, Values
 from drd.effects.motion import Motion
-from drd.units import RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+from drd.units import (
+    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
+    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
+)
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.recordings.folder import Recording
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Random, Reference
@@ -29,6 +32,8 @@ from drd_tools.trial.size import eventful
 DISTANCES: Final = (8.0, 12.0, 25.0)  # of WAY_M
 WAY_M, TIME_S = 100.0, 60.0  # within one of which a name is in time
 MINUTES: Final = 8.0
+TURN_S: Final = 4.0  # the monitor judges every so often
+BEHIND_S: Final = 1.0  # and so long after the data
 TRIES: Final = 25
 BEGINS: Final = (0.25, 0.5)  # share of the steps in motion
 NULLS: Final = ("plain", "stressed", "asphalt", "floors", "mujoco")
@@ -39,17 +44,23 @@ TAILS: Final = 4.0
 GOING_M_S: Final = 0.1
 ROW_S: Final = 0.1
 SIZED, ROUNDS, SMALL = 0.02, 12, 1e-3
-# What is never quite as calibrated, as columns beside an effect: bias (rad/s), turn, way over tread.
-NUISANCES: Final = (3.5e-4, 0.003, 0.0003)
+# What is never quite as calibrated, as columns beside an effect: bias (rad/s), turn, way over tread, and the wheels'
+# lag (s); a robot with a memory knows it so well.
+NUISANCES: Final = (3.5e-4, 0.003, 0.0003, 0.002)
+BIAS_STEP_S: Final = 20.0  # the gyro's bias walks
 
 
 class Case(Struct, frozen=True):
-    """A case that can be drawn again from this. `kind`: an effect's name, or one of NULLS; `d`: of 100 m."""
+    """A case that can be drawn again from this. `kind`: an effect's name, or one of NULLS; `d`: of 100 m.
+
+    `remembers`: the monitor begins with what a memory of the robot's earlier drives would tell it.
+    """
 
     name: str
     kind: str
     d: float
     seed: int
+    remembers: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,13 +80,13 @@ def seen_live() -> list[Effect]:
     return [e for e in diagnosed if not e.needs_position and e.begins is not Begins.POWER_ON]
 
 
-def cases(each: int, nulls: int, seed: int) -> list[Case]:
+def cases(each: int, nulls: int, seed: int, remembers: bool = False) -> list[Case]:
     """So many of each effect and d, and so many nulls of each kind; the nulls first."""
-    found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed) for n in range(nulls) for kind in NULLS]
+    found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed, remembers) for n in range(nulls) for kind in NULLS]
     for n in range(each):
         for effect in seen_live():
             sizes = (0.0,) if effect.irreversible else DISTANCES
-            found += [Case(f"{effect.id}-d{d:g}-{n:03}", effect.id, d, seed) for d in sizes]
+            found += [Case(f"{effect.id}-d{d:g}-{n:03}", effect.id, d, seed, remembers) for d in sizes]
     return found
 
 
@@ -143,7 +154,10 @@ def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
     """Steps: where it begins, after WAY_M from there, and until when a name is in time."""
     way = np.cumsum(np.abs(m.speed_m_s)) * STEP_S
     going = np.flatnonzero(np.abs(m.speed_m_s) + 0.5 * m.tread_m * np.abs(m.rate_rad_s) > GOING_M_S)
-    begin, last = int(going[int(random.uniform(*BEGINS) * len(going))]), len(way) - 1
+    begin, last = (
+        int(going[int(random.uniform(*BEGINS) * len(going))]),
+        len(way) - 1 - round((TURN_S + BEHIND_S) / STEP_S),
+    )
     after = min(int(np.searchsorted(way, way[begin] + WAY_M)), last)
     return begin, after, min(max(after, begin + round(TIME_S / STEP_S)), last)
 
@@ -224,7 +238,13 @@ def visibility(errors: Errors, motion: Motion, limit: int, robot: Robot = DEFAUL
     walk = (robot.gyro_angle_random_walk_deg_per_sqrt_h or 0.0) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     slip = robot.slip_noise_m_per_sqrt_m or 0.0
     sigma = np.sqrt(walk**2 * ROW_S + slip**2 * ways / robot.tread_m**2)
-    columns = (np.full(n, ROW_S), rows(motion.rate_rad_s), rows(motion.speed_m_s) / robot.tread_m)
-    beside = np.column_stack([s * c / sigma for s, c in zip(NUISANCES, columns, strict=True)])
+    change = np.gradient(motion.rate_rad_s, STEP_S)
+    columns = (np.full(n, ROW_S), rows(motion.rate_rad_s), rows(motion.speed_m_s) / robot.tread_m, rows(change))
+    drift = robot.gyro_bias_random_walk_deg_per_h_per_sqrt_h or 0.0
+    step = drift * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H * math.sqrt(BIAS_STEP_S)
+    steps = [
+        step * ROW_S * (np.arange(n) >= k) for k in range(round(BIAS_STEP_S / ROW_S), n, round(BIAS_STEP_S / ROW_S))
+    ]
+    beside = np.column_stack([*(s * c for s, c in zip(NUISANCES, columns, strict=True)), *steps]) / sigma[:, None]
     z = seen / sigma
     return math.sqrt(max(float(z @ Marginal(beside).projected(z)), 0.0))

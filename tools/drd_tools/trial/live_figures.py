@@ -11,11 +11,12 @@ from drd.monitor.library import UNKNOWN
 from drd_tools.report.page import Page
 from drd_tools.trial.figures import Table
 from drd_tools.trial.live import LiveRow
-from drd_tools.trial.live_cases import DISTANCES, NULLS, WAY_M, seen_live
+from drd_tools.trial.live_cases import DISTANCES, NULLS, TURN_S, WAY_M, seen_live
 from drd_tools.trial.score import calibration_error, wilson
 
-HEADER: Final = ["", "n", "in time", "95 %", "ever", "unknown", "wrong too", "onset off, s", "named after, s"]
-TURN_S: Final = 4.0  # the monitor judges every so often
+HEADER: Final = [
+    "", "n", "in time", "95 %", "or unknown", "ever", "unknown", "wrong too", "onset off, s", "named after, s",
+]  # fmt: skip
 
 
 def tables(rows: Sequence[LiveRow]) -> list[Table]:
@@ -37,6 +38,9 @@ def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
         return []
     rights = [(r, s) for r in rows if (s := r.right) is not None]
     timely = sum(s.named_s <= r.limit_s + TURN_S for r, s in rights)
+    told = sum(
+        any(not s.is_wrong and (r.begin_s or 0.0) <= s.named_s <= r.limit_s + TURN_S for s in r.said) for r in rows
+    )
     low, high = wilson(timely, len(rows))
     off = [abs(s.since_s - (r.begin_s or 0.0)) for r, s in rights]
     late = [s.named_s - (r.begin_s or 0.0) for r, s in rights]
@@ -45,6 +49,7 @@ def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
         str(len(rows)),
         f"{timely / len(rows):.2f}",
         f"{low:.2f}..{high:.2f}",
+        f"{told / len(rows):.2f}",
         f"{len(rights) / len(rows):.2f}",
         str(sum(any(s.effect == UNKNOWN for s in r.said) for r in rows)),
         str(sum(s.is_wrong for r in rows for s in r.said)),
@@ -67,8 +72,10 @@ def _nulls(made: Sequence[LiveRow]) -> Table:
 
 def _honesty(rows: Sequence[LiveRow], made: Sequence[LiveRow], effects: Sequence[LiveRow]) -> Table:
     sigmas = [x for r in effects for x in r.sigmas]
+    # The name as it is in the end, and its probability.
     pairs = [(s.probability, s.effect == r.case.kind) for r in effects if (s := r.right) is not None]
-    pairs += [(s.probability, False) for r in made for s in r.said if s.is_wrong]
+    pairs += [(s.probability, s.effect == r.case.kind and s.named_s >= (r.begin_s or 0.0))
+              for r in made for s in r.said if s.is_wrong]  # fmt: skip
     inside = sum(abs(x) <= Z_90 for x in sigmas) / max(len(sigmas), 1)
     cost = float(np.mean([r.cost_ms_per_s for r in made])) if made else 0.0
     lines = [
