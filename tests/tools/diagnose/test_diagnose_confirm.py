@@ -8,6 +8,7 @@ import pytest
 from diagnosis_drives import SLALOM, problem, selected
 from scipy import stats
 
+from drd_tools.diagnose.conclude import conclusion
 from drd_tools.diagnose.conclude.confirm import (
     blocks,
     chance_gains,
@@ -21,6 +22,7 @@ from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.select.library import Library
+from drd_tools.diagnose.select.search import Found, Search
 from drd_tools.diagnose.select.splines import SplineTerms
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -85,6 +87,16 @@ def test_a_curve_holds_on_both_halves_where_it_stands_for_an_effect_and_on_neith
     found, none = ((q, refine(q, [TREAD])) for q in (missing, nothing))
     assert min(predictive_curve_nats(*found, found[1].selection[0], columns)) > 30.0
     assert max(predictive_curve_nats(*none, none[1].selection[0], columns)) < 0.0
+
+
+@pytest.mark.parametrize("is_far", [False, True])
+def test_on_real_ground_a_name_has_to_hold_on_either_half(is_far: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    p = problem(SLALOM, 0, TREAD)
+    p.evidence = replace(p.evidence, is_far=is_far)
+    fit = refine(p, [TREAD])
+    monkeypatch.setattr(conclusion, "predictive_nats", lambda *_: (-4.0, 20.0))
+    kept = conclusion._held(Found(p, fit, 0.0, 0.0), Search(p), ())
+    assert bool(kept.fit.selection) is not is_far
 
 
 def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
