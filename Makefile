@@ -26,7 +26,7 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test power-cut lint bench soak hunt honesty clean
+.PHONY: help setup demo test lowest lock licences sbom audit ros2-test vm-test vm-base power-cut lint bench soak hunt honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -106,13 +106,16 @@ audit: $(STAMP) ## ask the registry for known vulnerabilities of the locked pack
 
 # Without root, or where a package cannot be had, the tests say so and are skipped. The first kernel that runs here is
 # taken: Debian's own, or a newer one, which is fetched then. DRD_VM_KERNEL=installed or DRD_VM_KERNEL=newer asks for one.
-vm-test: $(STAMP) ## boot Debian with vcan and systemd (as root), install drd there and break things
+vm-test: vm-base ## boot Debian with vcan and systemd (as root), install drd there and break things
+	$(BIN)/python -m pytest tests/vm -m vm
+
+vm-base: $(STAMP) ## fetch the Debian that the virtual machine is made of; kept for a week
 	-@test "$$(id -u)" = 0 || exit 0; missing=; \
 	for pair in linux.uml:user-mode-linux depmod:kmod mmdebstrap:mmdebstrap mke2fs:e2fsprogs ip:iproute2; do \
 		PATH="$$PATH:/usr/sbin:/sbin" command -v "$${pair%:*}" >/dev/null || missing="$$missing $${pair#*:}"; \
 	done; \
 	$(INSTALL_MISSING)
-	$(BIN)/python -m pytest tests/vm -m vm
+	-PYTHONPATH=tests $(BIN)/python -m vm.image
 
 N ?= 200
 power-cut: $(STAMP) ## cut the power of the virtual machine N times while it records (as root; goes on where it was stopped)

@@ -75,7 +75,7 @@ def build(work: Path, modules: Path) -> Path:
     """The disk, made in `work`, for the kernel that these modules are of."""
     root, wheels, disk = work / "root", work / "wheels", work / "root.ext4"
     root.mkdir()
-    base = debian("base", codename(), "minbase", PACKAGES)
+    base = base_system()
     run("tar", "-C", root, "-xf", base, "--exclude=./dev/*")
     install_drd(root, wheels)
     install_kernel_modules(root, modules)
@@ -84,6 +84,11 @@ def build(work: Path, modules: Path) -> Path:
     run("mke2fs", "-q", "-F", "-t", "ext4", "-O", "^has_journal", "-d", root, disk, "1200M")
     shutil.rmtree(root)
     return disk
+
+
+def base_system() -> Path:
+    """The Debian that the disk is made of, as a tar file."""
+    return debian("base", codename(), "minbase", PACKAGES)
 
 
 def debian(kind: str, suite: str, variant: str, packages: tuple[str, ...]) -> Path:
@@ -173,3 +178,7 @@ def run(*command: object) -> str:
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{missing() or base_system()}\n")
