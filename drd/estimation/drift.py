@@ -30,7 +30,7 @@ class Drift:
         self._ratios, self._turns_rad = deque([0.0] * IN_A_ROW, IN_A_ROW), deque([0.0] * IN_A_ROW, IN_A_ROW)
         self._drifted_rad = OneSided()
         # Since the ground was taken to be another: when, the tread and the heading then, and by how much the heading
-        # would be off by now if it was the gyro; now and at most.
+        # would be off if it was the gyro.
         self._ground_ns, self._tread_m, self._heading_rad = 0, 0.0, 0.0
         self._gyro_rad = OneSided()
 

@@ -44,8 +44,8 @@ TAILS: Final = 4.0
 GOING_M_S: Final = 0.1
 ROW_S: Final = 0.1
 SIZED, ROUNDS, SMALL = 0.02, 12, 1e-3
-# What is never quite as calibrated, as columns beside an effect: bias (rad/s), turn, way over tread, and the wheels'
-# lag (s); a robot with a memory knows it so well.
+# Prior deviations of the constants that are estimated beside an effect: bias (rad/s), turn, way over tread, and the
+# wheels' lag (s); a memory of earlier drives leaves as much.
 NUISANCES: Final = (3.5e-4, 0.003, 0.0003, 0.002)
 BIAS_STEP_S: Final = 20.0  # the gyro's bias walks
 

@@ -1,7 +1,7 @@
 """Tests of a selected effect: against chance anywhere in the catalogue, and on data it was not fitted to."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -61,9 +61,9 @@ def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Sele
     and without the selected effect, the other selected effects are as the other half has them.
     """
     halves = _halves(problem, fit, selected)
-    return (
-        (0.0, 0.0) if halves is None else (_nats(library, selected, *halves), _nats(library, selected, *halves[::-1]))
-    )
+    if halves is None:
+        return 0.0, 0.0
+    return _nats(library, selected, *halves), _nats(library, selected, *halves[::-1])
 
 
 def predictive_curve_nats(problem: Problem, fit: Fit, selected: Selected, columns: Array) -> tuple[float, float]:
@@ -119,19 +119,24 @@ def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> fl
     norms = np.linalg.norm(T[0], axis=0)
     scale = np.divide(FREE, norms, out=np.zeros_like(norms), where=norms > LEAST_NORM)
     left = [h.problem.data - h.problem.effect_rows([found]) for h in (train, test)]
-    with_it = _predicted(train.soft, np.column_stack([train.freed, T[0] * scale]), left[0])
-    nats = with_it(test.soft, np.column_stack([test.freed, T[1] * scale]), left[1])
-    without = _predicted(train.soft, train.freed, part.data)
-    return nats - without(test.soft, test.freed, test.problem.data) - math.log(choices)
+    return _log_ratio(train, test, [t * scale for t in T], left) - math.log(choices)
 
 
 def _curve_nats(columns: Array, train: _Half, test: _Half) -> float:
     """Log likelihood ratio of a curve on `test`, as `train` has it."""
-    sides = [np.column_stack([h.freed, columns[h.rows]]) for h in (train, test)]
-    with_it = _predicted(train.soft, sides[0], train.problem.data)
+    halves = train, test
+    return _log_ratio(train, test, [columns[h.rows] for h in halves], [h.problem.data for h in halves])
+
+
+def _log_ratio(train: _Half, test: _Half, columns: Sequence[Array], left: Sequence[Array]) -> float:
+    """Log likelihood ratio, on `test` as `train` has them, of rows `left` that have these columns, and of the data.
+
+    `columns`, `left`: of both halves; the columns' prior is 1.
+    """
+    with_it = _predicted(train.soft, np.column_stack([train.freed, columns[0]]), left[0])
     without = _predicted(train.soft, train.freed, train.problem.data)
-    data = test.problem.data
-    return with_it(test.soft, sides[1], data) - without(test.soft, test.freed, data)
+    nats = with_it(test.soft, np.column_stack([test.freed, columns[1]]), left[1])
+    return nats - without(test.soft, test.freed, test.problem.data)
 
 
 def _predicted(soft: Array, freed: Array, left: Array) -> Callable[[Array, Array, Array], float]:

@@ -74,7 +74,7 @@ class Sets:
         products = np.block([[self._library.products, between[:, :count].T], [between]])
         G, b = self._beside(own, products)
         free, taken = np.diag(G) > FREE_SHARE * np.diag(products), {c.id for c in held if not c.effect.repeats}
-        # What is held leaves nothing of the others: they belong to no candidate.
+        # The others are explained whole by effects that are held: they belong to no candidate.
         self._scale = np.zeros(len(G))
         self._scale[free] = np.diag(G)[free] ** -0.5
         self._G = G * self._scale[:, None] * self._scale + RIDGE * np.eye(len(G))
