@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import serial
 from harness import CONFIG
 
 from drd.cli import main
@@ -78,10 +79,7 @@ def test_a_sensor_without_samples_is_explained_by_how_far_its_data_came(
 def test_a_port_that_the_daemon_holds_is_told(
     emulator: Emulator, config: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import fcntl  # noqa: PLC0415  # as pyserial locks
-
-    with open(emulator.places["FOG"].split(" -> ")[0], "rb", buffering=0) as held:  # noqa: PTH123  # a device
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with serial.Serial(emulator.places["FOG"].split(" -> ")[0], exclusive=True):
         assert main(["check", "--live", str(config), "--seconds", "1"]) == 1
     assert "stop the daemon first" in " ".join(capsys.readouterr().out.split())
 
