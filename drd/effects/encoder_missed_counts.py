@@ -34,7 +34,7 @@ class EncoderMissedCounts(Effect):
     )
     covariate = "speed"
     manoeuvre = "straight lines at several speeds"
-    remainder = 0.2  # speeds held near the edge, where the gyro and the other wheel decide: at most 0.17 over the range
+    remainder = 0.2  # near the edge the gyro and the other wheel decide; all may be left where it is passed for a moment
 
     def error(self, m: Motion, p: Values) -> Errors:
         speed = of_side(m, p)

@@ -115,6 +115,8 @@ def sizes(q: Parameter, sign: float) -> st.SearchStrategy[float]:
         return st.floats(15.0, 25.0)
     if q.name == "largest_rate":
         return st.floats(75.0, 100.0)
+    if q.name == "speed":
+        return st.floats(q.low, 1.2)  # a twentieth of the drive is faster: of a moment above it all is edge
     # Half of the way lost at 2 m/s^2 is a skid; no removal holds there.
     high = min(q.high, 0.2) if q.unit == "s^2/m" else q.high
     if q.low > 0.0:
