@@ -34,7 +34,7 @@ class EncoderMissedCounts(Effect):
     )
     covariate = "speed"
     manoeuvre = "straight lines at several speeds"
-    remainder = 0.2  # near the edge the gyro and the other wheel decide; all may be left where it is passed for a moment
+    remainder = 0.2  # near the edge the gyro and the other wheel decide; all may be left of one passed for a moment
 
     def error(self, m: Motion, p: Values) -> Errors:
         speed = of_side(m, p)

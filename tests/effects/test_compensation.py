@@ -105,18 +105,20 @@ def remove(truth: Motion, terms: list[Term]) -> tuple[Left, Left]:
     return of_gyro, Left(np.array(before), np.array(after))
 
 
+# A twentieth of each drive is faster than 1.2 m/s; of a threshold that is passed for a moment all is edge.
+WITHIN = {
+    "t0": (5.0, 20.0),
+    "t1": (35.0, 55.0),
+    "T0": (15.0, 25.0),
+    "largest_rate": (75.0, 100.0),
+    "speed": (0.05, 1.2),
+}
+
+
 def sizes(q: Parameter, sign: float) -> st.SearchStrategy[float]:
     """Over the plausible range, small ones as often as large ones."""
-    if q.name == "t0":
-        return st.floats(5.0, 20.0)
-    if q.name == "t1":
-        return st.floats(35.0, 55.0)
-    if q.name == "T0":
-        return st.floats(15.0, 25.0)
-    if q.name == "largest_rate":
-        return st.floats(75.0, 100.0)
-    if q.name == "speed":
-        return st.floats(q.low, 1.2)  # a twentieth of the drive is faster: of a moment above it all is edge
+    if q.name in WITHIN:
+        return st.floats(*WITHIN[q.name])
     # Half of the way lost at 2 m/s^2 is a skid; no removal holds there.
     high = min(q.high, 0.2) if q.unit == "s^2/m" else q.high
     if q.low > 0.0:
