@@ -10,13 +10,12 @@ from scipy import stats
 
 from drd_tools.diagnose.conclude import conclusion
 from drd_tools.diagnose.conclude.confirm import (
+    OtherHalf,
     blocks,
     chance_gains,
     e_value,
     family_wise_p,
     gain_over_time,
-    predictive_curve_nats,
-    predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.regression.problem import Problem
@@ -69,7 +68,7 @@ def test_a_true_effect_holds_on_the_half_it_was_not_fitted_to(missing: Selected)
     for seed in range(4):
         p = problem(SLALOM, seed, missing)
         fit = refine(p, [missing])
-        nats = predictive_nats(p, Library(p), fit, fit.selection[0])
+        nats = OtherHalf(p, Library(p), fit, fit.selection[0]).nats
         assert min(nats) > 0.0
         assert e_value(nats) > 100.0
         times, gains = gain_over_time(p, fit, fit.selection[0])
@@ -84,9 +83,10 @@ def test_a_curve_holds_on_either_half_where_it_stands_for_an_effect_and_says_lit
     curve = SplineTerms(missing).best([], None, ("wheels' turn", "yaw_rate"))
     assert curve is not None
     columns = SplineTerms(missing).columns(curve)
-    found, none = ((q, refine(q, [TREAD])) for q in (missing, nothing))
-    assert min(predictive_curve_nats(*found, found[1].selection[0], columns)) > 30.0
-    assert max(predictive_curve_nats(*none, none[1].selection[0], columns)) < 3.0
+    fits = [(q, refine(q, [TREAD])) for q in (missing, nothing)]
+    found, none = (OtherHalf(q, Library(q), fit, fit.selection[0]) for q, fit in fits)
+    assert min(found.curve_nats(columns)) > 30.0
+    assert max(none.curve_nats(columns)) < 3.0
 
 
 @pytest.mark.parametrize("is_far", [False, True])
@@ -94,8 +94,9 @@ def test_on_real_ground_a_name_has_to_hold_on_either_half(is_far: bool, monkeypa
     p = problem(SLALOM, 0, TREAD)
     p.evidence = replace(p.evidence, is_far=is_far)
     fit = refine(p, [TREAD])
-    monkeypatch.setattr(conclusion, "predictive_nats", lambda *_: (-4.0, 20.0))
-    kept = conclusion._held(Found(p, fit, 0.0, 0.0), Search(p), ())
+    test = OtherHalf(p, Library(p), fit, fit.selection[0])
+    monkeypatch.setattr(test, "nats", (-4.0, 20.0))
+    kept = conclusion._held(Found(p, fit, 0.0, 0.0), Search(p), [test], ())
     assert bool(kept.fit.selection) is not is_far
 
 
@@ -109,7 +110,7 @@ def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:
         share = float(row @ p.data) / float(row @ row)
         fitted = replace(TREAD, values={"k": TREAD.number("k") * share})
         fit = Fit((fitted,), 0.0, np.zeros(0), p.data - share * row)
-        found.append(sum(predictive_nats(p, library, fit, fitted)))
+        found.append(sum(OtherHalf(p, library, fit, fitted).nats))
     null.cache_clear()
     # Each half: s t - s^2/2 of two independent standard normals has the mean -1/2.
     assert np.mean(found) == pytest.approx(-1.0, abs=0.7)
@@ -122,11 +123,11 @@ def test_half_of_the_data_that_shows_little_foretells_little() -> None:
     ends = Conditions(reference=Reference(period_s=None))
     p = problem(("square-cw", 280.0), 1, seen, conditions=ends)
     fit = refine(p, [seen])
-    nats = predictive_nats(p, Library(p), fit, fit.selection[0])
+    nats = OtherHalf(p, Library(p), fit, fit.selection[0]).nats
     assert sum(nats) > 20.0
     p = problem(("square-cw", 280.0), 1, conditions=ends)
     fit = refine(p, [seen])
-    assert e_value(predictive_nats(p, Library(p), fit, fit.selection[0])) < 10.0
+    assert e_value(OtherHalf(p, Library(p), fit, fit.selection[0]).nats) < 10.0
 
 
 def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
@@ -138,7 +139,7 @@ def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
             selected("surface_slip", t0=40.0, t1=60.0, left=1e-3, right=-1e-3), free=("t0", "t1", "left", "right")
         )
         fit = refine(p, [slip])
-        found.append(sum(predictive_nats(p, library, fit, fit.selection[0])))
+        found.append(sum(OtherHalf(p, library, fit, fit.selection[0]).nats))
     null.cache_clear()
     assert np.mean(np.array(found) > 0.0) < 0.5
 

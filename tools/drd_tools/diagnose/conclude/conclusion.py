@@ -10,12 +10,11 @@ import numpy as np
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.confirm import (
     LARGEST_NATS,
+    OtherHalf,
     chance_gains,
     e_value,
     family_wise_p,
     gain_over_time,
-    predictive_curve_nats,
-    predictive_nats,
 )
 from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
 from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
@@ -61,7 +60,9 @@ class Conclusion:
 def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
     """Judge each selected effect, and what is left. `constants`: names that a calibration has given."""
     logic = [e.selected for e in events]
-    found = _held(found, Search(found.problem, logic), constants)
+    before, search = found.fit, Search(found.problem, logic)
+    tests = _tests(found, search)
+    found = _held(found, search, tests, constants)
     search, splines = Search(found.problem, logic), SplineTerms(found.problem)
     identity = Identifiability(found.problem, search.library)
     chance = chance_gains(found.problem, search.library, found.fit.left)
@@ -69,21 +70,21 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
     total = max(by_events.cost - found.fit.cost, 1e-9)
     found, findings = _in_place_of_several(found, search, splines, chance, constants)
+    if found.fit is not before:
+        tests = _tests(found, search)
     near = near_sets(found, search)
     periodic = ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)
     total += sum(ripple.gain for ripple in periodic)
-    for selected, reported in zip(
-        found.fit.selection,
-        reported_estimates(found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter),
-        strict=True,
-    ):
-        event = by_logic.get(selected.id)
+    estimates = reported_estimates(
+        found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
+    )
+    for test, reported in zip(tests, estimates, strict=True):
+        name = test.selected.id
+        event = by_logic.get(name)
         if event is not None:
-            findings.append(_event_finding(selected, event))
+            findings.append(_event_finding(test.selected, event))
         else:
-            findings.append(
-                _finding(found, search, splines, selected, reported, near, chance, total, selected.id in constants)
-            )
+            findings.append(_finding(found, search, splines, test, reported, near, chance, total, name in constants))
     left = splines.best(found.fit.selection)
     unexplained = 0.0
     all_explained = total + sum(e.nats for e in events)
@@ -161,14 +162,19 @@ def _generic_share(problem: Problem) -> float:
     return UNLIKE_SHARE if problem.evidence.is_far or slip > UNLIKE_NOISE else GENERIC_SHARE
 
 
-def _held(found: Found, search: Search, constants: Collection[str]) -> Found:
+def _tests(found: Found, search: Search) -> list[OtherHalf]:
+    """A test of each selected effect on data that it was not fitted to."""
+    return [OtherHalf(found.problem, search.library, found.fit, c) for c in found.fit.selection]
+
+
+def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: Collection[str]) -> Found:
     """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
     One that shows in a single fix has no such data: nothing speaks against it there.
     """
     problem, fit = found.problem, found.fit
     stays = search.known.union(constants)
-    unseen = [(0.0, 0.0) if c.id in stays else predictive_nats(problem, search.library, fit, c) for c in fit.selection]
+    unseen = [(0.0, 0.0) if c.id in stays else t.nats for c, t in zip(fit.selection, tests, strict=True)]
     # Real ground is not the same all along: what only one half of it shows is the ground's.
     floor = -APART_NATS if problem.evidence.is_far else -math.inf
     kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if sum(nats) > FAILING_NATS and min(nats) > floor]
@@ -191,18 +197,17 @@ def _finding(
     found: Found,
     search: Search,
     splines: SplineTerms,
-    selected: Selected,
+    test: OtherHalf,
     reported: Selected,
     near: Sequence[Near],
     chance: Array,
     total: float,
     is_constant: bool,
 ) -> Cause:
-    problem, fit = found.problem, found.fit
+    problem, fit, selected = found.problem, found.fit, test.selected
     rest = refine(problem, [c for c in fit.selection if c is not selected])
     worth = rest.cost - fit.cost
-    nats = predictive_nats(problem, search.library, fit, selected)
-    e = e_value(nats)
+    e = e_value(test.nats)
     # A constant was looked for before all others.
     by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
     p = family_wise_p(worth, by_chance)
@@ -214,8 +219,8 @@ def _finding(
     unnamed = None if is_constant or rival is None else rival.gain - asked
     if rival is not None and unnamed is not None and problem.evidence.is_far:
         # Where the world is unlike the model some curve always fits better: it has to predict either half better, too.
-        unseen = predictive_curve_nats(problem, fit, selected, splines.columns(rival))
-        unnamed = min(unnamed, *(rivals.own + u - n for u, n in zip(unseen, nats, strict=True)))
+        unseen = test.curve_nats(splines.columns(rival))
+        unnamed = min(unnamed, *(rivals.own + u - n for u, n in zip(unseen, test.nats, strict=True)))
     probabilities = rivals.probabilities(unnamed)
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -54,40 +55,46 @@ def family_wise_p(gain: float, chance: Array) -> float:
     return float((1 + (chance >= gain).sum()) / (1 + len(chance)))
 
 
-def predictive_nats(problem: Problem, library: Library, fit: Fit, selected: Selected) -> tuple[float, float]:
-    """Log likelihood ratio of a selected effect on each half of the data, its parameters found anew on the other half.
+class OtherHalf:
+    """A selected effect, judged on each half of the data as the other half has it. (85)
 
     The halves are alternating segments of equal visibility, so that an effect of one window is tested inside it. With
     and without the selected effect, the other selected effects are as the other half has them.
     """
-    halves = _halves(problem, fit, selected)
-    if halves is None:
-        return 0.0, 0.0
-    return _nats(library, selected, *halves), _nats(library, selected, *halves[::-1])
 
+    def __init__(self, problem: Problem, library: Library, fit: Fit, selected: Selected):
+        self.selected = selected
+        self._problem, self._library, self._fit = problem, library, fit
 
-def predictive_curve_nats(problem: Problem, fit: Fit, selected: Selected, columns: Array) -> tuple[float, float]:
-    """The same of a curve in a selected effect's place, on the same halves; `columns` (r, k): of prior 1."""
-    halves = _halves(problem, fit, selected)
-    if halves is None:
-        return 0.0, 0.0
-    return _curve_nats(columns, *halves), _curve_nats(columns, *halves[::-1])
+    @cached_property
+    def nats(self) -> tuple[float, float]:
+        """Log likelihood ratio of the effect on each half; 0 where it shows in none."""
+        if self._halves is None:
+            return 0.0, 0.0
+        first, second = self._halves
+        return _nats(self._library, self.selected, first, second), _nats(self._library, self.selected, second, first)
 
+    def curve_nats(self, columns: Array) -> tuple[float, float]:
+        """The same of a curve in the effect's place; `columns` (r, k): of prior 1."""
+        if self._halves is None:
+            return 0.0, 0.0
+        first, second = self._halves
+        return _curve_nats(columns, first, second), _curve_nats(columns, second, first)
 
-def _halves(problem: Problem, fit: Fit, selected: Selected) -> "tuple[_Half, _Half] | None":
-    """Alternating segments of equal visibility of an effect; None where it shows in none."""
-    others = [c for c in fit.selection if c is not selected]
-    data = problem.data - problem.effect_rows(others)
-    soft, freed = nuisance_columns(problem, others)
-    seen = problem.effect_rows([selected]) ** 2
-    order = np.argsort(problem.row_time_s, kind="stable")
-    total = np.cumsum(seen[order])
-    if total[-1] <= 0.0:
-        return None
-    half = np.zeros(len(data), bool)
-    half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-    first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
-    return first, second
+    @cached_property
+    def _halves(self) -> "tuple[_Half, _Half] | None":
+        problem, others = self._problem, [c for c in self._fit.selection if c is not self.selected]
+        data = problem.data - problem.effect_rows(others)
+        soft, freed = nuisance_columns(problem, others)
+        seen = problem.effect_rows([self.selected]) ** 2
+        order = np.argsort(problem.row_time_s, kind="stable")
+        total = np.cumsum(seen[order])
+        if total[-1] <= 0.0:
+            return None
+        half = np.zeros(len(data), bool)
+        half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
+        first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
+        return first, second
 
 
 class _Half(NamedTuple):
