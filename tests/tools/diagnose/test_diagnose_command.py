@@ -83,7 +83,7 @@ def test_what_is_wrong_with_one_of_several_comes_back_from_its_process(tmp_path:
     good = read(written(tmp_path / "a", drive=("slalom", 30.0)))
     alone = replace(good, fog=None, reference=None)
     with pytest.raises(ConfigError, match="wheels alone"):
-        list(run_all([good, alone], [], [tmp_path / "out/a", tmp_path / "out/b"], 2))
+        list(run_all([good, alone], [], tmp_path / "out", 2, "a, b"))
 
 
 def test_bad_input_is_one_clear_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

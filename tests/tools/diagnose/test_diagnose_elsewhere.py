@@ -12,7 +12,7 @@ from drd.effects.model import Amount, Model, Term, load_model
 from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Finding, Status, Support
 from drd_tools.diagnose.results import Term as Said
-from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats, prepared
 from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.recordings.folder import Recording
 from drd_tools.trial.draw import Case, make
@@ -43,7 +43,7 @@ def proven(folder: Path, terms: tuple[Term, ...], held_out: list[Recording]) -> 
         return Model(tuple(by_name[t.effect] for t in kept))
 
     said = [Said(effect=name, parameters={}) for name in by_name]
-    return validate(folder / "model.yaml", build, said, findings, held_out)
+    return validate(folder / "model.yaml", build, said, findings, [prepared(other) for other in held_out])
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_a_term_that_is_wrong_is_refused_and_the_true_one_beside_it_is_not(
     true, other = treaded
     wrong = change(true)
     terms = [wrong] if wrong.effect is true.effect else [wrong, true]
-    nats = held_out_nats(terms, [other])
+    nats = held_out_nats(terms, [prepared(other)])
     assert nats[wrong.effect.id] < 2.0 * CONTRADICTED_NATS
     assert wrong.effect is true.effect or nats[true.effect.id] > 10.0
 
@@ -78,8 +78,8 @@ def test_of_what_a_recording_does_not_show_it_says_nothing(treaded: tuple[Term, 
     _, other = treaded
     unseen = term("gyro_scale_error", k=(1e-6, 1e-6))
     lasting_no_longer = term("gyro_bias_step", b=(0.5, 1e-4), t0=(60.0, 1.0))
-    assert abs(held_out_nats([unseen, lasting_no_longer], [other]).pop("gyro_scale_error")) < 0.1
-    assert held_out_nats([lasting_no_longer], [other]) == {}
+    assert abs(held_out_nats([unseen, lasting_no_longer], [prepared(other)]).pop("gyro_scale_error")) < 0.1
+    assert held_out_nats([lasting_no_longer], [prepared(other)]) == {}
 
 
 def test_the_model_leaves_out_what_is_refused_and_the_finding_says_so(

@@ -17,6 +17,7 @@ from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Amount, Result, Term
+from drd_tools.diagnose.validate.held_out import prepared
 from drd_tools.diagnose.validate.validation import validate
 from drd_tools.trial.draw import make
 from drd_tools.trial.plan import Plan, drawings
@@ -73,7 +74,7 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
             signed = [{n: replace(a, value=sign * a.value) for n, a in t.parameters.items()} for t in terms]
             return build([replace(t, parameters=p) for t, p in zip(terms, signed, strict=True)])
 
-        (said,) = validate(file, turned, terms, findings, [case.again()]).findings
+        (said,) = validate(file, turned, terms, findings, [prepared(case.again())]).findings
         assert asked[-1] == surrogate.effect
         assert ("stands in for it" in in_words(said)) == (said.surrogate is not None) == (sign > 0.0)
         return load_model(file)

@@ -14,7 +14,7 @@ from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.report.page import write_report
 from drd_tools.diagnose.report.text import in_words
 from drd_tools.diagnose.results import Verdict
-from drd_tools.diagnose.run import run_all, together
+from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 
@@ -67,7 +67,9 @@ def main(argv: list[str]) -> int:
     jobs = chosen.jobs if len(pieces) == len(recordings) else 1
     with writing(chosen.output):
         chosen.output.mkdir(parents=True, exist_ok=True)
-        return _diagnosed(pieces, held_out, chosen.output, jobs, names)
+        for diagnosis, files in run_all(pieces, held_out, chosen.output, jobs, names):
+            _tell(diagnosis, files)
+    return 0
 
 
 def _read(paths: Sequence[Path]) -> list[Recording]:
@@ -79,18 +81,6 @@ def _read(paths: Sequence[Path]) -> list[Recording]:
     for recording in recordings:
         gather(recording)
     return recordings
-
-
-def _diagnosed(recordings: list[Recording], held_out: list[Recording], folder: Path, jobs: int, names: str) -> int:
-    folders = [folder] if len(recordings) == 1 else [folder / r.name for r in recordings]
-    made = []
-    for diagnosis, files in run_all(recordings, held_out, folders, jobs):
-        made.append(diagnosis)
-        _tell(diagnosis, files)
-    if len(recordings) > 1:
-        whole = together(recordings, held_out, made, names)
-        _tell(whole, whole.report(folder))
-    return 0
 
 
 WORDS = {

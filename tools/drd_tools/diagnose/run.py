@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
-from drd.config.schema import ConfigError
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.combine.joint import sufficient_statistics
@@ -37,8 +36,9 @@ from drd_tools.diagnose.results import (
     Train,
     Unexplained,
 )
+from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
 from drd_tools.diagnose.validate.trajectory import checked, judged, paths
-from drd_tools.diagnose.validate.validation import Validated, validate
+from drd_tools.diagnose.validate.validation import Validated, figures_of, validate
 from drd_tools.processes import pool_of
 from drd_tools.recordings.folder import Recording
 
@@ -54,50 +54,51 @@ class Written(NamedTuple):
 
 
 def run_all(
-    recordings: Sequence[Recording], held_out: Sequence[Recording], folders: Sequence[Path], jobs: int
+    recordings: Sequence[Recording], held_out: Sequence[Recording], folder: Path, jobs: int, names: str
 ) -> Iterator[Written]:
-    """Diagnose each recording into its folder; results in the order given, the same to the bit for any `jobs`.
+    """Diagnose one recording into a folder; several into folders in it, in the order given, and then all together.
 
-    SIGTERM and Ctrl-C end the processes in the midst of their work. Raises ConfigError and OSError.
+    The results are the same to the bit for any `jobs`. SIGTERM and Ctrl-C end the processes in the midst of their work.
+    `names`: of all recordings. Raises ConfigError and OSError.
     """
     if len(recordings) == 1:
-        yield _written(recordings[0], held_out, folders[0])
+        yield _written(recordings[0], [prepared(other) for other in held_out], folder)
         return
     with (
-        pool_of(min(jobs, len(recordings))) as pool,
+        pool_of(min(jobs, len(recordings) + len(held_out))) as pool,
         tqdm(total=len(recordings), desc="diagnosing", unit="recording", disable=None, leave=False) as bar,
     ):
-        futures = [pool.submit(_apart, r, held_out, f) for r, f in zip(recordings, folders, strict=True)]
-        for future in futures:
+        others = list(pool.map(prepared, held_out))
+        # So at the end no process waits long for the last one.
+        by_length = sorted(recordings, key=_samples, reverse=True)
+        futures = {r.name: pool.submit(_written, r, others, folder / r.name) for r in by_length}
+        for future in futures.values():
             future.add_done_callback(lambda _: bar.update())
-        for future in futures:
-            made = future.result()
-            if not isinstance(made, Written):
-                raise ConfigError(*made)
-            yield made
+        made = []
+        for recording in recordings:
+            made.append(futures[recording.name].result())
+            yield made[-1]
+        whole = together(recordings, others, [w.diagnosis for w in made], names, pool.map)
+        yield Written(whole, whole.report(folder))
 
 
-def _written(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written:
+def _samples(recording: Recording) -> int:
+    return sum(len(log.time_s) for log in (recording.wheels, recording.fog) if log is not None)
+
+
+def _written(recording: Recording, held_out: Sequence[Prepared], folder: Path) -> Written:
     diagnosis = run(recording, held_out)
     return Written(diagnosis, diagnosis.report(folder))
 
 
-def _apart(recording: Recording, held_out: Sequence[Recording], folder: Path) -> Written | tuple[str, str, str, str]:
-    """Diagnose in another process; of a ConfigError, which cannot be sent, its parts come back."""
-    try:
-        return _written(recording, held_out, folder)
-    except ConfigError as error:
-        return error.where, error.path, error.expected, error.got
-
-
-def run(recording: Recording, held_out: Sequence[Recording] = ()) -> Diagnosis:
+def run(recording: Recording, held_out: Sequence[Prepared] = ()) -> Diagnosis:
     """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
     with threadpool_limits(limits=1):
         return concluded(analyse(recording), held_out)
 
 
-def concluded(analysis: Analysis, held_out: Sequence[Recording] = ()) -> Diagnosis:
+def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:
     """The diagnosis that an analysis gives, its model proved on other recordings. Raises ConfigError."""
     recording, conclusion = analysis.recording, analysis.conclusion
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +115,11 @@ def concluded(analysis: Analysis, held_out: Sequence[Recording] = ()) -> Diagnos
 
 
 def together(
-    recordings: Sequence[Recording], held_out: Sequence[Recording], made: Sequence[Diagnosis], names: str
+    recordings: Sequence[Recording],
+    held_out: Sequence[Prepared],
+    made: Sequence[Diagnosis],
+    names: str,
+    each: Map = map,
 ) -> Diagnosis:
     """Combine the diagnoses of several recordings, or parts of one. `names`: of all of them."""
     result = combined([d.result for d in made], [d.statistics for d in made if d.statistics is not None])
@@ -122,8 +127,8 @@ def together(
     with tempfile.TemporaryDirectory() as folder:
         terms = outcome.terms_found(f for f in result.findings if f.status is not Status.SUSPECTED)
         model_file = Path(folder) / "model.yaml"
-        validated = validate(model_file, build, terms, result.findings, held_out)
-        own = _with_common_model(recordings, made, model_file if validated.model.terms else None)
+        validated = validate(model_file, build, terms, result.findings, held_out, each)
+        own = _with_common_model(recordings, made, model_file if validated.model.terms else None, each)
     verdict = checked(result.verdict, validated.findings, own.values(), validated.poses_after)
     after = result.fit.train.after | {f"{name}: {q}": v for name, figures in own.items() for q, v in figures.items()}
     fit = Fit(Train(result.fit.train.before, after), validated.figures)
@@ -141,12 +146,17 @@ def together(
 
 
 def _with_common_model(
-    recordings: Sequence[Recording], made: Sequence[Diagnosis], model: Path | None
+    recordings: Sequence[Recording], made: Sequence[Diagnosis], model: Path | None, each: Map
 ) -> dict[str, Figures]:
     """Figures of each recording by its name, with the model of all: its own has told of itself alone."""
     if model is None:
         return {r.name: d.result.fit.train.before for r, d in zip(recordings, made, strict=True)}
-    return {r.name: judged(constants(r).recording, model)[0] for r in recordings}
+    figures = each(partial(_figures, model=model), recordings)
+    return {r.name: f for r, f in zip(recordings, figures, strict=True)}
+
+
+def _figures(recording: Recording, model: Path) -> Figures:
+    return figures_of(constants(recording), model)
 
 
 def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:

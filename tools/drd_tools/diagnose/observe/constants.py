@@ -117,13 +117,13 @@ def _is_late(lag: Lag) -> bool:
     return lag.lag_s > SURE * float(np.hypot(lag.sigma_s, REFERENCE_LAG_S))
 
 
-def observe(recording: Recording) -> tuple[Constants, Audit]:
+def observe(recording: Recording, measured: Constants | None = None) -> tuple[Constants, Audit]:
     """Constants and events of a recording: where a counter stopped, the constants are those of the rest.
 
-    Raises ConfigError where there is nothing to compare.
+    `measured`: the constants of all of it, where they are known. Raises ConfigError where there is nothing to compare.
     """
     check_comparable(recording)
-    measured = constants(recording)
+    measured = constants(recording) if measured is None else measured
     audited = audit(measured.recording, gather(measured.recording, measured.robot, measured.lag_s))
     if any(event.selected.effect.symptom is Symptom.STOPPED for event in audited.events):
         again = constants(repaired(recording, audited.evidence, audited.events))

@@ -1,29 +1,60 @@
 """Predictive log-likelihood ratios of a model's terms in recordings that they were not fitted to."""
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from drd.effects.model import Term
 from drd_tools.diagnose.error_model.ranges import within
-from drd_tools.diagnose.observe.constants import observe
+from drd_tools.diagnose.observe.constants import Constants, constants, observe
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import discrepancies, refine
-from drd_tools.diagnose.results import Ranges
+from drd_tools.diagnose.results import Figures, Ranges
 from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.validate.trajectory import judged
 from drd_tools.recordings.folder import Recording
 
+_A = TypeVar("_A")
+_B = TypeVar("_B")
 _Ranged = tuple[Selected, Ranges]
 
 NOISE_ROUNDS: Final = 2  # the second with noise of which the effects are no part
 CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
 
 
-def held_out_nats(terms: Iterable[Term], held_out: Sequence[Recording]) -> dict[str, float]:
+class Map(Protocol):
+    """The built-in map, or that of a pool of processes."""
+
+    def __call__(self, function: Callable[[_A], _B], items: Iterable[_A], /) -> Iterable[_B]:
+        """The results of the function, in the order of the items."""
+        ...
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A held-out recording, and what of it depends on no model: its constants, and errors of the nominal poses."""
+
+    recording: Recording
+    measured: Constants
+    nominal: Figures
+
+
+def prepared(recording: Recording) -> Prepared:
+    """Measure what no model changes, once for all models."""
+    with threadpool_limits(limits=1):
+        measured = constants(recording)
+        # A reference that is late is no error of the pose.
+        return Prepared(recording, measured, judged(measured.recording, None)[0])
+
+
+def held_out_nats(terms: Iterable[Term], held_out: Sequence[Prepared], each: Map = map) -> dict[str, float]:
     """Log likelihood ratio of each lasting effect in all recordings together, beside the others that hold there.
 
     Those that do not hold, which have less than CONTRADICTED_NATS, are taken off one by one, the worst first.
@@ -32,14 +63,19 @@ def held_out_nats(terms: Iterable[Term], held_out: Sequence[Recording]) -> dict[
     found: dict[str, float] = {}
     while kept and held_out:
         # What does not hold passes for noise until it is off.
-        others = [_HeldOut(recording, [selected for selected, _ in kept]) for recording in held_out]
-        each = [sum(o.nats(kept, i) for o in others) for i in range(len(kept))]
-        found |= {selected.id: nats for (selected, _), nats in zip(kept, each, strict=True)}
-        worst = int(np.argmin(each))
-        if each[worst] >= CONTRADICTED_NATS:
+        nats = np.sum(list(each(partial(_nats, kept), held_out)), axis=0)
+        found |= {selected.id: float(n) for (selected, _), n in zip(kept, nats, strict=True)}
+        worst = int(np.argmin(nats))
+        if nats[worst] >= CONTRADICTED_NATS:
             break
         del kept[worst]
     return found
+
+
+def _nats(selection: Sequence[_Ranged], held_out: Prepared) -> list[float]:
+    """Log likelihood ratio of each selected effect beside the others in one recording."""
+    drive = _HeldOut(held_out, [selected for selected, _ in selection])
+    return [drive.nats(selection, i) for i in range(len(selection))]
 
 
 def _ranged(term: Term) -> _Ranged:
@@ -50,8 +86,8 @@ def _ranged(term: Term) -> _Ranged:
 class _HeldOut:
     """A held-out recording, its noise fitted beside the selected effects as they are."""
 
-    def __init__(self, recording: Recording, selection: Sequence[Selected]):
-        _, audited = observe(recording)
+    def __init__(self, held_out: Prepared, selection: Sequence[Selected]):
+        _, audited = observe(held_out.recording, held_out.measured)
         fixed = [Selected(c.effect, c.values, ()) for c in selection]
         problem = Problem(audited.evidence)
         for _ in range(NOISE_ROUNDS):

@@ -5,6 +5,7 @@ There a term must hold: the data must not speak against it. What is only a surro
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,11 +13,10 @@ import msgspec
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E
-from drd_tools.diagnose.observe.constants import constants
+from drd_tools.diagnose.observe.constants import Constants
 from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
-from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Map, Prepared, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
-from drd_tools.recordings.folder import Recording
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
 SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
@@ -37,24 +37,23 @@ def validate(
     build: Callable[[Sequence[Term]], Model],
     terms: Sequence[Term],
     findings: Sequence[Finding],
-    held_out: Sequence[Recording],
+    held_out: Sequence[Prepared],
+    each: Map = map,
 ) -> Validated:
     """Save the model of the terms and of surrogates, less what does not hold in `held_out`.
 
     The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
     """
-    nats = held_out_nats(build(terms).terms, held_out)
+    nats = held_out_nats(build(terms).terms, held_out, each)
     refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
     findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
 
     def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
         model = build([t for t in (*terms, *more) if t.effect not in refused])
         save_model(file, model)
-        return model, [judged(other, file)[0] for other in held_out]
+        return model, list(each(partial(figures_of, model=file), [other.measured for other in held_out]))
 
-    # A reference that is late is no error of the pose.
-    held_out = [constants(other).recording for other in held_out]
-    before = [judged(other, None)[0] for other in held_out]
+    before = [other.nominal for other in held_out]
     model, after = saved(())
     near = [msgspec.structs.replace(f.surrogate, why=SURROGATE) for f in findings if f.surrogate]
     if near and held_out:
@@ -64,6 +63,11 @@ def validate(
         save_model(file, model)
     findings = [msgspec.structs.replace(f, surrogate=None) for f in findings]
     return _validated(model, findings, held_out, before, after)
+
+
+def figures_of(measured: Constants, model: Path) -> Figures:
+    """Errors of the poses that a model gives."""
+    return judged(measured.recording, model)[0]
 
 
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
@@ -86,11 +90,11 @@ def _all_gain(without: Sequence[Figures], with_them: Sequence[Figures]) -> bool:
 def _validated(
     model: Model,
     findings: list[Finding],
-    held_out: Sequence[Recording],
+    held_out: Sequence[Prepared],
     before: Sequence[Figures],
     after: Sequence[Figures],
 ) -> Validated:
-    names, bars = [other.name for other in held_out], []
+    names, bars = [other.recording.name for other in held_out], []
     for name, first, second in zip(names, before, after, strict=True):
         for q in first:
             quantity, unit = q.rsplit("_", 1)
