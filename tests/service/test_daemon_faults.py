@@ -110,5 +110,5 @@ def test_a_step_of_the_wall_clock_moves_nothing(running: Robot, monkeypatch: pyt
         assert abs(pose["wall_ns"] - time_ns() - hours * 3600 * 1_000_000_000) < 2e9
     assert is_valid(pose)
     assert_no_jump(running.poses)
-    rate = [b["monotonic_ns"] - a["monotonic_ns"] for a, b in pairwise(running.poses)]
-    assert max(rate) < 0.3e9
+    gaps_ns = [b["monotonic_ns"] - a["monotonic_ns"] for a, b in pairwise(running.poses)]
+    assert max(gaps_ns) < 2e9  # hours, if anything waited by that clock; a busy machine alone makes 0.4 s
