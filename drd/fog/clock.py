@@ -23,6 +23,7 @@ single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor
 from cmath import rect
 from collections import deque
 from collections.abc import Sequence
+from itertools import accumulate
 from math import floor, tau
 from statistics import median
 from typing import Final, NamedTuple
@@ -47,6 +48,7 @@ FIT_PART: Final = 0.1
 RELOCKING: Final = 8
 # After a stall what waited may come packet by packet: at 10 Hz, of six seconds.
 STALLED_RELOCKING: Final = 64
+TOGETHER_S: Final = 0.001  # arrivals nearer than that are one bundle, read in parts
 # Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
 # and while an adapter bundles packets (the newest of a bundle has any age up to a period).
 EVIDENCE: Final = 3
@@ -147,7 +149,7 @@ class SampleClock:
         for sequence in sequences:
             last, self._last_sequence = self._last_sequence, sequence
             steps.append(1 if sequence is None or last is None else (sequence - last) % self._modulus)
-        if self._locked:
+        if self._locked and not self._is_stalled:  # what waited comes in parts, long after it was sent
             turns = ((arrival_s - self._arrival_s) / self.period_s - sum(steps)) / self._modulus
             steps[0] += max(0, round(turns)) * self._modulus
         # A packet that repeats its predecessor's number is a packet all the same.
@@ -255,19 +257,32 @@ class SampleClock:
 
     def _misfit(self, arrival_s: float, beats: int) -> None:
         """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
+        if self._misfits and arrival_s - self._misfits[-1][0] < TOGETHER_S:  # its newest packet tells the most
+            beats += self._misfits.pop()[1]
         self._misfits.append((arrival_s, beats))
-        if len(self._misfits) <= (STALLED_RELOCKING if self._is_stalled else RELOCKING):
+        *whole, (_, newest) = self._misfits  # more of the newest bundle may come
+        if len(whole) < RELOCKING or (self._is_stalled and len(whole) < STALLED_RELOCKING and self._waited(whole)):
             return
-        beats = sum(count for _, count in self._misfits[1:])
-        uncertainty_s = (MAX_DELAY_S + self._waiting_s) / beats
-        measured_s = (arrival_s - self._misfits[0][0]) / beats
+        whole = whole[-RELOCKING:]
+        ends = list(accumulate(beats for _, beats in whole[1:]))
+        measured_s = (whole[-1][0] - whole[0][0]) / ends[-1]
+        delays_s = [arrival - end * measured_s for (arrival, _), end in zip(whole, [0, *ends], strict=True)]
+        uncertainty_s = (max(delays_s) - min(delays_s) + MAX_DELAY_S + self._waiting_s) / ends[-1]
         if abs(measured_s - self.period_s) > uncertainty_s:
             self.period_s = max(MIN_PERIOD_S, measured_s)
             self._period_var = uncertainty_s**2
         self.counters["clock_relocks"] += 1
         self._is_stalled = False
         self._forget_evidence()
-        self._synchronise(arrival_s)
+        # Packets are late, never early: the least late of them all tells the phase.
+        latest, p = ends[-1] + newest, self.period_s
+        firsts_s = (arrival + (latest - end) * p for (arrival, _), end in zip(whole, [0, *ends], strict=True))
+        self._synchronise(min(arrival_s, *firsts_s))
+
+    def _waited(self, bundles: list[tuple[float, int]]) -> bool:
+        """Whether the last of these came faster than the sensor sends: they have waited, and tell nothing of it."""
+        (first_s, _), *others = bundles[-RELOCKING:]
+        return others[-1][0] - first_s < (1.0 - FIT_PART) * self.period_s * sum(beats for _, beats in others)
 
     def _stamps(self, steps: list[int], newest_s: float) -> list[Stamp]:
         """Stamps of one chunk's packets, the newest at `newest_s`; none before a stamp that was given already."""

@@ -226,6 +226,33 @@ def test_what_waited_for_a_stalled_host_keeps_its_times(parts: tuple[int, ...], 
     assert np.abs(line.errors_s()).max() < 0.02
 
 
+@pytest.mark.parametrize("in_parts", [False, True])
+def test_bundles_of_a_slow_numbered_sensor_keep_its_period(in_parts: bool) -> None:
+    """Two or three packets every 0.242 s, read at once or one by one: eight of them end within a bundle."""
+    line = make_line(10, 10, numbered=True)
+    for n in range(1, 101):
+        line.deliver([n], n / 10)
+    for begin in range(40):
+        numbers = [n for n in range(101, 200) if 10.0 + 0.242 * begin < n / 10 <= 10.0 + 0.242 * (begin + 1)]
+        for part in [[n] for n in numbers] if in_parts else [numbers]:
+            line.deliver(part, 10.0 + 0.242 * (begin + 1))
+    assert abs(line.interval_error(after_s=10.0)) < 0.01
+    assert np.abs(line.errors_s(after_s=10.0)).max() < 0.12
+
+
+def test_a_loss_that_a_stall_hides_is_found_once_packets_come_at_their_beat() -> None:
+    line = make_line(10, 10)
+    for n in range(1, 101):
+        line.deliver([n], n / 10)
+    line.clock.stalled()
+    for n in range(101, 130):
+        if n not in {110, 111}:  # of 29 that waited
+            line.deliver([n], 13.0)
+    for n in range(130, 180):
+        line.deliver([n], n / 10)
+    assert np.abs(line.errors_s(after_s=14.5)).max() < 0.01
+
+
 def test_a_loss_after_a_stall_is_a_hole_as_any_other() -> None:
     line = make_line(10, 10)
     for n in range(1, 101):
