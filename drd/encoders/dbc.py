@@ -3,10 +3,11 @@
 Needs cantools (the extra drd[dbc]), which is imported and given the file when the daemon starts, not later.
 """
 
+import re
 from copy import copy
 from math import isfinite, pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from drd.config.keys import Encoders
 from drd.config.schema import ConfigError
@@ -15,6 +16,12 @@ from drd.samples import CanFrame, Side, WheelReading
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
+
+
+# A message's length in bytes; where a signal begins and how long it is, in bits. The longest messages of SAE J1939 have
+# 1785 bytes; for as many bits as a file says cantools takes memory and minutes.
+_SIZES: Final = re.compile(rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|(\d+)\s*\|\s*(\d+)\s*@")
+_LARGEST: Final = 8 * 1785
 
 
 class _Field:
@@ -122,6 +129,9 @@ def load_database(encoders: Encoders, base: Path) -> "Database":
         raise ConfigError(str(base), "encoders.dbc.file", "a DBC file, since the layout is dbc", "nothing")
     file = base / encoders.dbc.file
     try:
+        for number in (int(text) for sizes in _SIZES.findall(file.read_bytes()) for text in sizes if text):
+            if number > _LARGEST:
+                raise ValueError(f"a length or place of {number}, more than a message has bits")
         # Not strict: files in use often hold overlapping signals, which do no harm to the wanted ones.
         database: Any = cantools.database.load_file(file, database_format="dbc", strict=False)
     except Exception as error:  # a parser of foreign text may raise anything
