@@ -1,6 +1,5 @@
 """Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +11,12 @@ from drd.estimation.applied import Applied, Constant
 from drd.estimation.calibration import Calibration
 from drd.estimation.corrections import Corrections
 from drd.estimation.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
-from drd.estimation.filter import GYRO_BIAS, Filter
+from drd.estimation.filter import GYRO_BIAS, Filter, X, Y
 from drd.estimation.health import Reasons
+from drd.estimation.lead import Lead, Place, onward, seen_from
 from drd.estimation.learning import Learned, RestNoise, WheelNoise
 from drd.estimation.noise import make_noise
-from drd.estimation.pose_maker import Lead, PoseMaker, led
+from drd.estimation.pose_maker import PoseMaker
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
 from drd.estimation.steering import Steering, as_driven
@@ -57,7 +57,8 @@ class Estimator:
         self.estimates_gyro_scale = e.gyro_scale == "yes" or (e.gyro_scale == "auto" and calibration is None)
         tread_m = config.robot.tread_m
         self.sigmas = initial_sigmas(config, self.estimates_gyro_scale)
-        self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m)
+        between_s = 1.0 / config.encoders.rate_hz if self._has_gyro else 0.0  # comparisons end between readings
+        self.noise = noise = make_noise(e.profile, e.noise, tread_m, resolution_m, between_s)
         self._track, self._preview = new_track(config, self.sigmas, noise), make_track(config, self.sigmas, noise)
         self._preview.kf.noise = self._track.kf.noise  # what is learned of it holds for both
         self._wheels, self._gyro = Stream(), Stream()
@@ -87,6 +88,7 @@ class Estimator:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
         self._tick_ns = self._pose_ns = self._gyro_pose_ns = 0
+        self._told: Place | None = None  # the last pose, which commands are about
         self._is_stalled = False
         self._pose_period_ns = 0.9 / config.encoders.rate_hz * NS_PER_S
         self._silent_after_ns = config.encoders.silent_after_s * NS_PER_S
@@ -211,8 +213,16 @@ class Estimator:
         kf.anchor_gyro()
         self._gyro.end_ns = self._track.t_ns
         for rate in bias.take_pending():
+            if bias.turned:
+                self._turn_meanwhile(rate)
             if rate.t_ns > self._track.t_ns:
                 self._add_rate(rate)
+
+    def _turn_meanwhile(self, rate: CalibratedRate) -> None:
+        """Somebody turned the robot during the measurement: what the filter has not been told of it."""
+        n, unseen_s = self._track.kf.nominal, rate.interval_s - max(rate.t_ns - self._track.t_ns, 0) * S_PER_NS
+        turn_rad = (n.gyro_scale * rate.rate_rad_s + n.gyro_bias_rad_s) * max(unseen_s, 0.0)
+        n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
     def _tell_bias(self, t_ns: int) -> None:
         known = self.bias_known or self.counters["bias_measured"]
@@ -225,8 +235,10 @@ class Estimator:
             return "no gyro"
         if not self.standstill.still or self.reasons.has("encoders"):
             return "the encoders do not confirm a standstill"
+        n = self._track.kf.nominal
+        is_known = self.bias_known or self.counters["bias_measured"]
         self._gyro.segments.clear()
-        self.bias.restart()
+        self.bias.restart(-n.gyro_bias_rad_s / n.gyro_scale if is_known else None)
         return None
 
     # ---- time --------------------------------------------------------------------------------------------------
@@ -306,20 +318,24 @@ class Estimator:
         self.counters["poses"] += 1
         with_gyro = self._has_gyro and not self.bias.active and not self._silence.gyro(t_ns)
         gyro_interval_s = self._gyro_interval_s if with_gyro else None
-        lead = self._lead(preview) if with_gyro else Lead(0.0, 0.0, 0.0, self.steering.scale)
+        lead = self._lead(preview) if with_gyro else self._no_lead()
+        self._told = lead.onward(preview.kf)
         return self._poses.make(preview, lead, t_ns, self.counters["poses"], self._wheel_interval_s, gyro_interval_s)
 
     def _lead(self, track: Track) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (30)"""
         lag_ns = track.lag_ns
         if lag_ns <= 0:
-            return Lead(0.0, 0.0, 0.0, self.steering.scale)
+            return self._no_lead()
         n, lag_s = track.kf.nominal, lag_ns * S_PER_NS
         if self._gyro.segments:
             turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
         else:  # the newest is used up: as fast as in it
             turn_rad = track.rate_rad_s * lag_s
-        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale)
+        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale, self.steering.wander_m2)
+
+    def _no_lead(self) -> Lead:
+        return Lead(0.0, 0.0, 0.0, self.steering.scale, self.steering.wander_m2)
 
     def _look_ahead(self, t_ns: int) -> Track:
         """The track, or a copy of it that is carried on through the samples that wait for their partner."""
@@ -338,6 +354,7 @@ class Estimator:
             return None
         track = self._look_ahead(self._pose_ns)
         P = 0.5 * (track.kf.P + track.kf.P.T)
+        P[X, X], P[Y, Y] = P[X, X] + self.steering.wander_m2, P[Y, Y] + self.steering.wander_m2
         is_reset = self.reasons.has("filter")
         if is_reset:
             forget_pose(P)
@@ -391,7 +408,7 @@ class Estimator:
         self._wheels, self._gyro = other._wheels, other._gyro
         self.counters.update(other.counters)
         self._tick_ns, self._pose_ns, self._gyro_pose_ns = other._tick_ns, other._pose_ns, other._gyro_pose_ns
-        self._is_stalled = other._is_stalled
+        self._is_stalled, self._told = other._is_stalled, other._told
         silence, before = self._silence, other._silence
         silence.begin(1 if before.gyro(other._tick_ns) else other._tick_ns)
         silence.wheels_ns, silence.gyro_ns, silence.was_lost = before.wheels_ns, before.gyro_ns, before.was_lost
@@ -404,6 +421,7 @@ class Estimator:
             self._take_over_wheels(other)
         else:
             forget_wheels(self._track.kf, self._config.robot.tread_m, self.sigmas)
+            self._track.kf.add_position_variance(other.steering.wander_m2)
             self.steering.begin(self._track.kf)
         if same_gyro:
             if self.noise == other.noise:
@@ -429,6 +447,7 @@ class Estimator:
             self._recall_wheels(other.learned)
             if self.steering.scale < other.steering.scale:  # nothing will tell any more
                 self._track.kf.add_scale_variance(other.steering.scale, 0.0)
+            self._track.kf.add_position_variance(other.steering.wander_m2)
 
     def _drop_reasons(self, same_gyro: bool, same_model: bool) -> None:
         """Those that nothing would end any more, or that begin anew."""
@@ -448,19 +467,26 @@ class Estimator:
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
         """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
+        self._set_pose((x_m, y_m, heading_rad), self._moved(), sigma_m, sigma_rad)
+
+    def _moved(self) -> Place:
+        """The way since the last pose, which commands are about: samples may have come that brought none."""
         if self._track.t_ns and self._silence.wheels(self._pose_ns):
             while self._track.t_ns < self._pose_ns:  # nothing to wait for any more
                 self._run_until(self._pose_ns)
-        here = self._track.kf.nominal
+        if self._told is None or self._track.t_ns <= self._pose_ns:
+            return 0.0, 0.0, 0.0
+        return seen_from(self._told, self.newest())
+
+    def _set_pose(self, asked: Place, moved: Place, sigma_m: float, sigma_rad: float) -> None:
+        kf, self._told = self._track.kf, asked
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
-        ahead_x_m, ahead_y_m, ahead_rad = self.newest()
-        dx_m, dy_m = ahead_x_m - here.x_m, ahead_y_m - here.y_m
-        turned = heading_rad - ahead_rad
-        c, s = math.cos(turned), math.sin(turned)
+        kf.move(self.newest(), onward(asked, moved))
+        self.steering.pose_was_set()
+        self._track.blind_way.forget()
         covariance = np.diag([sigma_m**2, sigma_m**2, sigma_rad**2])
-        x_m, y_m = x_m - c * dx_m + s * dy_m, y_m - s * dx_m - c * dy_m
-        self._track.kf.set_pose(x_m, y_m, self._track.kf.heading_rad + turned, covariance)
-        self._track.kf.lead_to_pose(self._track.speed_m_s, self._track.rate_rad_s)
+        kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad, covariance)
+        kf.lead_to_pose(self._track.speed_m_s, self._track.rate_rad_s)
         self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
         self._silence.was_lost = False
         for source in ("filter", "position"):
@@ -470,18 +496,18 @@ class Estimator:
         """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""
         return self.applied.change(self._track, self.newest, self._config.robot.tread_m, name, constant)
 
-    def newest(self) -> tuple[float, float, float]:
+    def newest(self) -> Place:
         """The newest pose: x and y in m, heading in rad."""
         preview = self._look_ahead(self._pose_ns)
-        return led(preview, self._lead(preview))
+        return self._lead(preview).onward(preview.kf)
 
     def reset(self) -> None:
         """Back to the origin and the initial uncertainty; the measured bias stays."""
         kf, s = self._track.kf, self.sigmas
-        bias, sigma = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS)
+        bias, sigma, moved = kf.nominal.gyro_bias_rad_s, kf.sigma(GYRO_BIAS), self._moved()
         self._begin_anew()
         kf.set_gyro_bias(bias, sigma)
-        self.set_pose(0.0, 0.0, 0.0, s.position_m, s.heading_rad)
+        self._set_pose((0.0, 0.0, 0.0), moved, s.position_m, s.heading_rad)
 
     def _begin_anew(self) -> None:
         self._track.kf.restart(self._config.robot.tread_m, self.sigmas)

@@ -36,7 +36,7 @@ N: Final = 11
 (X_GYRO, X_GYRO_SCALE, X_GYRO_BIAS, X_LAG) = (i * N + X for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
 (Y_GYRO, Y_GYRO_SCALE, Y_GYRO_BIAS, Y_LAG) = (i * N + Y for i in (GYRO_HEADING, GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
 X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
-(H_SCALE_R, H_SCALE_L, H_TREAD) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD))
+(H_SCALE_R, H_SCALE_L, H_TREAD, H_LAG) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD, WHEEL_LAG))
 (G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
 (XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
 XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
@@ -52,6 +52,8 @@ CHANGE_SIGMAS2: Final = 18.0
 # works; what seems to be more is noise, or slip.
 LEAST_LAG_S: Final = -0.1
 MOST_LAG_S: Final = 0.5
+# Of the stated tread. Effective ones are 1.0 to 2.0 times the measured one, and no tape is wrong by three quarters.
+LEAST_TREAD: Final = 0.25
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
@@ -166,7 +168,7 @@ class Filter:
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
         self.nominal = Nominal(tread_m)
-        self._last_tread_m = tread_m
+        self._last_tread_m, self._least_tread_m = tread_m, LEAST_TREAD * tread_m
         # What stays in F from step to step.
         self._FT_and_I[:N] = self._FT_and_I[N:] = np.eye(N)
         self._F_along_gyro = self._F_has_gyro = self._F_has_lag = False
@@ -223,8 +225,9 @@ class Filter:
             if along_gyro:
                 middle = n.gyro_heading_rad + self._half * gyro_turn
             n.gyro_heading_rad += gyro_turn  # (11)
-            turn = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
-            lag = self._gyro_row(dt_s, turn)
+            way_m = abs(left_m) + abs(right_m)
+            turn = self._fused_turn(dt_s, way_m, turn, gyro_turn)
+            lag = self._gyro_row(dt_s, turn, gyro_turn, way_m > 0.0)
         c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
         left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
@@ -252,23 +255,27 @@ class Filter:
         P.dot(self._FT, self._PFT)
         self._F_and_I.dot(self._PFT_and_Q, P)
 
-    def _gyro_row(self, dt_s: float, turn: float) -> float:
+    def _gyro_row(self, dt_s: float, turn: float, gyro_turn: float, moves: bool) -> float:
         """Fill in the gyro's row of F. Returns what an error of the lag turns."""
-        n, f = self.nominal, self._f
+        n, f, gyro = self.nominal, self._f, self.noise.gyro_rad2_per_s
         # The reading that a gyro without noise would give for this turn. (12)
         f[G_SCALE] = (turn - n.gyro_bias_rad_s * dt_s) / n.gyro_scale * self._estimate_gyro_scale
         f[G_BIAS] = dt_s
         self._F_has_gyro = True
         # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
-        change = turn / dt_s - self.rate_rad_s
-        if change * change * dt_s > CHANGE_SIGMAS2 * self.noise.gyro_rad2_per_s:
+        noise_rad2 = (gyro + self._p[BB] * dt_s) * dt_s
+        is_turned = not moves and gyro_turn * gyro_turn > 0.5 * CHANGE_SIGMAS2 * noise_rad2
+        change = (gyro_turn if is_turned else turn) / dt_s - self.rate_rad_s
+        if change * change * dt_s > CHANGE_SIGMAS2 * gyro:
             self.rate_rad_s += change
             f[G_LAG] = -change  # (30)
+            # Wheels that stand and a gyro that turns are made one: the lag is in both, and nothing tells it. (30)
+            f[H_LAG] = 0.0 if moves else -change
             self._F_has_lag = True
             return -change
         if self._F_has_lag:
             self._F_has_lag = False
-            f[G_LAG] = f[X_LAG] = f[Y_LAG] = 0.0
+            f[G_LAG] = f[H_LAG] = f[X_LAG] = f[Y_LAG] = 0.0
         return 0.0
 
     def _rows_along_gyro(
@@ -326,7 +333,7 @@ class Filter:
     def _clear_gyro(self) -> None:
         """There is no gyro from now on: in F its heading depends on nothing."""
         f = self._f
-        f[G_SCALE] = f[G_BIAS] = f[G_LAG] = 0.0
+        f[G_SCALE] = f[G_BIAS] = f[G_LAG] = f[H_LAG] = 0.0
         self._F_has_gyro = self._F_has_lag = False
 
     def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
@@ -416,8 +423,8 @@ class Filter:
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
         k = z / S
-        # No evidence for a robot without a tread is believed, however wide the gate; negative, it would break F and Q.
-        if z * z > self._gate2 * S or tread * k >= n.tread_m:  # (18)
+        # No evidence for a robot almost without a tread is believed, however wide the gate: it would break F and Q.
+        if z * z > self._gate2 * S or n.tread_m - tread * k < self._least_tread_m:  # (18)
             return Outcome.REJECTED
         n.x_m -= x * k  # (20)
         n.y_m -= y * k
@@ -594,6 +601,11 @@ class Filter:
     def pose_covariance(self) -> Six:
         """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
         return self._take_pose(self._p)
+
+    @property
+    def heading_variance_rad2(self) -> float:
+        """Of the pose's heading."""
+        return self._p[self.pose_heading * (N + 1)]
 
     def lag_covariance(self) -> Four:
         """Covariance of the wheels' lag with the pose's x, y and heading, and its variance."""

@@ -48,8 +48,10 @@ class NoiseProfile:
     jitter_s2: float = 0.0  # of the wheels' time from one change of speed to the next  (25)
 
 
-def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
-    """The profile of data-sheet numbers; `resolution_m` is one encoder count. (24), (25)"""
+def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0, interval_s: float = 0.0) -> NoiseProfile:
+    """The profile of data-sheet numbers; `resolution_m` is one encoder count, `interval_s` the time from one reading of
+    the encoders to the next, in which the speed is taken for constant. (24), (25)
+    """
     return NoiseProfile(
         wheel_m2_per_m=noise.wheel_m_per_sqrt_m**2,
         lateral_m2_per_m=noise.lateral_m_per_sqrt_m**2,
@@ -64,7 +66,7 @@ def physical(noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoisePr
         comparison_rad2=(noise.comparison_deg * RAD_PER_DEG) ** 2 + resolution_m**2 / 6.0 / tread_m**2,
         count_m2=resolution_m**2 / 12.0,
         timing_s2=noise.timing_s**2,
-        jitter_s2=noise.timing_s**2,
+        jitter_s2=noise.timing_s**2 + interval_s**2 / 120.0,
         wheel_lag_s2_per_s=WHEEL_LAG_S_PER_SQRT_S**2,
     )
 
@@ -87,9 +89,11 @@ def paper() -> NoiseProfile:
     )
 
 
-def make_noise(profile: str, noise: Noise, tread_m: float, resolution_m: float = 0.0) -> NoiseProfile:
+def make_noise(
+    profile: str, noise: Noise, tread_m: float, resolution_m: float = 0.0, interval_s: float = 0.0
+) -> NoiseProfile:
     """The profile that the configuration names: "physical" or "paper"."""
-    return paper() if profile == "paper" else physical(noise, tread_m, resolution_m)
+    return paper() if profile == "paper" else physical(noise, tread_m, resolution_m, interval_s)
 
 
 def skid_steer(noise: NoiseProfile, tread_m: float) -> NoiseProfile:

@@ -1,12 +1,13 @@
 """The pose that a track stands for, with its uncertainty; a spread that is too large becomes a reason."""
 
 import math
-from typing import NamedTuple
 
 from drd.config.keys import Config
 from drd.estimation.health import Reasons
+from drd.estimation.lead import Lead
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import (
+    HEADING_DOUBTFUL_RAD,
     UNSEEN_ACCELERATION_M_S2,
     UNSEEN_TURN_RAD_S2,
     covariance_after,
@@ -16,27 +17,8 @@ from drd.estimation.uncertainty import (
 )
 from drd.samples import Pose, Validity
 
-# Standard deviations of the heading at which the pose is degraded, and invalid.
-HEADING_DOUBTFUL_RAD = 0.5  # 1 m ahead is then 0.5 m aside
+# Standard deviation of the heading at which the pose is invalid.
 HEADING_LOST_RAD = 1.5  # ahead may be backwards
-
-
-class Lead(NamedTuple):
-    """The step from the track to the time of its newest samples, and how much less the wheels' way is known than P
-    has it: the wheels' lag, way and turn within it, and the standard deviation of the scale of all ways. (30), (34)
-    """
-
-    lag_s: float
-    way_m: float
-    turn_rad: float
-    scale: float
-
-
-def led(track: Track, lead: Lead) -> tuple[float, float, float]:
-    """The track's pose after `lead`: x and y in m, heading in rad."""
-    n, heading_rad = track.kf.nominal, track.kf.heading_rad
-    middle = heading_rad + 0.5 * lead.turn_rad
-    return n.x_m + lead.way_m * math.cos(middle), n.y_m + lead.way_m * math.sin(middle), heading_rad + lead.turn_rad
 
 
 class PoseMaker:
@@ -51,11 +33,11 @@ class PoseMaker:
     ) -> Pose:
         """The track's pose, for `t_ns`. `gyro_interval_s`: of the rate's samples; None: the rate is the wheels'."""
         reasons, kf = self._reasons, track.kf
-        x_m, y_m, heading_rad = led(track, lead)
+        x_m, y_m, heading_rad = lead.onward(kf)
         has_gyro = gyro_interval_s is not None
         interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
         speed_m_s, rate_rad_s = track.speed_m_s, track.rate_rad_s
-        covariance = covariance_after(kf, lead.lag_s, speed_m_s, rate_rad_s, heading_rad, lead.scale, interval_s)
+        covariance = covariance_after(kf, lead, speed_m_s, rate_rad_s, heading_rad, interval_s)
         bound_m = position_bound_m(covariance)
         exceeded = self._limit_m is not None and bound_m > self._limit_m
         if exceeded or covariance[5] > HEADING_DOUBTFUL_RAD**2 or reasons.active():

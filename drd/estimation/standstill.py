@@ -7,7 +7,7 @@ from enum import Enum
 from drd.config.keys import StaticBias
 from drd.estimation.learning import RestNoise
 from drd.samples import CalibratedRate, WheelSample
-from drd.units import NS_PER_S
+from drd.units import NS_PER_S, RAD_PER_DEG
 
 # The chassis rocks before the counters see the first count: the last moments before a motion are not averaged.
 GUARD_NS = NS_PER_S // 5
@@ -16,6 +16,9 @@ CREEP_COUNTS = 2.5
 # Readings kept while the encoders are silent.
 PENDING = 4096  # four seconds at 1 kHz
 DEFAULT_DURATION_S = 10.0  # N = 0.1 deg/sqrt(h) then leaves 1.9 deg/h, (28)
+# No bias that was known moves by more, over the temperatures of a MEMS gyro; a fibre-optic one's by a thousandth of it.
+MOST_CHANGE_RAD_S = 1.0 * RAD_PER_DEG
+TURN_SIGMAS = 5.0  # of a reading's noise beyond that
 
 
 class BiasState(Enum):
@@ -52,7 +55,8 @@ class Standstill:
 class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (28)
 
-    `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more.
+    `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more. `turned`: the
+    gyro turned while the wheels stood.
     """
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
@@ -76,9 +80,12 @@ class BiasMeasurement:
         self.active = state is BiasState.WAITING or state is BiasState.MEASURING
         self.is_settled = state is BiasState.DONE or state is BiasState.SKIPPED
 
-    def restart(self) -> None:
-        """Begin (again), also when the configuration skips the measurement before the mission."""
-        self.state = BiasState.WAITING
+    def restart(self, known_rad_s: float | None = None) -> None:
+        """Begin (again), also when the configuration skips the measurement before the mission.
+
+        `known_rad_s`: the bias so far. Readings that no bias makes of it end the measurement: the robot is turned.
+        """
+        self.state, self._known_rad_s, self.turned = BiasState.WAITING, known_rad_s, False
         self._pending: deque[CalibratedRate] = deque(maxlen=PENDING)
         self._sum_rad = self._sum_s = 0.0
         self._still_since_ns: int | None = None
@@ -86,9 +93,16 @@ class BiasMeasurement:
     def gyro(self, rate: CalibratedRate) -> None:
         """Keep a reading until the encoders have said what the robot did in that time."""
         self._pending.append(rate)
+        if self._known_rad_s is not None:
+            noise_rad_s = math.sqrt(self.rest_noise.variance_rad2_per_s / rate.interval_s)
+            change_rad_s = abs(rate.rate_rad_s - self._known_rad_s)
+            self.turned = self.turned or change_rad_s > MOST_CHANGE_RAD_S + TURN_SIGMAS * noise_rad_s
 
     def wheels(self, sample: WheelSample, still: bool) -> None:
         """What the encoders say about the time of one of their samples."""
+        if self.turned:
+            self._finish(BiasState.SHORT)
+            return
         if still and self._still_since_ns is None:
             self._still_since_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
         while still and self._pending and self._pending[0].t_ns <= sample.t_ns - GUARD_NS:

@@ -7,7 +7,9 @@ from typing import Final
 from drd.config.keys import Config
 from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, is_stated_skid
 from drd.estimation.filter import SLIP, TREAD, Filter
+from drd.estimation.lead import Place, seen_from
 from drd.estimation.learning import Drive, Learned, WheelNoise
+from drd.estimation.noise import SKID_LATERAL_M_PER_SQRT_M, SKID_TURN_M_PER_SQRT_RAD
 
 # A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
 # whose standard deviation is so large a part of it, since tyres are wide.
@@ -24,12 +26,14 @@ def as_driven(config: Config, relative_tread: float) -> Config:
 class Steering:
     """The kind of drive, as stated or found out. (34)
 
-    While it is unknown, `scale` is the standard deviation of the scale of all ways beyond what P has.
+    While it is unknown, P has not what skid steering would add: `scale` is the standard deviation of the scale of all
+    ways beyond it, `wander_m2` the variance of x and of y.
     """
 
     def __init__(self, config: Config, wheel_noise: WheelNoise):
         self._robot, self._initial, self._wheel_noise = config.robot, config.estimation.initial, wheel_noise
-        self.drive, self.scale = Drive.UNKNOWN, 0.0
+        self.drive, self.scale, self.wander_m2 = Drive.UNKNOWN, 0.0, 0.0
+        self._last: Place | None = None
         if is_stated_skid(config):
             self._found_skid()
         elif config.robot.drive == "differential" or config.fog.protocol == "none" or not wheel_noise.is_learned:
@@ -46,21 +50,35 @@ class Steering:
         """After a comparison: the gyro may have shown by now which tread is effective."""
         if self.drive is not Drive.UNKNOWN:
             return
+        self._wander(kf)
         tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
         off_m = abs(kf.nominal.tread_m - self._robot.tread_m)
         if off_m > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
             if self.scale:
                 kf.add_scale_variance(SKID_SCALE, 0.0)
+            kf.add_position_variance(self.wander_m2)
             # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
             kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
         elif off_m + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m:
-            self.drive, self.scale = Drive.DIFFERENTIAL, 0.0
+            self.drive, self.scale, self.wander_m2 = Drive.DIFFERENTIAL, 0.0, 0.0
             if self._initial.slip_s is None:
                 kf.forget_slip()
 
+    def _wander(self, kf: Filter) -> None:
+        """Add what turning and driving since the last comparison would have made of skid steering."""
+        now = (kf.nominal.x_m, kf.nominal.y_m, kf.nominal.gyro_heading_rad)
+        x_m, y_m, turn_rad = seen_from(self._last or now, now)
+        self._last = now
+        self.wander_m2 += SKID_TURN_M_PER_SQRT_RAD**2 * abs(turn_rad)
+        self.wander_m2 += SKID_LATERAL_M_PER_SQRT_M**2 * math.hypot(x_m, y_m)
+
+    def pose_was_set(self) -> None:
+        """The way that P is due to begins anew."""
+        self._last, self.wander_m2 = None, 0.0
+
     def _found_skid(self) -> None:
-        self.drive, self.scale = Drive.SKID, 0.0
+        self.drive, self.scale, self.wander_m2 = Drive.SKID, 0.0, 0.0
         self._wheel_noise.skids(self._robot.tread_m)
 
     def recall(self, learned: Learned) -> None:
@@ -68,6 +86,6 @@ class Steering:
         drive = Drive(learned.drive)
         if self.drive is not Drive.UNKNOWN or drive is Drive.UNKNOWN:
             return
-        self.drive, self.scale = drive, 0.0
+        self.drive, self.scale, self.wander_m2 = drive, 0.0, 0.0
         if drive is Drive.SKID:
             self._found_skid()

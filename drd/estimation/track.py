@@ -1,13 +1,19 @@
 """A filter on its way through time: one step for each piece of time, whichever of the sensors saw it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drd.config.keys import Config
 from drd.estimation.filter import Filter, Sigmas
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.timeline import Piece, Segment, Stream, pieces
-from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
+from drd.estimation.uncertainty import (
+    HEADING_DOUBTFUL_RAD,
+    UNSEEN_ACCELERATION_M_S2,
+    UNSEEN_TURN_RAD_S2,
+    BlindWay,
+    unseen_growth,
+)
 from drd.units import NS_PER_S, S_PER_NS
 
 STILL = Segment(0, 0, 0.0, 0.0)
@@ -40,6 +46,7 @@ class Track:
     _lag_ns: int = 0
     # The wheels' heading stands rejected by this much, and is not yet released.
     rejected_rad: float = 0.0
+    blind_way: BlindWay = field(default_factory=BlindWay)
 
     def copy_from(self, other: "Track") -> None:
         """Take over another track's estimate and memory."""
@@ -49,6 +56,7 @@ class Track:
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
+        self.blind_way.copy_from(other.blind_way)
 
     def run(
         self,
@@ -101,9 +109,13 @@ class Track:
             self.rejected_rad = 0.0
         _, _, left_m_s, right_m_s, lateral_m_s = wheels or STILL
         _, _, rate_rad_s, sigma_rad_s, _ = gyro or STILL
+        x_m, y_m = kf.nominal.x_m, kf.nominal.y_m
         kf.predict(
             dt_s, left_m_s * dt_s, right_m_s * dt_s, rate_rad_s if gyro else None, sigma_rad_s, lateral_m_s * dt_s
         )
+        if (variance_rad2 := kf.heading_variance_rad2) > HEADING_DOUBTFUL_RAD**2:
+            n = kf.nominal
+            kf.add_position_variance(self.blind_way.growth(n.x_m - x_m, n.y_m - y_m, variance_rad2))
         if gyro:
             n = kf.nominal
             self.rate_rad_s = n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s

@@ -3,13 +3,18 @@
 import math
 
 from drd.estimation.filter import BB, DD, LL, RL, RR, SS, Filter
+from drd.estimation.lead import Lead
 from drd.estimation.noise import NoiseProfile
 
 # How much a robot that is not seen may accelerate and turn. (36)
 UNSEEN_ACCELERATION_M_S2 = 1.0
 UNSEEN_TURN_RAD_S2 = 0.5
+# Standard deviation of the heading from which on the pose is degraded: 1 m ahead is then 0.5 m aside.
+HEADING_DOUBTFUL_RAD = 0.5
 # Radius of the 99 % circle in standard deviations of the worst axis: chi-square, 2 degrees of freedom. (37)
 BOUND_SIGMAS = math.sqrt(9.210340371976182)
+# Beyond four standard deviations from 0 the sign of the lag is certain: the other one's share is 3e-5.
+CERTAIN_SIGN_SIGMAS2 = 16.0
 
 
 def unseen_growth(unseen_s: float, dt_s: float, speed: float, acceleration: float) -> float:
@@ -37,6 +42,32 @@ class OneSided:
         return self._covered**2 - before**2
 
 
+class BlindWay:
+    """What the linear covariance leaves out of a way along a heading that is hardly known. (36)
+
+    A heading that is wrong by d puts the way's end back by 1 - cos d of its length; a later correction of the heading
+    would turn the whole way, which the filter's linear one does not.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """The position is another."""
+        self.x_m = self.y_m = self._covered_m2 = 0.0
+
+    def copy_from(self, other: "BlindWay") -> None:
+        """The same way so far."""
+        self.x_m, self.y_m, self._covered_m2 = other.x_m, other.y_m, other._covered_m2
+
+    def growth(self, x_m: float, y_m: float, heading_variance_rad2: float) -> float:
+        """Variance of each axis to add for a further step."""
+        share = min(0.5 * math.sqrt(3.0) * heading_variance_rad2, 2.0)  # E[d^4] = 3 sigma^4
+        self.x_m, self.y_m = self.x_m + share * x_m, self.y_m + share * y_m
+        before, self._covered_m2 = self._covered_m2, max(self._covered_m2, self.x_m**2 + self.y_m**2)
+        return self._covered_m2 - before
+
+
 def position_bound_m(covariance: tuple[float, float, float, float, float, float]) -> float:
     """Radius that holds 99 % of a Gaussian position error, from the worst axis. (37)"""
     xx, xy, _, yy, _, _ = covariance
@@ -45,32 +76,42 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
     return BOUND_SIGMAS * math.sqrt(max(worst, 0.0)) if math.isfinite(worst) else math.inf
 
 
+def lead_moments(lag_s: float, variance_s2: float) -> tuple[float, float]:
+    """Of the lead's error, where the lag is Gaussian and wheels that are not late need no lead: its covariance with the
+    lag's error, over the lag's variance, and its mean square, s^2. (30)
+    """
+    if lag_s * lag_s >= CERTAIN_SIGN_SIGMAS2 * variance_s2:
+        return (1.0, variance_s2) if lag_s > 0.0 else (0.0, 0.0)
+    sigma = math.sqrt(variance_s2)
+    u, taken_s = lag_s / sigma, max(lag_s, 0.0)
+    below = 0.5 * math.erfc(-u / math.sqrt(2.0))
+    density = math.exp(-0.5 * u * u) / math.sqrt(2.0 * math.pi)
+    mean = lag_s * below + sigma * density
+    square = (lag_s * lag_s + variance_s2) * below + lag_s * sigma * density
+    return below, square - 2.0 * taken_s * mean + taken_s * taken_s
+
+
 def covariance_after(
-    kf: Filter,
-    lag_s: float,
-    speed_m_s: float,
-    rate_rad_s: float,
-    heading_rad: float,
-    scale: float,
-    interval_s: float,
+    kf: Filter, lead: Lead, speed_m_s: float, rate_rad_s: float, heading_rad: float, interval_s: float
 ) -> tuple[float, float, float, float, float, float]:
-    """The pose's covariance (upper triangle) at the time of the newest samples, `lag_s` after the filter's. (37)
+    """The pose's covariance (upper triangle) at the time of the newest samples, after `lead`. (37)
 
     A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error; while the lag is
     hardly known, a robot that seems to stand may have moved off; it turns unseen for `interval_s` at most, that of the
-    rate's samples. `scale`: standard deviation of the scale of all ways
-    beyond P's. (30), (34)
+    rate's samples. (30), (34)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n = kf.noise, kf.nominal
     lx, ly, lh, lag = kf.lag_covariance()
-    lag2 = lag_s * lag_s
+    lag2 = lead.lag_s * lead.lag_s
     lag4 = lag2 * lag2 + 6.0 * lag2 * lag + 3.0 * lag * lag
-    reading = k.count_m2 + 0.25 * UNSEEN_ACCELERATION_M_S2**2 * lag4
+    reading = k.count_m2 + lead.wander_m2 + 0.25 * UNSEEN_ACCELERATION_M_S2**2 * lag4
     turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, interval_s**4)
-    variance = lag + k.jitter_s2
+    late, lead_s2 = lead_moments(n.wheel_lag_s, lag)
+    lx, ly, lh = late * lx, late * ly, late * lh
+    variance = lead_s2 + k.jitter_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
-    gx, gy = scale * (n.x_m - n.origin_x_m), scale * (n.y_m - n.origin_y_m)
+    gx, gy = lead.scale * (n.x_m - n.origin_x_m), lead.scale * (n.y_m - n.origin_y_m)
     return (
         xx + 2.0 * vx * lx + vx * vx * variance + reading + gx * gx,
         xy + vx * ly + vy * lx + vx * vy * variance + gx * gy,

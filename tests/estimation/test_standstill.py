@@ -79,3 +79,20 @@ def test_a_configured_zero_skips_it_and_a_request_does_not() -> None:
     assert not bias.active
     bias.restart()
     assert bias.active
+
+
+@pytest.mark.parametrize(("turn_deg_s", "state"), [(0.5, BiasState.MEASURING), (2.0, BiasState.SHORT)])
+def test_a_turn_that_no_bias_makes_ends_the_measurement_of_a_known_one(turn_deg_s: float, state: BiasState) -> None:
+    bias = BiasMeasurement(StaticBias(), RestNoise(STATED))
+    bias.restart(known_rad_s=1e-3)
+    for i in range(1, 100):
+        t = i * 0.05
+        turn = math.radians(turn_deg_s) if t > 3.0 else 0.0
+        bias.gyro(CalibratedRate(round(t * S), 0.05, 1e-3 + turn, 0.0))
+        bias.wheels(wheel(t), still=True)
+        if not bias.active:
+            break
+    assert bias.state is state
+    assert bias.turned is (state is BiasState.SHORT)
+    if bias.turned:  # nothing of the turn is lost
+        assert sum(rate.rate_rad_s > 0.01 for rate in bias.take_pending()) == 1

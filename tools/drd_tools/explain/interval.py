@@ -7,14 +7,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.estimation.filter import WHEEL_LAG, Filter, Matrix, N, X, Y
+from drd.estimation.filter import TT, WHEEL_LAG, Filter, Matrix, N, X, Y
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track
-from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, lead_moments
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.parts import Parts
-from drd_tools.limit.causes import COUNTS, JITTER, NOT_SEEN, SKID_SCALE
+from drd_tools.limit.causes import COUNTS, JITTER, LAG_START, NOT_SEEN, SKID_SCALE
 
 SNAPSHOTS: Final = 1200  # twice as many as are drawn at least
 FIRST_INTERVAL_S: Final = 0.1
@@ -59,7 +59,7 @@ class Interval:
         self._kept = 0
         self._interval_ns, self._next_ns = round(FIRST_INTERVAL_S * NS_PER_S), 0
         self._way_m = 0.0
-        self._from_m = (0.0, 0.0)
+        self._from_m, self._from_wander_m2 = (0.0, 0.0), 0.0
 
     def _ns(self, time_s: float) -> int:
         return round(time_s * NS_PER_S) + self._zero_ns
@@ -84,8 +84,9 @@ class Interval:
         if not self.begun and (self._from_ns is None or t_ns >= self._from_ns):
             self.begun, self._way_m = True, 0.0
             if self._from_ns is not None:
-                self.budget.rebase(kf.pose_heading, velocity)
-                self._from_m = (kf.nominal.x_m, kf.nominal.y_m)
+                late, _ = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])
+                self.budget.rebase(kf.pose_heading, late * velocity)
+                self._from_m, self._from_wander_m2 = (kf.nominal.x_m, kf.nominal.y_m), self._wander_m2
         if not self.begun:
             return
         while self._kept < len(self._keep_ns) and t_ns >= self._keep_ns[self._kept]:
@@ -129,6 +130,10 @@ class Interval:
         from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
         return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
 
+    @property
+    def _wander_m2(self) -> float:
+        return self.steering.wander_m2 if self.steering is not None else 0.0
+
     def _keep(self, kf: Filter, velocity: Matrix) -> None:
         assert self.budget.parts is not None
         self.budget.parts.keep(published(kf, velocity))
@@ -144,6 +149,10 @@ class Interval:
         covariance[NOT_SEEN, XY, XY] += unseen_m**2 * readings
         covariance[JITTER] += kf.noise.jitter_s2 * np.outer(velocity, velocity) * readings
         covariance[SKID_SCALE] += np.outer(way, way)
+        covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
+        if self._from_ns is None:  # else it is in both poses alike
+            late, lead_s2 = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])
+            covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
         delay = J @ self.budget.delay
         self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))
         if len(self.snapshots) > SNAPSHOTS:
@@ -152,8 +161,10 @@ class Interval:
 
 
 def published(kf: Filter, velocity: Matrix) -> Matrix:
-    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead. (30)"""
+    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead, of which an
+    error around 0 does so only in part. (30)
+    """
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0
-    J[:, WHEEL_LAG] = velocity
+    J[:, WHEEL_LAG] = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])[0] * velocity
     return J

@@ -1,0 +1,41 @@
+"""Places in the plane, and the step from the filter's to that of the newest samples."""
+
+import cmath
+import math
+from typing import NamedTuple
+
+from drd.estimation.filter import Filter
+
+Place = tuple[float, float, float]  # x and y in m, heading in rad
+
+
+def seen_from(origin: Place, place: Place) -> Place:
+    """A place as it looks from another one."""
+    way = complex(place[0] - origin[0], place[1] - origin[1]) * cmath.rect(1.0, -origin[2])
+    return way.real, way.imag, place[2] - origin[2]
+
+
+def onward(origin: Place, way: Place) -> Place:
+    """Where `way`, as seen from `origin`, leads: the inverse of `seen_from`."""
+    step = complex(way[0], way[1]) * cmath.rect(1.0, origin[2])
+    return origin[0] + step.real, origin[1] + step.imag, origin[2] + way[2]
+
+
+class Lead(NamedTuple):
+    """The step from the filter's time to that of the newest samples: the wheels' lag, way and turn within it. Beside it
+    what P has not while it is unknown how the robot steers: the standard deviation of the scale of all ways, and the
+    variance of x and of y. (30), (34)
+    """
+
+    lag_s: float
+    way_m: float
+    turn_rad: float
+    scale: float
+    wander_m2: float
+
+    def onward(self, kf: Filter) -> Place:
+        """The filter's pose after the step."""
+        n, heading_rad = kf.nominal, kf.heading_rad
+        middle = heading_rad + 0.5 * self.turn_rad
+        x_m, y_m = n.x_m + self.way_m * math.cos(middle), n.y_m + self.way_m * math.sin(middle)
+        return x_m, y_m, heading_rad + self.turn_rad
