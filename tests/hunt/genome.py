@@ -10,13 +10,14 @@ from msgspec.structs import replace as changed
 
 from drd.config import keys
 from drd.config.keys import Config
-from hunt.kinds import GYRO, KINDS, MOMENTS, NO_GYRO, SIDEWAYS, SLIP_BOTH, UNCONTRADICTED
+from drd.units import RAD_PER_DEG
+from hunt.kinds import AWAY, GYRO, JUMPS, KINDS, MOMENTS, NO_GYRO, SIDEWAYS, SLIP_BOTH, UNCOMPARED, UNCONTRADICTED
 
 # Each gene's values, the usual one first. With a dot: a key of the configuration; without: of the true robot.
 MENU: Final[dict[str, tuple[Any, ...]]] = {
     "skids": (False, True),
     "noise": (0.5, 0.0, 1.0),  # of what the configuration states
-    "wheel_lag_s": (0.0, 0.05, 0.15, 0.3, -0.03),
+    "wheel_lag_s": (0.0, 0.05, 0.15, 0.3, -0.03),  # negative: the gyro is late
     "split": (False, True),  # the gyro's packets come in two parts
     "robot.drive": ("auto", "differential", "skid"),
     "fog.protocol": ("ecore", "dsp3000", "dsp17xx", "none"),
@@ -40,6 +41,7 @@ RATE_RAD_S: Final = 0.9
 LEG_S: Final = (2.0, 10.0)
 LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
+AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
 
 
@@ -80,8 +82,30 @@ class Genome(Struct, frozen=True):
     def named(self) -> frozenset[str]:
         """Classes of what no sensor could know."""
         kinds = {event.kind for event in self.events}
-        alone = self.gene("fog.protocol") == "none" and kinds.intersection(UNCONTRADICTED)
-        return frozenset([KINDS[kind].named for kind in kinds] + [NO_GYRO] * bool(alone)) - {""}
+        alone = any(event.kind in UNCONTRADICTED and self._without_gyro(event) for event in self.events)
+        jumps = "node restarts" in kinds and self.gene("encoders.layout") != "cia406"  # which alone tells of it
+        slips = self.gene("estimation.heading") == "gyro" and "one wheel slips" in kinds
+        others = [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips
+        return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}
+
+    def _without_gyro(self, event: Event) -> bool:
+        """Whether there may be no gyro while the event lasts: none at all, none that is heard, or beyond its range."""
+        if self.gene("fog.protocol") == "none":
+            return True
+        begin_s, end_s = event.at_s - AROUND_S, event.at_s + event.seconds + AROUND_S
+        if any(e.kind in AWAY and e.at_s < end_s and begin_s < e.at_s + e.seconds for e in self.events):
+            return True
+        by_hand_rad_s, at_s = event.size * RAD_PER_DEG if event.kind == "turned by hand" else 0.0, 0.0
+        full_rad_s = self.gene("fog.full_scale_deg_s") * RAD_PER_DEG
+        for leg in self.legs:
+            if (
+                at_s < end_s
+                and begin_s < at_s + leg.seconds
+                and abs(leg.rate_rad_s + by_hand_rad_s) > 0.95 * full_rad_s
+            ):
+                return True
+            at_s += leg.seconds
+        return False
 
     def config(self) -> Config:
         """What the robot's engineer has written."""

@@ -27,6 +27,11 @@ LEAST_M, LEAST_RAD = 0.01, 0.2 * RAD_PER_DEG
 STALE_S: Final = 1.5
 # A silence must be told after so long; a pose set in a drive is as exact as this part of its standard deviation.
 TOLD_S: Final = 1.5
+# What comes along with a sensor's bytes or frames is not there while the sensor is away.
+HIDDEN: Final = {
+    "garbage on the line": ("gyro silent", "gyro port lost"),
+    "foreign frames": ("both counters silent", "bus lost"),
+}
 CERTAIN: Final = 10.0  # so many hits are expected that there is one
 RETRIES: Final = 2
 
@@ -67,7 +72,7 @@ class _Run:
     def run(self) -> None:
         ports = self._port_states()
         due_s = 0.0
-        for t_s, content in self.world.items:
+        for t_s, content in [*self.world.items, (self.world.seconds, None)]:
             while due_s <= t_s:
                 while ports and ports[0][0] <= due_s:
                     self.pipeline.port_state(ports[0][1], ports[0][2], monotonic_ns(due_s))
@@ -77,7 +82,8 @@ class _Run:
                     for reason in self.pipeline.reasons.active():
                         self.seen.setdefault(reason.source, due_s)
                 due_s += TICK_S
-            self._give(t_s, content)
+            if content is not None:
+                self._give(t_s, content)
         health = self.pipeline.health(monotonic_ns(self.world.seconds))
         msgspec.json.encode(health)
         for part, counters in health["counters"].items():
@@ -225,7 +231,8 @@ def _silences(run: _Run, numbers: Array) -> list[str]:
             if KINDS[e.kind].unit == "of them":
                 lasts &= e.size * lasting_s * run.world.config.fog.rate_hz > CERTAIN
             is_one = e.kind == "one counter silent" and run.world.genome.gene("encoders.layout") == "agilex"
-            if traces and lasts and not is_one and not any(trace in run.seen for trace in traces):
+            is_hidden = any(other.kind in HIDDEN.get(e.kind, ()) for other in run.world.genome.events)
+            if traces and lasts and not is_one and not is_hidden and not any(trace in run.seen for trace in traces):
                 found.append(f"nothing tells of: {e.kind}")
     return found
 

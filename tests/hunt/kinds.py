@@ -9,6 +9,7 @@ SIDEWAYS: Final = "moved sideways"
 GYRO_LIES: Final = "the gyro reads wrong"  # beyond the gate the wheels are taken to slip, which is far more usual
 TURNS_LATE: Final = "a line turns late"  # how late a sensor is, is learned over a minute
 NO_GYRO: Final = "one wheel lies, no gyro"
+UNCOMPARED: Final = "one wheel lies, heading: gyro"  # in motion the wheels' heading is the gyro's: nothing is compared
 JUMPS: Final = "a counter jumps by less than the robot can drive"  # believed until the gyro's next sample
 
 
@@ -78,5 +79,11 @@ OTHERS: Final = {
 KINDS: Final = {**GYRO, **WHEELS, **OTHERS}
 # What is given once, at the event's time.
 MOMENTS: Final = ("set_pose", "reset", "calibrate_bias", "counter to zero", "counter jumps", "node restarts")
+# Of the gyro's samples some or all are missing.
+AWAY: Final = (
+    "gyro silent", "gyro port lost", "gyro invalid", "gyro packets lost", "gyro packets flipped", "gyro in bunches",
+)  # fmt: skip
 # Without a gyro nothing contradicts these.
-UNCONTRADICTED: Final = ("one wheel slips", "counter to zero", "counter jumps", "other ground", "turned by hand")
+UNCONTRADICTED: Final = (
+    "one wheel slips", "counter to zero", "counter jumps", "node restarts", "other ground", "turned by hand",
+)  # fmt: skip

@@ -153,7 +153,8 @@ class World:
                 valid &= ~now
         full_rad_s = fog.full_scale_deg_s * RAD_PER_DEG
         rate = np.clip(rate + white, -full_rad_s, full_rad_s)
-        late = np.maximum.accumulate(ends + GYRO_DELAY_S + random.exponential(JITTER_S, len(ends)))
+        delay_s = GYRO_DELAY_S + max(-self.genome.gene("wheel_lag_s"), 0.0)
+        late = np.maximum.accumulate(ends + delay_s + random.exponential(JITTER_S, len(ends)))
         encoder = fog_packets.make_encoder(fog)
         rows = zip(late.tolist(), rate.tolist(), valid.tolist(), strict=True)
         items: list[Item] = [(at_s, encoder.encode(r, period_s, 22.0, ok)) for at_s, r, ok in rows]
@@ -164,7 +165,7 @@ class World:
     def _wheel_items(self) -> list[Item]:
         encoders, robot = self.config.encoders, self.config.robot
         times = np.arange(1, round(self.seconds * encoders.rate_hz)) / encoders.rate_hz
-        shown = [np.interp(times - self.genome.gene("wheel_lag_s"), self.time_s, way) for way in self._ways]
+        shown = [np.interp(times - max(self.genome.gene("wheel_lag_s"), 0.0), self.time_s, way) for way in self._ways]
         for e in self._events("counter to zero", "node restarts", "counter jumps"):
             after = times >= self.at_s(e)
             if after.any():
