@@ -224,9 +224,12 @@ class Estimator:
         turn_rad = (n.gyro_scale * rate.rate_rad_s + n.gyro_bias_rad_s) * max(unseen_s, 0.0)
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
+    @property
+    def _is_bias_known(self) -> bool:
+        return self.bias_known or self.counters["bias_measured"] > 0
+
     def _tell_bias(self, t_ns: int) -> None:
-        known = self.bias_known or self.counters["bias_measured"]
-        severity = Validity.DEGRADED if known else Validity.INITIALISING
+        severity = Validity.DEGRADED if self._is_bias_known else Validity.INITIALISING
         self.reasons.set("bias", self.bias.state.value, t_ns, severity)
 
     def calibrate_bias(self) -> str | None:
@@ -236,9 +239,8 @@ class Estimator:
         if not self.standstill.still or self.reasons.has("encoders"):
             return "the encoders do not confirm a standstill"
         n = self._track.kf.nominal
-        is_known = self.bias_known or self.counters["bias_measured"]
         self._gyro.segments.clear()
-        self.bias.restart(-n.gyro_bias_rad_s / n.gyro_scale if is_known else None)
+        self.bias.restart(-n.gyro_bias_rad_s / n.gyro_scale if self._is_bias_known else None)
         return None
 
     # ---- time --------------------------------------------------------------------------------------------------

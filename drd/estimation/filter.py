@@ -48,11 +48,12 @@ GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
 RATE_ERROR_CORRELATION_S: Final = 20.0
 # A difference of two rates counts from three of its standard deviations on: 3^2 times two rates' variances.
 CHANGE_SIGMAS2: Final = 18.0
+TURNED_SIGMAS2: Final = 9.0  # a rate itself, likewise
 # The wheels' lag is no less than a gyro can be late by its own filter and its line, and no more than a drive that
 # works; what seems to be more is noise, or slip.
 LEAST_LAG_S: Final = -0.1
 MOST_LAG_S: Final = 0.5
-# Of the stated tread. Effective ones are 1.0 to 2.0 times the measured one, and no tape is wrong by three quarters.
+# A part of the stated tread. Effective ones are 1.0 to 2.0 times the measured one; no tape is wrong by three quarters.
 LEAST_TREAD: Final = 0.25
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
@@ -263,8 +264,7 @@ class Filter:
         f[G_BIAS] = dt_s
         self._F_has_gyro = True
         # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
-        noise_rad2 = (gyro + self._p[BB] * dt_s) * dt_s
-        is_turned = not moves and gyro_turn * gyro_turn > 0.5 * CHANGE_SIGMAS2 * noise_rad2
+        is_turned = not moves and gyro_turn * gyro_turn > TURNED_SIGMAS2 * ((gyro + self._p[BB] * dt_s) * dt_s)
         change = (gyro_turn if is_turned else turn) / dt_s - self.rate_rad_s
         if change * change * dt_s > CHANGE_SIGMAS2 * gyro:
             self.rate_rad_s += change
@@ -604,7 +604,7 @@ class Filter:
 
     @property
     def heading_variance_rad2(self) -> float:
-        """Of the pose's heading."""
+        """The variance of the pose's heading."""
         return self._p[self.pose_heading * (N + 1)]
 
     def lag_covariance(self) -> Four:

@@ -61,7 +61,7 @@ class Steering:
             kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
         elif off_m + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m:
-            self.drive, self.scale, self.wander_m2 = Drive.DIFFERENTIAL, 0.0, 0.0
+            self._decide(Drive.DIFFERENTIAL)
             if self._initial.slip_s is None:
                 kf.forget_slip()
 
@@ -77,8 +77,11 @@ class Steering:
         """The way that P is due to begins anew."""
         self._last, self.wander_m2 = None, 0.0
 
+    def _decide(self, drive: Drive) -> None:
+        self.drive, self.scale, self.wander_m2 = drive, 0.0, 0.0
+
     def _found_skid(self) -> None:
-        self.drive, self.scale, self.wander_m2 = Drive.SKID, 0.0, 0.0
+        self._decide(Drive.SKID)
         self._wheel_noise.skids(self._robot.tread_m)
 
     def recall(self, learned: Learned) -> None:
@@ -86,6 +89,6 @@ class Steering:
         drive = Drive(learned.drive)
         if self.drive is not Drive.UNKNOWN or drive is Drive.UNKNOWN:
             return
-        self.drive, self.scale, self.wander_m2 = drive, 0.0, 0.0
+        self._decide(drive)
         if drive is Drive.SKID:
             self._found_skid()

@@ -43,7 +43,7 @@ class OneSided:
 
 
 class BlindWay:
-    """What the linear covariance leaves out of a way along a heading that is hardly known. (36)
+    """The error that the linear covariance leaves out of a way along a heading that is hardly known. (36)
 
     A heading that is wrong by d puts the way's end back by 1 - cos d of its length; a later correction of the heading
     would turn the whole way, which the filter's linear one does not.
@@ -77,8 +77,8 @@ def position_bound_m(covariance: tuple[float, float, float, float, float, float]
 
 
 def lead_moments(lag_s: float, variance_s2: float) -> tuple[float, float]:
-    """Of the lead's error, where the lag is Gaussian and wheels that are not late need no lead: its covariance with the
-    lag's error, over the lag's variance, and its mean square, s^2. (30)
+    """Moments of the lead's error, where the lag is Gaussian and wheels that are not late need no lead: its covariance
+    with the lag's error, over the lag's variance, and its mean square, s^2. (30)
     """
     if lag_s * lag_s >= CERTAIN_SIGN_SIGMAS2 * variance_s2:
         return (1.0, variance_s2) if lag_s > 0.0 else (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What the published covariance has beyond the filter's."""
+"""The published covariance, as far as it is more than the filter's."""
 
 import math
 

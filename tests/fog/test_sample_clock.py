@@ -64,6 +64,14 @@ def make_line(nominal_hz: float, rate_hz: float, numbered: bool = False) -> Line
     return Line(SampleClock(nominal_hz, MODULUS if numbered else None), rate_hz, numbered)
 
 
+def steady_line(numbered: bool = False) -> Line:
+    """A 10 Hz sensor after 100 packets, each at its beat."""
+    line = make_line(10, 10, numbered)
+    for n in range(1, 101):
+        line.deliver([n], n / 10)
+    return line
+
+
 def run(
     line: Line,
     duration_s: float,
@@ -169,9 +177,7 @@ def test_a_host_that_reads_late_loses_nothing(rate_hz: float, bundle_s: float, s
 
 
 def test_packets_of_one_chunk_are_one_beat_apart() -> None:
-    line = make_line(10, 10)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line()
     line.deliver([101, 102, 103, 104], 10.4)
     assert [round(e, 6) for e in line.errors_s()[-4:]] == [0, 0, 0, 0]
     assert [s.steps for s in line.stamps[-4:]] == [1, 1, 1, 1]
@@ -212,9 +218,7 @@ def test_a_lone_late_packet_is_not_counted_as_a_loss() -> None:
 @pytest.mark.parametrize("parts", [(1, 7), (3, 5), (4, 16), (1, 1, 13), (1,) * 20])
 def test_what_waited_for_a_stalled_host_keeps_its_times(parts: tuple[int, ...], numbered: bool) -> None:
     """A serial line may hand over in parts what came in 0.8 to 2 s; then packets come at the beat again."""
-    line, number = make_line(10, 10, numbered), 101
-    for n in range(1, number):
-        line.deliver([n], n / 10)
+    line, number = steady_line(numbered), 101
     line.clock.stalled()
     end_s = (number + sum(parts) - 1) / 10 + 0.02
     for count in parts:
@@ -229,9 +233,7 @@ def test_what_waited_for_a_stalled_host_keeps_its_times(parts: tuple[int, ...], 
 @pytest.mark.parametrize("in_parts", [False, True])
 def test_bundles_of_a_slow_numbered_sensor_keep_its_period(in_parts: bool) -> None:
     """Two or three packets every 0.242 s, read at once or one by one: eight of them end within a bundle."""
-    line = make_line(10, 10, numbered=True)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line(numbered=True)
     for begin in range(40):
         numbers = [n for n in range(101, 200) if 10.0 + 0.242 * begin < n / 10 <= 10.0 + 0.242 * (begin + 1)]
         for part in [[n] for n in numbers] if in_parts else [numbers]:
@@ -241,9 +243,7 @@ def test_bundles_of_a_slow_numbered_sensor_keep_its_period(in_parts: bool) -> No
 
 
 def test_a_loss_that_a_stall_hides_is_found_once_packets_come_at_their_beat() -> None:
-    line = make_line(10, 10)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line()
     line.clock.stalled()
     for n in range(101, 130):
         if n not in {110, 111}:  # of 29 that waited
@@ -254,9 +254,7 @@ def test_a_loss_that_a_stall_hides_is_found_once_packets_come_at_their_beat() ->
 
 
 def test_a_loss_after_a_stall_is_a_hole_as_any_other() -> None:
-    line = make_line(10, 10)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line()
     line.clock.stalled()
     line.deliver(list(range(101, 109)), 10.82)
     for n in (109, 110, 113, 114, 115, 116):
@@ -297,9 +295,7 @@ def test_a_beat_that_changes_its_phase_is_locked_to_again(numbered: bool) -> Non
 
 
 def test_a_slower_sensor_after_a_restart_is_not_taken_for_one_that_loses_packets() -> None:
-    line = make_line(10, 10)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line()
     line.clock.restart()
     line.rate_hz = 2
     for n in range(1, 101):
@@ -309,9 +305,7 @@ def test_a_slower_sensor_after_a_restart_is_not_taken_for_one_that_loses_packets
 
 
 def test_one_late_read_does_not_hide_a_loss_soon_after() -> None:
-    line = make_line(10, 10)
-    for n in range(1, 101):
-        line.deliver([n], n / 10)
+    line = steady_line()
     line.deliver([101, 102], 10.2)
     for n in (103, 105, 106, 107, 108):
         line.deliver([n], n / 10)

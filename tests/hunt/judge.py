@@ -27,7 +27,7 @@ LEAST_M, LEAST_RAD = 0.01, 0.2 * RAD_PER_DEG
 STALE_S: Final = 1.5
 # A silence must be told after so long; a pose set in a drive is as exact as this part of its standard deviation.
 TOLD_S: Final = 1.5
-# What comes along with a sensor's bytes or frames is not there while the sensor is away.
+# These come along with a sensor's bytes or frames, and not while the sensor is away.
 HIDDEN: Final = {
     "garbage on the line": ("gyro silent", "gyro port lost"),
     "foreign frames": ("both counters silent", "bus lost"),

@@ -79,7 +79,7 @@ OTHERS: Final = {
 KINDS: Final = {**GYRO, **WHEELS, **OTHERS}
 # What is given once, at the event's time.
 MOMENTS: Final = ("set_pose", "reset", "calibrate_bias", "counter to zero", "counter jumps", "node restarts")
-# Of the gyro's samples some or all are missing.
+# Some or all of the gyro's samples are missing.
 AWAY: Final = (
     "gyro silent", "gyro port lost", "gyro invalid", "gyro packets lost", "gyro packets flipped", "gyro in bunches",
 )  # fmt: skip

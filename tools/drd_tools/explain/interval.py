@@ -84,7 +84,7 @@ class Interval:
         if not self.begun and (self._from_ns is None or t_ns >= self._from_ns):
             self.begun, self._way_m = True, 0.0
             if self._from_ns is not None:
-                late, _ = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])
+                late, _ = _lead_moments(kf)
                 self.budget.rebase(kf.pose_heading, late * velocity)
                 self._from_m, self._from_wander_m2 = (kf.nominal.x_m, kf.nominal.y_m), self._wander_m2
         if not self.begun:
@@ -151,7 +151,7 @@ class Interval:
         covariance[SKID_SCALE] += np.outer(way, way)
         covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
         if self._from_ns is None:  # else it is in both poses alike
-            late, lead_s2 = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])
+            late, lead_s2 = _lead_moments(kf)
             covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
         delay = J @ self.budget.delay
         self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))
@@ -166,5 +166,9 @@ def published(kf: Filter, velocity: Matrix) -> Matrix:
     """
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0
-    J[:, WHEEL_LAG] = lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])[0] * velocity
+    J[:, WHEEL_LAG] = _lead_moments(kf)[0] * velocity
     return J
+
+
+def _lead_moments(kf: Filter) -> tuple[float, float]:
+    return lead_moments(kf.nominal.wheel_lag_s, kf.flat_P[TT])
