@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import signal, stats
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.special import chdtri
 
 from drd.arrays import Array
 from drd.estimation.uncertainty import BOUND_SIGMAS
@@ -120,7 +121,7 @@ def nees(part: str, error: Array, S: Array) -> Nees:
 
 def nees_interval(n: float, dof: int, level: float = LEVEL) -> tuple[float, float]:
     """Where the average of n independent values of `dof` degrees of freedom lies with the probability `level`."""
-    low, high = stats.chi2.ppf((0.5 - level / 2.0, 0.5 + level / 2.0), n * dof) / n
+    low, high = (chdtri(n * dof, beyond) / n for beyond in (0.5 + level / 2.0, 0.5 - level / 2.0))
     return float(low), float(high)
 
 
@@ -134,10 +135,11 @@ def effective_rows(z: Array) -> float:
     that an estimate is too cautious; several together can.
     """
     k = len(z)
+    length = next_fast_len(2 * k, real=True)
     lags = np.arange(k)
     squares = np.zeros(k)
     for column in z.T:
-        products = signal.correlate(column, column, method="fft")[k - 1 :]
+        products = irfft(np.abs(rfft(column, length)) ** 2, length)[:k]
         power = float(products[0]) / k
         r = np.minimum(products / (k - lags) / power, 1.0) if power > 0.0 else np.ones(k)
         negative = np.flatnonzero(r <= 0.0)
@@ -166,4 +168,4 @@ def track_sigmas(S: Array, heading_rad: Array) -> Array:
 
 def sigma_99() -> float:
     """Half the width of the 99 % interval of a Gaussian, in sigma."""
-    return math.sqrt(float(stats.chi2.ppf(LEVEL, 1)))
+    return math.sqrt(float(chdtri(1, 1.0 - LEVEL)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from drd.arrays import Array
 from drd.units import DEG_PER_RAD, S_PER_H
@@ -53,5 +53,5 @@ def heading_drift(time_s: Array, error_rad: Array, seed: int = 0) -> HeadingDrif
     drawn = (starts[:, :, None] + np.arange(length)).reshape(RESAMPLES, -1)[:, : len(increments)]
     paths = np.column_stack([np.zeros(RESAMPLES), np.cumsum(increments[drawn], axis=1)])
     slopes = [float(np.median((path[j] - path[i]) / apart_s)) for path in paths]
-    half = float(stats.t.ppf(0.975, BLOCKS - 1)) * float(np.std(slopes)) * math.sqrt(BLOCKS / (BLOCKS - 1))
+    half = float(stdtrit(BLOCKS - 1, 0.975)) * float(np.std(slopes)) * math.sqrt(BLOCKS / (BLOCKS - 1))
     return HeadingDrift(slope * scale, (slope - half) * scale, (slope + half) * scale)

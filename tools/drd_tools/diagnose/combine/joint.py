@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
@@ -159,7 +159,7 @@ def _finding(
     at = [index.index(i) for i in own]
     selected = Selected(effect, {names[i][1]: float(x[i]) for i in own}, effect.linear(), covariance[np.ix_(at, at)])
     gain = (_gain(parts, index) - _gain(parts, _index(names, chosen))) / scatter
-    p = min(1.0, float(stats.chi2.sf(2.0 * gain, len(own))) * len(catalogue()))
+    p = min(1.0, float(chdtrc(len(own), 2.0 * gain)) * len(catalogue()))
     if not is_plausible(selected) or gain < LEAST_NATS or p > FAMILY_WISE:
         return None
     e = e_value((_unseen(parts, index, own, 0) / scatter, _unseen(parts, index, own, 1) / scatter))

@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 from scipy.ndimage import binary_dilation, median_filter
+from scipy.special import bdtrc
 
 from drd.batch.logs import EncoderLog
 from drd.effects.catalogue import showing
@@ -253,7 +253,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
             continue
         # Slip grows with the root of the way.
         z = np.where(moving, (travel - usual) * np.sign(usual) / np.sqrt(np.abs(usual) + 1e-12), 0.0)
-        sigma = DEVIATION_PER_MAD * float(stats.median_abs_deviation(z[moving]))
+        sigma = DEVIATION_PER_MAD * float(np.median(np.abs(z[moving] - np.median(z[moving]))))
         if sigma <= 0.0:
             continue
         # A peak of the speed is no spike: it is near the median of its surroundings.
@@ -271,7 +271,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
         good = index < len(inflation)
         np.add.at(inflation, index[good], size[good] ** 2)
     total = more + less
-    if total == 0 or stats.binomtest(more, total, 0.5, "greater").pvalue > ONE_SIDED_P:
+    if total == 0 or bdtrc(more - 1, total, 0.5) > ONE_SIDED_P:
         return []
     effect = showing(Symptom.JUMPED)
     selected = Selected(effect, effect.shown(size=added / way), effect.linear())

@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import gammaln, ndtri, stdtrit
 
 from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.observe.evidence import Noise
@@ -81,10 +80,15 @@ class _Students(NamedTuple):
 
 def _students(rows: Array) -> _Students:
     median = max(float(np.median(np.abs(rows))), LEAST_MEDIAN)
-    gaussian = median / float(norm.ppf(0.75))
-    scales = {nu: median / float(student.ppf(0.75, nu)) for nu in FREEDOMS}
-    found = [_Students(nu, scale, float(student.logpdf(rows, nu, scale=scale).sum())) for nu, scale in scales.items()]
-    found.append(_Students(math.inf, gaussian, float(norm.logpdf(rows, scale=gaussian).sum()) + HEAVY_NATS))
+    squares, found = rows**2, []
+    for nu in FREEDOMS:
+        scale = median / float(stdtrit(nu, 0.75))
+        each = float(gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)) - math.log(scale * math.sqrt(math.pi * nu))
+        nats = len(rows) * each - 0.5 * (nu + 1.0) * float(np.log1p(squares / (nu * scale**2)).sum())
+        found.append(_Students(nu, scale, nats))
+    scale = median / float(ndtri(0.75))
+    nats = -len(rows) * math.log(scale * math.sqrt(2.0 * math.pi)) - 0.5 * float(squares.sum()) / scale**2
+    found.append(_Students(math.inf, scale, nats + HEAVY_NATS))
     return max(found, key=lambda one: one.nats)
 
 

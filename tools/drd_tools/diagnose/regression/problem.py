@@ -240,11 +240,13 @@ class Problem:
 
     def discrepancy_shapes(self, selected: Selected) -> Array:
         """Other shapes of a selected effect's cause, (r, s), each as large as the selected effect itself."""
+        return float(np.linalg.norm(self.effect_rows([selected]))) * self.unit_shapes(selected)
+
+    def unit_shapes(self, selected: Selected) -> Array:
+        """Other shapes of a selected effect's cause, (r, s), each of norm 1; none of what the rows do not show."""
         rows = self.units(self.wanted_shapes(selected))
-        explained = self.effect_rows([selected])
-        size = math.sqrt(float(explained @ explained))
-        sized = [r * (size / norm) for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
-        return _columns(sized, len(self.data))
+        seen = [r / norm for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
+        return _columns(seen, len(self.data))
 
     def wanted_shapes(self, selected: Selected) -> list[Wanted]:
         """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""

@@ -11,7 +11,7 @@ from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted
 from drd_tools.diagnose.results import Amount, Array
-from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.selected import Selected, shape_of
 
 ROUNDS: Final = 12  # at most; it ends before where it converges: limits the time
 ENOUGH_NATS: Final = 0.02  # that a whole step would still bring
@@ -53,14 +53,14 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: floa
 
     Those that will clearly not reach the score `least` are left as they are.
     """
-    searches = [_Descent(problem, tuple(selection), least) for selection in sets]
+    searches, kept = [_Descent(problem, tuple(selection), least) for selection in sets], _Kept()
     for _ in range(ROUNDS):
         active = [s for s in searches if not s.done]
         if not active:
             break
         problem.units([wanted for s in active for wanted in s.wanted()])
         for s in active:
-            s.step()
+            s.step(kept)
     return [s.fit for s in searches]
 
 
@@ -104,8 +104,8 @@ class _Descent:
         discrepancy_shapes = [w for c in selection for w in problem.wanted_shapes(c)]
         return problem.wanted_rows(selection) + problem.wanted_tangents(selection) + discrepancy_shapes
 
-    def step(self) -> None:
-        fit, moves, reachable = _evaluate(self._problem, self._current)
+    def step(self, kept: "_Kept") -> None:
+        fit, moves, reachable = _evaluate(self._problem, self._current, kept)
         self._rounds += 1
         if self._best is None or fit.cost < self._best.cost - 1e-9:
             # Where the moves were too long they will be so again.
@@ -120,10 +120,10 @@ class _Descent:
         self._current = _moved(self._best.selection, self._moves * self._share)
 
 
-def _evaluate(problem: Problem, selection: tuple[Selected, ...]) -> tuple[Fit, Array, float]:
+def _evaluate(problem: Problem, selection: tuple[Selected, ...], kept: "_Kept") -> tuple[Fit, Array, float]:
     """Cost of effects as they are (74); the moves that a linear model proposes (76), and its cost then."""
     residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
-    soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected).T for selected in selection)])
+    soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected, kept).T for selected in selection)])
     marginal, b = Marginal(soft.T), soft @ residual
     L = np.linalg.cholesky(marginal.A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
@@ -167,20 +167,32 @@ def response(problem: Problem, fit: Fit) -> Response:
 
 
 def _inverse(S: Array) -> Array:
+    if len(S) == 1:
+        return np.where(S > 0.0, 1.0 / np.maximum(S, 1e-300), 0.0)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
     inverse: Array = np.linalg.pinv(S * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
     return inverse
 
 
-def discrepancies(problem: Problem, selected: Selected) -> Array:
+class _Kept(dict[tuple[object, ...], Array]):
+    """Shapes (s, r) of norm 1 less what parameters can make of them, by effect: while only sizes change they stay."""
+
+
+def discrepancies(problem: Problem, selected: Selected, kept: _Kept | None = None) -> Array:
     """Other shapes of an effect's cause (r, s), as large as they may be, less what its own parameters can make of them.
 
     What is left of them cannot be traded for the parameters: they keep their meaning. (75)
     """
-    F, T = DISCREPANCY_SHARE * problem.discrepancy_shapes(selected).T, problem.tangents([selected]).T
-    if F.size and T.size:
-        F -= F @ T.T @ _inverse(T @ T.T) @ T
-    return F.T
+    shape = shape_of(selected.effect, selected.values)
+    key = (selected.id, selected.free, *sorted(shape.items()))
+    F = None if kept is None else kept.get(key)
+    if F is None:
+        F, T = problem.unit_shapes(selected).T, problem.tangents([selected]).T
+        if F.size and T.size:
+            F = F - F @ T.T @ _inverse(T @ T.T) @ T
+        if kept is not None and not shape.keys() & set(selected.free):  # else tangents are of one size
+            kept[key] = F
+    return DISCREPANCY_SHARE * float(np.linalg.norm(problem.effect_rows([selected]))) * F.T
 
 
 def nuisance_columns(problem: Problem, selection: Sequence[Selected]) -> tuple[Array, Array]:
