@@ -9,13 +9,14 @@ import numpy as np
 from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
 from drd.monitor.library import Library
 from drd.monitor.segments import Segments
-from drd.monitor.telling import CLASS_NATS, SETTLES_S, Known
+from drd.monitor.telling import SETTLES_S, Known, class_nats
 
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
 DROPPED_NATS: Final = 0.0  # odds below which it is taken back
 PATIENCE: Final = 2  # looks in a row until a finding is renamed or taken back: no flapping
 MOST: Final = 5  # findings at a time
 BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
+BY_RATE: Final = ("gyro_scale_asymmetry", "gyro_scale_nonlinearity")  # look like a tread that does so
 LOST: Final = 0.05  # probability of a name that another takes over from at once
 
 
@@ -59,9 +60,12 @@ class Judge:
 
     def _sums(self, known: Sequence[Known]) -> Sums:
         begins = self._segments.begins_s
-        parts: list[Component] = []
+        n, every = len(begins), self._library.hypotheses
+        # What wheels that slip sideways do by speed, rate and curvature all along looks like many effects. (99)
+        own = [h for h in every if self.skids and (h.effect is None or h.effect.channel == "wheels" or h.id in BY_RATE)]
+        parts = [Component({c: 1.0}, limit, 0, n) for h in own for c, limit in zip(h.columns, h.limits, strict=True)]
         for k in known:
-            h, n = self._library.hypotheses[k.hypothesis], len(begins)
+            h = every[k.hypothesis]
             b = begins.index(k.begin_s) if k.begin_s in begins else 0
             e = begins.index(k.end_s) if k.end_s is not None and k.end_s in begins else n
             for c, g, limit in zip(h.columns, h.growth or (-1,) * len(h.columns), h.limits, strict=True):
@@ -71,7 +75,7 @@ class Judge:
                     slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
                     edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
                     parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
-        return Sums(self._segments.all, self._walk, self._sigmas, self.skids, parts)
+        return Sums(self._segments.white, self._walk, self._sigmas, self.skids, parts)
 
     def _again(self, k: Known, at_once: bool = False) -> bool:
         """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""
@@ -86,9 +90,10 @@ class Judge:
         name = self._library.hypotheses[k.hypothesis].id
         best = found.first
         leads = found.nats[best] - found.nats.get(name, -math.inf)
-        k.rivalry = k.rivalry + 1 if best != name and leads > CLASS_NATS else 0
-        is_lost = k.probabilities.get(name, 0.0) < LOST and found.odds_nats > NAMED_NATS
-        if k.rivalry >= PATIENCE or (leads > 0.0 and (at_once or is_lost)):
+        leaves = leads > class_nats(found.nats[best])
+        k.rivalry = k.rivalry + 1 if leaves else 0
+        is_lost = leaves and k.probabilities.get(name, 0.0) < LOST and found.odds_nats > NAMED_NATS
+        if k.rivalry >= PATIENCE or is_lost or (leads > 0.0 and at_once):
             name, k.rivalry = best, PATIENCE
         if name not in found.best:
             return False

@@ -14,8 +14,8 @@ from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
 from drd.monitor.judging import Judge
-from drd.monitor.library import BIAS, CHANGE, WAY, Hypothesis, Library
-from drd.monitor.noise import RowNoise
+from drd.monitor.library import BIAS, CHANGE, OWN, WAY, Hypothesis, Library
+from drd.monitor.noise import KINDS, RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
 from drd.monitor.symptoms import Symptoms
@@ -55,7 +55,7 @@ class Monitor:
         self._wheel_noise = noise.wheel_m_per_sqrt_m
         counts = config.encoders.counts_per_revolution
         self._count_m = 2.0 * math.pi * robot.wheel_radius_m / counts if counts else 0.0
-        self._rows, self._segments = RowMaker(), Segments()
+        self._rows, self._segments = RowMaker(), Segments(self._white)
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
         self._theta: Array | None = None
@@ -64,7 +64,6 @@ class Monitor:
         self._fixes = Fixes(wheel_scale, self._walk, self._wheel_noise)
         self._drive = robot.drive
         self._skids = robot.drive == "skid"
-        self._wanders = False
         self._constants = known or self._stated
         self.lag_s, self._lag_named_s = 0.0, 0.0
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
@@ -135,14 +134,19 @@ class Monitor:
             self._theta[BIAS] = self._bias_rad_s
         weights = self._noise.weights(x, y - x @ self._theta, variance, kind, good)
         z = np.column_stack([x, y]) * np.sqrt(weights)[:, None]
-        self._wanders |= self._noise.tread_wanders
+        products = z.T @ z
+        score = products[:OWN, -1] - products[:OWN, :-1] @ self._theta
+        self._noise.scatter.learn(products[:OWN, :OWN], score, np.bincount(kind[good], minlength=KINDS).astype(float))
         self._tread_of(by_wheels[inner][good], turn[inner][good])
         end_s = float(rows.end_s[inner][-1])
         begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
         pinned = {t for k in self.known for t in (k.begin_s, k.end_s) if t is not None}
-        self._segments.add(begin_s, end_s, self._way_m, z.T @ z, pinned)
+        self._segments.add(begin_s, end_s, self._way_m, products, pinned)
         self._way_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
         self.now_s = end_s
+
+    def _white(self, products: Array) -> Array:
+        return self._noise.scatter.white(products)
 
     def _forget_what_symptoms_spoilt(self) -> None:
         """Once a symptom is sure, the sums since its begin, which have it in them, and what was named upon them."""
@@ -188,7 +192,7 @@ class Monitor:
         if not self.is_judging:
             self.known.clear()
         elif self._drive != "auto" or self._first.is_over:  # of a robot that may skid nothing is known before
-            self._judging.decide(SKID_NATS * (self._skids or self._wanders))
+            self._judging.decide(SKID_NATS * self._skids)
 
     @property
     def known(self) -> list[Known]:
@@ -200,7 +204,7 @@ class Monitor:
 
         `changed`: a column of which what was known before the drive tells nothing any more.
         """
-        segments = self._segments.all
+        segments = self._segments.white
         lasting = [k.begin_s for k in self.known if k.end_s is None]
         segments = [s for s in segments if s.begin_s >= max(lasting, default=-math.inf)]
         if self._skids or not self.is_judging or len(segments) < FEWEST_SEGMENTS:

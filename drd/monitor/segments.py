@@ -1,6 +1,7 @@
 """Products of the rows, summed up over segments of time that grow longer with age: a bounded memory. (96)"""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Final
 
 from drd.arrays import Array
@@ -12,20 +13,30 @@ FADES: Final = 0.5  # of the oldest, each time that it takes one in: what was an
 
 @dataclass
 class Segment:
-    """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks."""
+    """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks.
+
+    `is_white`: the scatter of the robot's constants is in their noise.
+    """
 
     begin_s: float
     end_s: float
     way_m: float  # when it began
     level: int
     products: Array
+    is_white: bool = False
 
 
 class Segments:
-    """Segments in order of time, the newest last."""
+    """Segments in order of time, the newest last. `white`: puts the scatter into a block's products."""
 
-    def __init__(self) -> None:
+    def __init__(self, white: Callable[[Array], Array]) -> None:
         self.all: list[Segment] = []
+        self._white = white
+
+    @property
+    def white(self) -> list[Segment]:
+        """All of them, with the scatter in their noise."""
+        return [s if s.is_white else replace(s, products=self._white(s.products), is_white=True) for s in self.all]
 
     def add(self, begin_s: float, end_s: float, way_m: float, products: Array, pinned: set[float]) -> None:
         """A block. No segment is merged across a time that is pinned."""
@@ -38,6 +49,9 @@ class Segments:
 
     def _merge(self, i: int, pinned: set[float]) -> None:
         first = self.all[i]
+        for one in self.all[i : i + 2]:
+            if not one.is_white:  # blocks that become one can no longer be told apart
+                one.products, one.is_white = self._white(one.products), True
         follows = i + 1 < len(self.all) and self.all[i + 1].level == first.level
         if first.level == len(COUNTS) - 1 and follows:
             second = self.all.pop(i + 1)

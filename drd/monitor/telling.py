@@ -43,6 +43,11 @@ class Known:
     probabilities: dict[str, float] = field(default_factory=dict)
 
 
+def class_nats(nats: float) -> float:
+    """How far names of one class lie below the best, which has `nats`. (98)"""
+    return CLASS_NATS + FORM_SHARE * max(nats, 0.0)
+
+
 class Teller:
     """Makes findings. `zero_ns`: time 0 of what is in s; `now_s`: the time by now."""
 
@@ -53,17 +58,14 @@ class Teller:
         """Names that fit as well as a finding's own."""
         found, name = k.others, self._hypotheses[k.hypothesis].id
         assert found is not None
-        near = self._near(found.nats.get(name, -math.inf))
+        own = found.nats.get(name, -math.inf)
+        near = own - class_nats(own)
         mine = len(self._hypotheses[k.hypothesis].columns)
         # Two sizes where one is enough cost it no likelihood.
         forgiven = {
             n: max(0, len(self._hypotheses[f.hypothesis].columns) - mine) * FORGIVEN_NATS for n, f in found.best.items()
         }
         return [n for n, x in found.nats.items() if n != name and x + forgiven[n] > near]
-
-    @staticmethod
-    def _near(nats: float) -> float:
-        return nats - CLASS_NATS - FORM_SHARE * max(nats, 0.0)
 
     def _ns(self, at_s: float) -> int:
         return self._zero_ns + round(at_s * NS_PER_S)
@@ -74,7 +76,7 @@ class Teller:
         assert found is not None
         own = found.nats[h.id]
         alike = [(n, k.probabilities[n]) for n in self.alike(k)]
-        out = tuple(n for n, x in found.nats.items() if x < self._near(own) - RULED_OUT_NATS)
+        out = tuple(n for n, x in found.nats.items() if x < own - class_nats(own) - RULED_OUT_NATS)
         channels = {catalogue()[n].channel for n in (h.id, *(n for n, _ in alike)) if n in catalogue()}
         text = h.effect.sentence if h.effect is not None else f"Something that is in no catalogue acts on {h.text}."
         return Finding(

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drd.arrays import Array
 from drd.batch.monitored import monitor_logs
 from drd.batch.samples import gyro_samples, wheel_samples, zero_of
 from drd.config.schema import ConfigError
 from drd.monitor.findings import Finding, Size
+from drd.monitor.library import OWN, TURN
 from drd.monitor.monitor import Monitor
+from drd.monitor.scatter import USUAL, Scatter
 from drd.monitor.segments import COUNTS, Segments
 from drd.units import NS_PER_S
 from drd_tools.recordings.folder import Recording
@@ -130,7 +133,7 @@ def test_a_log_without_a_gyro_is_refused() -> None:
 
 
 def test_a_day_is_held_in_few_segments_and_the_newest_are_short() -> None:
-    segments = Segments()
+    segments = Segments(lambda products: products)
     for k in range(43_200):
         segments.add(2.0 * k, 2.0 * k + 2.0, float(k), np.ones((2, 2)), {600.0 * 60.0})
     assert len(segments.all) <= sum(COUNTS) + len(COUNTS)
@@ -139,7 +142,33 @@ def test_a_day_is_held_in_few_segments_and_the_newest_are_short() -> None:
 
 
 def test_no_segment_is_merged_across_the_begin_of_what_was_found() -> None:
-    segments = Segments()
+    segments = Segments(lambda products: products)
     for k in range(600):
         segments.add(2.0 * k, 2.0 * k + 2.0, 0.0, np.ones((2, 2)), {402.0})
     assert 402.0 in segments.begins_s
+
+
+def learned(treads: Array) -> Scatter:
+    """What is learned of blocks of 20 rows of white noise, in each of which the tread is off by so much."""
+    random, scatter = np.random.default_rng(1), Scatter()
+    for off in treads:
+        x = random.normal(0.0, 30.0, (20, OWN))
+        rest = off * x[:, TURN] + random.normal(0.0, 1.0, 20)
+        scatter.learn(x.T @ x, x.T @ rest, np.array([0, 0, 20]))
+    return scatter
+
+
+def test_a_tread_that_scatters_is_told_from_white_noise_and_from_one_that_changes_once() -> None:
+    steady, once = learned(np.zeros(60)), learned(np.repeat([0.0, 0.05], 30))
+    wandering = learned(np.random.default_rng(2).normal(0.0, 0.05, 60))
+    assert (np.sqrt(steady.variances) < 2.0 * USUAL).all()
+    assert np.sqrt(once.variances[TURN]) < 2.0 * USUAL[TURN]
+    assert np.sqrt(wandering.variances[TURN]) == pytest.approx(0.05, rel=0.25)
+
+
+def test_products_with_scatter_are_those_of_rows_whitened_with_it() -> None:
+    random, scatter = np.random.default_rng(3), learned(np.random.default_rng(2).normal(0.0, 0.05, 60))
+    z = random.normal(0.0, 10.0, (20, 9))
+    own = z[:, :OWN]
+    noise = np.eye(20) + (own * scatter.variances) @ own.T
+    assert scatter.white(z.T @ z) == pytest.approx(z.T @ np.linalg.solve(noise, z), rel=1e-6, abs=1e-6)

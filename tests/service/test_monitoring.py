@@ -43,8 +43,8 @@ from drd.service.monitoring import Monitoring
 from drd.service.observers import Observers
 from drd_tools.recordings.mcap_file import open_mcap
 
-# The process has the last place for the processor: on a loaded machine it waits long.
-PATIENCE_S = 60.0
+# The process has the last place for the processor: of a busy machine it gets one hundredth.
+PATIENCE_S = 300.0
 ON = "\nmonitor: {enabled: true}\n"
 ROBOT = """
 fog: {protocol: ecore, port: /nowhere/fog}

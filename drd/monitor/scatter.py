@@ -1,0 +1,113 @@
+"""How much the robot's constants scatter from block to block, as wheels that slip on their ground make them. (95)"""
+
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+from drd.monitor.constants import KNOWN_SIGMAS
+from drd.monitor.library import BIAS, CHANGE, OWN, TURN, WAY
+
+SPANS: Final = (1, 2, 4)  # blocks; what wanders over longer is an effect
+MOST_BLOCKS: Final = 200.0  # so many are remembered
+FEWEST_ROWS: Final = 6  # of a block, that tell of a constant
+# Which rows tell of which: all, those in motion, those that turn (the kinds of RowNoise, the least one).
+TOLD_BY: Final = ((0, (BIAS,)), (1, (WAY,)), (2, (TURN, CHANGE)))
+# Usual deviations: of the gyro's bias 2 deg/h, of the rest as from day to day.
+USUAL: Final = np.array([1e-5, *(KNOWN_SIGMAS[c] for c in (TURN, WAY, CHANGE))])
+# Deviations that are compared: what shows nowhere (rad/s, 1, 1, 10 ms), and up to 3,000 times as much.
+LEAST: Final = np.array([1e-6, 1e-4, 1e-4, 1e-2])
+STEPS: Final = 2.0 ** np.arange(0.0, 12.0, 0.5)
+STEADY: Final = 0.5  # prior probability that a constant does not scatter
+RANK: Final = 1e-9  # relative: a direction of less information tells nothing
+
+
+class Scatter:
+    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE."""
+
+    def __init__(self) -> None:
+        self._grid = np.column_stack([np.zeros(OWN), LEAST[:, None] * STEPS]) ** 2
+        likely = 1.0 / (1.0 + self._grid[:, 1:] / USUAL[:, None] ** 2)
+        likely *= (1.0 - STEADY) / likely.sum(1, keepdims=True)
+        self._prior = np.log(np.column_stack([np.full(OWN, STEADY), likely]))
+        self._nats = np.zeros((len(SPANS), OWN, len(STEPS) + 1))
+        self._largest = np.zeros_like(self._nats)
+        self._seen = np.zeros((len(TOLD_BY), len(SPANS)))
+        self._information = np.zeros(OWN)  # of a block that tells, mean
+        self._told = np.zeros(len(TOLD_BY))
+        self._pairs = [[_Pair(span) for span in SPANS] for _ in TOLD_BY]
+        self.variances = self._mean()
+
+    @property
+    def raises(self) -> float:
+        """How many times as unsure as by its rows a block in motion leaves the constant that scatters most."""
+        return 1.0 + float((self.variances * self._information)[[TURN, WAY, CHANGE]].max())
+
+    def white(self, products: Array) -> Array:
+        """Products of a block's rows `(X y)`, with this scatter in their noise."""
+        sigma = np.sqrt(self.variances)
+        own = sigma[:, None] * products[:OWN]
+        return np.asarray(products - own.T @ np.linalg.solve(np.eye(OWN) + own[:, :OWN] * sigma, own))
+
+    def learn(self, gram: Array, score: Array, rows: Array) -> None:
+        """A block: products of its own columns (OWN, OWN), with what the model leaves (OWN,); rows of each kind."""
+        for chain, (least, columns) in enumerate(TOLD_BY):
+            if rows[least:].sum() < FEWEST_ROWS:
+                continue
+            self._told[chain] = min(self._told[chain] + 1.0, MOST_BLOCKS)
+            at = list(columns)
+            self._information[at] += (np.diagonal(gram)[at] - self._information[at]) / self._told[chain]
+            for j, span in enumerate(SPANS):
+                pair = self._pairs[chain][j].add(gram, score)
+                if pair is None:
+                    continue
+                for c in columns:
+                    self._compare(j, c, *pair)
+                self._seen[chain, j] += 1.0
+                if self._seen[chain, j] > MOST_BLOCKS / span:
+                    self._seen[chain, j] *= 0.5
+                    self._nats[j, columns] *= 0.5
+                    self._largest[j, columns] *= 0.5
+        self.variances = self._mean()
+
+    def _compare(self, j: int, c: int, information: Array, score: Array) -> None:
+        """How likely the difference of a constant between two spans is, for each of the deviations."""
+        sigma = np.sqrt(2.0 * self.variances / SPANS[j])
+        sigma[c] = 0.0
+        beside = information * sigma
+        k = np.linalg.solve(np.eye(OWN) + sigma[:, None] * beside, beside[c])
+        own = float(information[c, c] - beside[c] @ k)
+        if own <= RANK * information[c, c]:
+            return
+        inflated = 1.0 + 2.0 / SPANS[j] * self._grid[c] * own
+        square = float(score[c] - (sigma * score) @ k) ** 2 / own
+        gain = 0.5 * (square - square / inflated - np.log(inflated))
+        self._nats[j, c] += gain
+        self._largest[j, c] = np.maximum(self._largest[j, c], gain)
+
+    def _mean(self) -> Array:
+        """Of the posterior; the largest of all spans, so that what hangs together over several blocks counts."""
+        nats = self._nats - self._largest + self._prior  # what changes once is no noise
+        p = np.exp(nats - nats.max(-1, keepdims=True))
+        return np.asarray(((p * self._grid).sum(-1) / p.sum(-1)).max(0))
+
+
+class _Pair:
+    """Sums of a span of blocks beside those of the one before."""
+
+    def __init__(self, span: int) -> None:
+        self._span, self._blocks = span, 0
+        self._before = self._now = (np.zeros((OWN, OWN)), np.zeros(OWN))
+
+    def add(self, gram: Array, score: Array) -> tuple[Array, Array] | None:
+        """A block; information and score of the difference of two spans, when one is full."""
+        self._now = self._now[0] + gram, self._now[1] + score
+        self._blocks += 1
+        if self._blocks < self._span:
+            return None
+        (a, y), (b, z) = self._before, self._now
+        self._before, self._now, self._blocks = self._now, (np.zeros((OWN, OWN)), np.zeros(OWN)), 0
+        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(a + b), np.finfo(float).tiny))
+        unit = np.linalg.pinv((a + b) * scale[:, None] * scale, rcond=RANK, hermitian=True)
+        k = a @ (scale[:, None] * unit * scale)
+        return k @ b, y - k @ (y + z)
