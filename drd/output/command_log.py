@@ -40,16 +40,16 @@ class CommandLog:
         """A command was carried out; `payload` is the query's, zenoh.ZBytes or None."""
         self._later(lambda: self._write(key, payload, "accepted"))
 
-    def refused(self, key: str, payload: Any, reason: str) -> None:
-        """A command was not carried out."""
+    def refused(self, key: str, payload: Any, reason: str) -> bool:
+        """A command was not carried out; whether that is written, too."""
         allowed = self._allowance.take()
         with self._lock:
             unwritten = self._unwritten
             self._unwritten = 0 if allowed else unwritten + 1
-        if not allowed:
-            return
-        outcome = f"refused reason={reason!a}" + (f" unwritten_before={unwritten}" if unwritten else "")
-        self._later(lambda: self._write(key, payload, outcome))
+        if allowed:
+            outcome = f"refused reason={reason!a}" + (f" unwritten_before={unwritten}" if unwritten else "")
+            self._later(lambda: self._write(key, payload, outcome))
+        return allowed
 
     def _write(self, key: str, payload: Any, outcome: str) -> None:
         found = self._neighbours()

@@ -121,7 +121,7 @@ class QueryDesk:
             log.exception("zenoh: handler=%s failed", form.name)
             refusal = "internal error, see the log"
         if refusal is not None:
-            reply = self._refusal(form, query, "query_errors", refusal)
+            reply, _ = self._refusal(form, query, "query_errors", refusal)
         self._outbox.put(lambda: _send(form, query, reply))
         self._outbox.put(self._release)
 
@@ -136,14 +136,17 @@ class QueryDesk:
             return []
 
     def _refuse(self, form: Form, query: Any, counter: str, text: str) -> None:
-        _send(form, query, self._refusal(form, query, counter, text))
+        reply, is_logged = self._refusal(form, query, counter, text)
+        if is_logged:  # behind that line, which names the neighbours: who asked might be gone upon the answer
+            self._outbox.put(lambda: _send(form, query, reply))
+        else:
+            _send(form, query, reply)
 
-    def _refusal(self, form: Form, query: Any, counter: str, text: str) -> Reply:
-        """Count and log; the answer."""
+    def _refusal(self, form: Form, query: Any, counter: str, text: str) -> tuple[Reply, bool]:
+        """Count and log; the answer, and whether a line is written."""
         self._count(counter)
-        if form.name in COMMANDS:
-            self._command_log.refused(form.key, query.payload, text)
-        return form.refusal(_attachment(query), text)
+        is_logged = form.name in COMMANDS and self._command_log.refused(form.key, query.payload, text)
+        return form.refusal(_attachment(query), text), is_logged
 
     def _release(self) -> None:
         with self._lock:

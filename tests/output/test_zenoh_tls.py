@@ -21,6 +21,8 @@ from links import HANDLERS, PATIENCE_S, POSE, ask, event_loop, first_sample, fre
 from drd.cli import main
 from drd.config.keys import Output
 from drd.config.schema import ConfigError
+from drd.output import queries
+from drd.output.command_log import neighbours
 from drd.output.forms import COMMANDS, QUESTIONS
 from drd.output.zenoh_link import ZenohLink
 
@@ -140,7 +142,14 @@ def test_only_an_operator_commands_and_the_log_says_who(certificates: Path, capl
     assert all("neighbours=['operator' at tls/" in line and '"x_m": 1' in line for line in lines)
 
 
-def test_an_operator_is_refused_where_commands_are_off(certificates: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_operator_who_is_refused_and_leaves_at_once_is_in_the_log(
+    certificates: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(session: zenoh.Session) -> list[str]:
+        time.sleep(0.3)
+        return neighbours(session)
+
+    monkeypatch.setattr(queries, "neighbours", slowly)
     with caplog.at_level(logging.INFO), robot(certificates) as (link, endpoint):
         with client(certificates, endpoint, "operator") as operator:
             [(good, answer)] = ask(operator, "drd/set_pose", b"{}")
