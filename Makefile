@@ -56,14 +56,14 @@ demo: $(STAMP) ## emulated robot, daemon and watcher together; draws out/demo.pn
 	@mkdir -p out
 	$(BIN)/drd demo --seconds $(DEMO_SECONDS) --output out/demo.png
 
-# The daemon's tests wait more than they compute: two files at a time take little more than half as long. Chromium looks at
-# the page of `drd web`: without root, or where it cannot be had, those tests say so and are skipped.
+# The workshop's tests compute; the daemon's keep time, and have the machine to themselves. Chromium looks at the page of
+# `drd web`: without root, or where it cannot be had, those tests say so and are skipped.
 test: $(STAMP) ## run all tests but those of the virtual machine
 	-@test "$$(id -u)" = 0 || exit 0; missing=; \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
 		missing="$$missing chromium"; \
 	$(INSTALL_MISSING)
-	$(BIN)/python -m pytest --ignore=tests/tools --numprocesses=2 --dist=loadfile
+	$(BIN)/python -m pytest --ignore=tests/tools
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/tools --numprocesses=auto --dist=loadfile
 
 # rclpy's wheels start each Python process of their environment a second time: they have one of their own.

@@ -32,7 +32,7 @@ class EncoderLatency(Effect):
         return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1, 0.2, 0.4)]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"delay": 0.005}]
+        return [{"delay": delay_s} for delay_s in (0.005, 0.05, 0.15)]
 
     def calibrated(self, constants: Calibrated) -> Values | None:
         return {"delay": constants.wheels_lag_s}

@@ -29,7 +29,7 @@ class GyroLag(Effect):
         return [{"tau": tau_s} for tau_s in (0.01, 0.03, 0.1, 0.3)]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"tau": tau_s} for tau_s in (0.05, 0.15)]
+        return [{"tau": tau_s} for tau_s in (0.01, 0.05, 0.15)]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # An averager, or a filter of higher order: the same delay, but less of the second derivative.

@@ -28,7 +28,7 @@ class GyroLatency(Effect):
         return [{"delay": delay_s} for delay_s in (0.01, 0.05, 0.1, 0.2, 0.4)]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"delay": 0.005}]
+        return [{"delay": delay_s} for delay_s in (0.005, 0.05, 0.15)]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A filter's lag, in what it differs from a delay; a queue that grows.
