@@ -13,7 +13,7 @@ from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import replay_mcap
 
-SHARED = Path("/work/shared")
+SHARED = Path(__file__).resolve().parents[2] / "shared"
 REAL = sorted(folder.parent for name in ("recordings", "trials") for folder in SHARED.glob(f"{name}/*/robot.yaml"))
 
 

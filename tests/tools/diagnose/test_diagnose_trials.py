@@ -9,7 +9,7 @@ from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.conclude import outcome
 from drd_tools.recordings.folder import read_recording
 
-TRIALS = Path("/work/shared/trials")
+TRIALS = Path(__file__).resolve().parents[4] / "shared/trials"
 NUMBERS = (1, 4, 16, 29, 34)  # gyro scale, bias by temperature, tread, a dropout, nothing
 
 
