@@ -224,7 +224,7 @@ class StaticBias:
 
 @dataclass(frozen=True, kw_only=True)
 class Initial:
-    """Standard deviations at the start."""
+    """Standard deviations at the start; of what a model corrects, its own where those are smaller."""
 
     position_m: Annotated[float, "m", Meta(ge=0, le=1e6)] = 0.0
     """Start position"""

@@ -73,7 +73,8 @@ class Compensation:
     `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
     `outside`: a covariate of the last sample was outside the range in which an effect was seen. `lateral_m_s`: the
     body's own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples
-    were. `relative_tread`: the effective tread over the stated one.
+    were. `relative_tread`: the effective tread over the stated one. `initial`: what the model leaves unsure of the
+    filter's states, by the keys of `estimation.initial`, in SI.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class Compensation:
         self._body = [t for t in live if t.effect.channel == "body"]
         self._timing = [t for t in live if t.effect.acts_on is ActsOn.TIMING]
         self.relative_tread = math.prod(t.effect.relative_tread(t.values) for t in live)
+        self.initial = initial_of(terms)
         self._has_gyro, self._zero_ns = has_gyro, zero_ns
         self._radius_m = robot.wheel_radius_m * robot.left_scale, robot.wheel_radius_m * robot.right_scale
         self._speed, self._rate = Trend(), Trend()
@@ -265,6 +267,17 @@ def in_order(terms: Sequence[Term]) -> list[Term]:
     """In the order in which the effects act."""
     acts = list(ActsOn)
     return sorted(terms, key=lambda term: (acts.index(term.effect.acts_on), term.effect.id))
+
+
+def initial_of(terms: Sequence[Term]) -> dict[str, float]:
+    """Standard deviations of what the terms say of the filter's states; of two wheels the larger. (40)"""
+    found: dict[str, float] = {}
+    for term in terms:
+        stds, relative_tread = term.stds(), term.effect.relative_tread(term.values())
+        for q in term.effect.parameters:
+            if q.initial and q.name in stds:  # relative to the tread that the model makes of it
+                found[q.initial] = max(found.get(q.initial, 0.0), stds[q.name] / relative_tread)
+    return found
 
 
 def _secant(x: float, off: float, old_x: float, old_off: float) -> float:

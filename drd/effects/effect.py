@@ -49,7 +49,7 @@ class Parameter:
     `neutral` the value without any effect.
     `linear`: the error is proportional to it. `choices`: it is one of these words. `fixed`: a reference point that is
     chosen (the only variant has it), not estimated: together with it the linear parameters would not be determined.
-    `moment`: a time of the recording.
+    `moment`: a time of the recording. `initial`: the key of `estimation.initial` that its standard deviation is one of.
     """
 
     name: str
@@ -64,6 +64,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     fixed: bool = False
     moment: bool = False
+    initial: str = ""
 
     @property
     def is_angle(self) -> bool:
@@ -115,7 +116,7 @@ class Calibrated(NamedTuple):
     """Constants of a robot, as a calibration measures them.
 
     Radii and tread over those believed; how much later than its motion the wheels tell it at time 0, s, and by how much
-    that grows, s/s.
+    that grows, s/s. `by_gyro`: the reference is late by itself, so that all lags are counted from the gyro.
     """
 
     left: float = 1.0
@@ -123,6 +124,7 @@ class Calibrated(NamedTuple):
     tread: float = 1.0
     wheels_lag_s: float = 0.0
     lag_growth: float = 0.0
+    by_gyro: bool = False
 
 
 NOMINAL = Calibrated()  # as robot.yaml has it
@@ -249,6 +251,14 @@ class Effect:
     def calibrated(self, constants: Calibrated) -> Values | None:
         """Parameters (SI) of a robot with these constants; None where they say nothing of this effect."""
         return None
+
+    def is_neutral(self, p: Values) -> bool:
+        """Whether it does nothing with these parameters, none of which is a choice."""
+        return all(p[q.name] == q.neutral for q in self.parameters)
+
+    def is_plausible(self, p: Values) -> bool:
+        """Whether parameters that are each of a plausible size are so together, too."""
+        return True
 
     def relative_tread(self, p: Values) -> float:
         """Effective tread over the one that robot.yaml states."""

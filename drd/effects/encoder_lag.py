@@ -11,7 +11,9 @@ class EncoderLag(Effect):
     acts_on = ActsOn.TIMING
     formula = "tau dv/dt + v = wheel speed, for each wheel"
     source = "first-order low-pass, as drives smooth the speeds that they tell; Warthog: README.md of this folder"
-    parameters = (Parameter("tau", "s", "time constant", 0.005, 0.5, signed=False, linear=False),)
+    parameters = (
+        Parameter("tau", "s", "time constant", 0.005, 0.5, signed=False, linear=False, initial="wheel_lag_s"),
+    )
     covariate = "acceleration"
     manoeuvre = "hard starts and stops, turns that begin and end sharply; seldom told from encoder_latency"
     remainder = 0.3  # of the way, in starts that take half a second: half the time constant over that time

@@ -11,7 +11,11 @@ class EncoderLatency(Effect):
     acts_on = ActsOn.TIMING
     formula = "travel read at t = travel at t - delay"
     source = "definition; drives sum up, filter and send their counts in turns"
-    parameters = (Parameter("delay", "s", "age of a sample at its stamp", 0.001, 0.5, signed=False, linear=False),)
+    parameters = (
+        Parameter(
+            "delay", "s", "age of a sample at its stamp", 0.001, 0.5, signed=False, linear=False, initial="wheel_lag_s"
+        ),
+    )
     covariate = "acceleration"
     manoeuvre = "hard starts and stops, turns that begin and end sharply"
 

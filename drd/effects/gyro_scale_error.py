@@ -11,7 +11,7 @@ class GyroScaleError(Effect):
     acts_on = ActsOn.GYRO
     formula = "w_g = (1 + k) w"
     source = "IEEE Std 952-1997; paper, section 2"
-    parameters = (Parameter("k", "1", "relative error of the scale factor", 1e-5, 0.05),)
+    parameters = (Parameter("k", "1", "relative error of the scale factor", 1e-5, 0.05, initial="gyro_scale"),)
     covariate = "yaw_rate"
     manoeuvre = "many turns the same way"
 

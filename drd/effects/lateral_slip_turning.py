@@ -11,7 +11,9 @@ class LateralSlipTurning(Effect):
     acts_on = ActsOn.BODY
     formula = "v_y = -k v w"
     source = "tyre slip angle in proportion to lateral force (linear tyre model)"
-    parameters = (Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False),)
+    parameters = (
+        Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False, initial="slip_s"),
+    )
     covariate = "lateral_acceleration"
     needs_position = "no sensor of the robot tells its way to the side"
     manoeuvre = "a slalom at speed, with a position reference"

@@ -11,7 +11,7 @@ class TreadError(Effect):
     acts_on = ActsOn.WHEELS
     formula = "reading = v -+ (1 + k) D w / 2"
     source = "Borenstein and Feng, UMBmark (1996): E_b"
-    parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3),)
+    parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3, initial="tread"),)
     covariate = "yaw_rate"
     manoeuvre = "turns on the spot, both ways"
     geometry = True

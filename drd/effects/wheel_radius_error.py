@@ -12,8 +12,8 @@ class WheelRadiusError(Effect):
     formula = "reading = travel (1 - left), travel (1 - right)"
     source = "Borenstein and Feng, UMBmark (1996): E_d"
     parameters = (
-        Parameter("left", "1", "what the left radius is larger than believed", 1e-5, 0.1),
-        Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1),
+        Parameter("left", "1", "what the left radius is larger than believed", 1e-5, 0.1, initial="wheel_scale"),
+        Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1, initial="wheel_scale"),
     )
     covariate = "speed"
     manoeuvre = "long straight lines, with a position reference"

@@ -19,7 +19,7 @@ from drd.estimation.noise import make_noise
 from drd.estimation.pose_maker import PoseMaker
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
-from drd.estimation.steering import Steering, as_driven
+from drd.estimation.steering import Steering, as_modelled
 from drd.estimation.timeline import Segment, Stream
 from drd.estimation.track import MakeTrack, Track, make_track
 from drd.estimation.uncertainty import OneSided
@@ -49,7 +49,7 @@ class Estimator:
         new_track: MakeTrack = make_track,
         publish_on: PublishOn = "wheels",
     ):
-        config = config if compensation is None else as_driven(config, compensation.relative_tread)
+        config = config if compensation is None else as_modelled(config, compensation)
         e = config.estimation
         self._config = config
         self._publish_on = publish_on

@@ -5,7 +5,8 @@ from dataclasses import replace
 from typing import Final
 
 from drd.config.keys import Config
-from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, is_stated_skid
+from drd.effects.compensation import Compensation
+from drd.estimation.estimate import MEASURED_TREAD, SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, is_stated_skid
 from drd.estimation.filter import SLIP, TREAD, Filter
 from drd.estimation.lead import Place, seen_from
 from drd.estimation.learning import Drive, Learned, WheelNoise
@@ -15,12 +16,23 @@ from drd.estimation.noise import SKID_LATERAL_M_PER_SQRT_M, SKID_TURN_M_PER_SQRT
 # whose standard deviation is so large a part of it, since tyres are wide.
 TAPE_SIGMAS: Final = 3.0
 TAPE_PART: Final = 0.05
+# However well other drives tell them, tyres and ground of the next day differ by so much.
+LEAST_KNOWN: Final = {"wheel_scale": WHEEL_SCALE, "tread": MEASURED_TREAD}
 
 
-def as_driven(config: Config, relative_tread: float) -> Config:
-    """The configuration with the drive that a model's effective tread tells: what takes it off hides it. (34)"""
-    is_skid = config.robot.drive == "auto" and abs(relative_tread - 1.0) > TAPE_SIGMAS * TAPE_PART
-    return replace(config, robot=replace(config.robot, drive="skid")) if is_skid else config
+def as_modelled(config: Config, model: Compensation) -> Config:
+    """The configuration with the drive that a model's effective tread tells, which what takes it off hides (34), and
+    with the model's standard deviations of the states, where they are smaller. (40)
+    """
+    if config.robot.drive == "auto" and abs(model.relative_tread - 1.0) > TAPE_SIGMAS * TAPE_PART:
+        config = replace(config, robot=replace(config.robot, drive="skid"))
+    if config.estimation.profile != "physical":
+        return config
+    known = {}
+    for key, sigma in model.initial.items():
+        stated = getattr(config.estimation.initial, key)
+        known[key] = min(max(sigma, LEAST_KNOWN.get(key, 0.0)), math.inf if stated is None else stated)
+    return replace(config, estimation=replace(config.estimation, initial=replace(config.estimation.initial, **known)))
 
 
 class Steering:

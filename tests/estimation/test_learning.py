@@ -16,7 +16,7 @@ from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.effects.compensation import Compensation
 from drd.effects.model import make_model
-from drd.estimation.estimate import SKID_SCALE, estimate_of
+from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, estimate_of
 from drd.estimation.estimator import Estimator
 from drd.estimation.filter import (
     GYRO_HEADING,
@@ -308,6 +308,26 @@ def test_what_was_learned_is_kept_in_the_state() -> None:
     assert again.filter.noise.turn_rad2_per_rad == pytest.approx(e.filter.noise.turn_rad2_per_rad, rel=1e-9)
     assert again.filter.nominal.wheel_lag_s == e.filter.nominal.wheel_lag_s
     assert again.filter.P[HEADING, HEADING] == saved.P[HEADING, HEADING]
+
+
+@pytest.mark.parametrize(("stated", "expected_s"), [("0.2", 0.02), ("0.01", 0.01)])
+def test_the_filter_sets_out_as_unsure_as_the_model_or_the_configuration_whichever_knows_more(
+    stated: str, expected_s: float
+) -> None:
+    terms = [
+        {"effect": "tread_error", "parameters": {"k": {"value": 0.5, "std": 0.06}}},
+        {"effect": "encoder_latency", "parameters": {"delay": {"value": 0.17, "std": 0.02}}},
+        {"effect": "lateral_slip_turning", "parameters": {"k": {"value": 0.16}}},  # how well it is known nobody says
+        {"effect": "wheel_radius_error", "parameters": {"left": {"value": 0.01, "std": 1e-5}, "right": {"value": 0.0}}},
+    ]
+    text = ROBOT + f"estimation: {{static_bias: {{duration_s: 0}}, initial: {{wheel_lag_s: {stated}}}}}\n"
+    config = loads(text, Config).value
+    removal = Compensation(make_model(terms).terms, config.robot, has_gyro=True)
+    sigmas = Estimator(config, compensation=removal).sigmas
+    assert sigmas.tread_m == pytest.approx(0.06 / 1.5 * config.robot.tread_m)  # of the effective tread
+    assert sigmas.wheel_lag_s == pytest.approx(expected_s)
+    assert sigmas.slip_s == SKID_SLIP_S
+    assert sigmas.wheel_scale == WHEEL_SCALE  # tyres differ from day to day
 
 
 @pytest.mark.parametrize(("k", "drive_kind"), [(0.7, Drive.SKID), (0.05, Drive.UNKNOWN)])
