@@ -1,6 +1,6 @@
 """The gyro's finite bandwidth."""
 
-from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -30,6 +30,9 @@ class GyroLag(Effect):
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"tau": tau_s} for tau_s in (0.01, 0.05, 0.15)]
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"tau": 0.0} if constants.by_gyro else None
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # An averager, or a filter of higher order: the same delay, but less of the second derivative.

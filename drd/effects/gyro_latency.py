@@ -1,6 +1,6 @@
 """A pure delay of the gyro's samples."""
 
-from drd.effects.effect import ActsOn, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -29,6 +29,9 @@ class GyroLatency(Effect):
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"delay": delay_s} for delay_s in (0.005, 0.05, 0.15)]
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"delay": 0.0} if constants.by_gyro else None
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A filter's lag, in what it differs from a delay; a queue that grows.

@@ -1,6 +1,6 @@
 """The gyro's own clock is not what its data sheet says."""
 
-from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors, Parameter, Values, number
+from drd.effects.effect import ActsOn, Begins, Calibrated, Delays, Effect, Errors, Parameter, Values, number
 from drd.effects.motion import Motion
 
 
@@ -36,6 +36,9 @@ class GyroSampleClock(Effect):
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"ratio": 1.0 + 1e-6}]
+
+    def calibrated(self, constants: Calibrated) -> Values | None:
+        return {"ratio": 1.0} if constants.by_gyro else None  # neither is how that lag grows
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A clock that drifts as it warms; stamps from arrival, but increments divided by the nominal interval.

@@ -5,6 +5,8 @@ from drd.effects.gyro_scale_error import EFFECT as SCALE_ERROR
 from drd.effects.motion import Motion
 from drd.units import RAD_PER_DEG
 
+MOST_SHARE = 0.15  # of the rate: three times the largest plausible error of a scale as a whole
+
 
 class GyroScaleNonlinearity(Effect):
     """The gyro's scale factor depends on the rate: fast turns are read differently from slow ones."""
@@ -35,6 +37,9 @@ class GyroScaleNonlinearity(Effect):
     def error(self, m: Motion, p: Values) -> Errors:
         u = m.rate_rad_s / number(p, "largest_rate")
         return Errors(gyro_rad_s=u**2 * (number(p, "a2") + number(p, "a3") * u))
+
+    def is_plausible(self, p: Values) -> bool:
+        return abs(number(p, "a2")) + abs(number(p, "a3")) <= MOST_SHARE * number(p, "largest_rate")
 
     def variants(self, m: Motion) -> list[dict[str, float | str]]:
         return [{"largest_rate": max(largest(m.rate_rad_s), RAD_PER_DEG)}]

@@ -13,6 +13,7 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.run import concluded
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
 
@@ -87,6 +88,24 @@ def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None
     assert cause is not None
     assert cause.number("left") == pytest.approx(0.12, abs=0.02)
     assert (cause.number("t0"), cause.number("t1")) == pytest.approx((80.0, 110.0), abs=2.0)
+
+
+def test_constants_far_off_survive_a_gyro_that_clips_through_whole_turns() -> None:
+    """Beyond the limit only the wheels tell the turn, with a tread that robot.yaml has 65 % too small."""
+    analysis = analyse(far(selected("gyro_saturation", limit=0.25)))
+    causes = {c.effect: c.selected for c in analysis.conclusion.causes}
+    assert causes.keys() == {*(c.id for c in GEOMETRY), "gyro_saturation"}
+    tread = causes["tread_error"]
+    assert tread is not None
+    assert tread.number("k") == pytest.approx(TREAD, abs=3.0 * tread.sigma("k"))
+
+
+def test_a_late_gyro_beside_a_late_reference_is_not_observable() -> None:
+    """Three sensors have two lags against each other: which of the two is late by more nobody knows."""
+    late_gyro = analyse(far(selected("gyro_latency", delay=0.06)))
+    assert "gyro_latency" not in {c.effect for c in late_gyro.conclusion.causes}
+    result = concluded(late_gyro).result
+    assert "reference" in next(row.because for row in result.unobservable if row.effect == "gyro_latency")
 
 
 def test_a_clock_that_drifts_is_measured_by_the_lag_that_grows() -> None:

@@ -98,4 +98,4 @@ def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path:
     (finding,) = together(one, two).findings
     assert "contradict" not in finding.sentence
     assert finding.parameters["k"].value == pytest.approx(0.035)
-    assert "All together: k = 0.0350 +- 0.0071." in finding.sentence
+    assert "All together: k = 0.035 +- 0.015." in finding.sentence  # ((0.01^2 + T^2) / 2)^0.5, T^2 = 3.5e-4

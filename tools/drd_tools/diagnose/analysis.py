@@ -16,7 +16,7 @@ from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import reference_drift, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
 from drd_tools.diagnose.select.library import is_plausible, release
-from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough, linearised
+from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
@@ -67,7 +67,7 @@ def analyse(recording: Recording) -> Analysis:
         noise, fix_inflation = fitted(near, fit, searched=False)
         # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
         # only the reference tells, is larger than that.
-        inflation = Inflation(inflated(near, fit.left, noise, searched=False).wheels) if start else problem.inflation
+        inflation = Inflation(inflated(near, fit.left, noise).wheels) if start else problem.inflation
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
     problem = problem if start else converged(problem, known)
     found = coarse_search(problem, known, start)
@@ -76,7 +76,7 @@ def analyse(recording: Recording) -> Analysis:
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
             break
         noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
-        inflation = inflated(found.problem, found.fit.left, noise, searched=True)
+        inflation = inflated(found.problem, found.fit.left, noise)
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
@@ -98,10 +98,9 @@ def _started(problem: Problem, known: Sequence[Selected], constants: Sequence[Se
     """The constants where they explain so much that nothing can be seen before they are off; else none."""
     if not constants:
         return []
-    null = refine(problem, known)
-    fit = linearised(problem, replace(null, selection=(*null.selection, *constants)), 0.0)
-    explained = null.cost - fit.fit.cost
-    return list(fit.fit.selection[len(known) :]) if explained > STRONG_NATS else []
+    both = [*known, *constants]
+    explained = refine(problem, known).cost - refine(problem.around(both), both).cost
+    return list(constants) if explained > STRONG_NATS else []
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

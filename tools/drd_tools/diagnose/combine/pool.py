@@ -43,10 +43,8 @@ class _Said(NamedTuple):
 
 
 def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> Result:
-    """Combine several results. A lasting effect's parameters are weighted with the inverse of their variances.
-
-    Where they contradict each other their scatter replaces their sigma; effects of one run only stay as they are. What
-    only all together show comes to it (`joint`).
+    """Combine several results. A lasting effect's parameters are means over recordings, which scatter; those of effects
+    of one run stay as they are. What only all together show comes to it (`joint`).
     """
     findings: list[Finding] = []
     for name, said in _grouped(results).items():
@@ -162,22 +160,29 @@ def _would_show(result: Result, finding: Finding) -> bool:
 
 
 def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
-    """Means with the inverse of the variances; where the values contradict each other, with their scatter."""
+    """Means over recordings, whose own values scatter."""
     found = dict(parameters[0])
     for name, first in parameters[0].items():
         amounts = [p[name] for p in parameters if name in p]
-        if any(not a.std > 0.0 for a in amounts):
-            continue
-        mean, std = _weighted(amounts)
-        square = std**2 * sum(((a.value - mean) / a.std) ** 2 for a in amounts)
-        found[name] = Amount(mean, max(std, math.sqrt(square)) if _contradict(amounts) else std, first.unit)
+        if all(a.std > 0.0 for a in amounts):
+            found[name] = Amount(*_weighted(amounts, _scatter(amounts)), first.unit)
     return found
 
 
-def _weighted(amounts: Sequence[Amount]) -> tuple[float, float]:
-    """Mean with the inverse of the variances, and its standard deviation."""
-    total = sum(a.std**-2 for a in amounts)
-    return sum(a.std**-2 * a.value for a in amounts) / total, total**-0.5
+def _weighted(amounts: Sequence[Amount], scatter: float = 0.0) -> tuple[float, float]:
+    """Mean with the inverse of the variances, that of the values' own scatter included, and its standard deviation."""
+    weights = [1.0 / (a.std**2 + scatter) for a in amounts]
+    return sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights), sum(weights) ** -0.5
+
+
+def _scatter(amounts: Sequence[Amount]) -> float:
+    """Variance of values from recording to recording, beyond their own deviations (DerSimonian and Laird 1986). (89)"""
+    if len(amounts) < 2:
+        return 0.0
+    mean, std = _weighted(amounts)
+    weights = [a.std**-2 for a in amounts]
+    excess = sum(((a.value - mean) / a.std) ** 2 for a in amounts) - (len(amounts) - 1)
+    return max(0.0, excess / (sum(weights) - std**2 * sum(w**2 for w in weights)))
 
 
 def _contradict(amounts: Sequence[Amount]) -> bool:

@@ -10,7 +10,7 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array, Because, Smallest
-from drd_tools.diagnose.select.library import Library
+from drd_tools.diagnose.select.library import Library, is_absent
 
 APART_NATS: Final = 3.0  # odds of 20 to 1 between two names
 TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
@@ -104,6 +104,8 @@ def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
             found.append(Because(name, missing[effect.channel]))
         elif effect.needs_wheels and not e.has_wheels:
             found.append(Because(name, effect.needs_wheels))
+        elif is_absent(e, effect):
+            found.append(Because(name, "beside the reference's own lag, and how that changes, nothing shows it"))
         elif name not in seen and effect.searched:
             because = "nothing in this drive and its reference shows it"
             if effect.covariate in ("speed", "acceleration") and not e.travel_m.any():

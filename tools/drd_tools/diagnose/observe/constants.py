@@ -45,7 +45,7 @@ class Constants:
         found = []
         for effect in catalogue().values():
             values = effect.calibrated(self.robot)
-            if values is None or not any(values.values()):
+            if values is None or effect.is_neutral(values):
                 continue
             prior = {name: (float(value), self._sigma(effect, name)) for name, value in values.items()}
             if any(abs(mean) > sigma for mean, sigma in prior.values()):  # else it is as robot.yaml has it
@@ -79,12 +79,17 @@ def constants(recording: Recording) -> Constants:
         lag, growth = replace(lag, lag_s=drift.lag_s), drift.growth
     wheels_s, wheels_sigma_s = (lag.lag_s, lag.sigma_s) if lag is not None and lag.determined else (0.0, 0.0)
     late = reference_lag(recording) if recording.fog is not None else _reversed(lag)
+    # A reference that is early is a gyro that is late.
+    lag_s, lag_sigma_s = (
+        (late.lag_s, late.sigma_s) if late is not None and late.determined and _is_late(late) else (0.0, 0.0)
+    )
     robot = Calibrated(
         left=fit.wheels.left_radius_m / nominal.left_radius_m,
         right=fit.wheels.right_radius_m / nominal.right_radius_m,
         tread=fit.wheels.tread_m / nominal.tread_m,
         wheels_lag_s=wheels_s if wheels_s > SURE * wheels_sigma_s else 0.0,
         lag_growth=growth,
+        by_gyro=lag_s > 0.0 and recording.fog is not None,
     )
     left, right, tread = fit.sigma
     sigma = Calibrated(
@@ -93,10 +98,6 @@ def constants(recording: Recording) -> Constants:
         tread * robot.tread,
         wheels_sigma_s,
         0.0 if drift is None else drift.sigma,
-    )
-    # A reference that is early is a gyro that is late.
-    lag_s, lag_sigma_s = (
-        (late.lag_s, late.sigma_s) if late is not None and late.determined and _is_late(late) else (0.0, 0.0)
     )
     put_right = replace(reference, time_s=reference.time_s - lag_s)
     return Constants(replace(recording, reference=put_right), robot, sigma, lag_s, lag_sigma_s)

@@ -40,18 +40,17 @@ LEAST_MEDIAN: Final = 1e-9  # rows without noise
 FAR: Final = 4.0  # sigmas: innovations beyond count as if they were there
 
 
-def inflated(problem: Problem, left: Array, noise: Noise, searched: bool) -> Inflation:
+def inflated(problem: Problem, left: Array, noise: Noise) -> Inflation:
     """Variance inflation, at its worst scale, of what selected effects leave (r,) of the whitened data. (78)
 
-    `noise`: what it will be whitened with. Before the search for effects, heavy tails may be an effect's, and so may
-    those of a robot that is as robot.yaml has it: where it starts and stops, a delay that is not yet found exactly
-    leaves some.
+    `noise`: what it will be whitened with. Heavy tails of a robot that is as robot.yaml has it may be an effect's:
+    where it starts and stops, a delay that is not yet found exactly leaves some.
     """
     e = problem.evidence
     step_s = float(np.median(e.step_s))
     wheels, fixes = not_inflated(problem, left)
     moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
-    has_tails = searched and e.is_far and bool(len(wheels))
+    has_tails = e.is_far and bool(len(wheels))
     if has_tails:
         wheels = wheels * np.sqrt(_variance(problem, problem.noise) / _variance(problem, noise))
     slow = (long_run if has_tails else _slow)(wheels[moving], step_s)
@@ -158,7 +157,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     walk = stated = e.datasheet.walk_rad_per_sqrt_s
     jitter_s = 0.0
     if len(wheels):
-        slip, jitter_s = _slip_and_jitter(problem, wheels, moving) if searched else (_scale(wheels[moving]), 0.0)
+        slip, jitter_s = _slip_and_jitter(problem, wheels, moving)
         # A gyro's samples may hang together: its walk is what it does over seconds.
         at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
         at_rest_scale = _scale(at_rest)

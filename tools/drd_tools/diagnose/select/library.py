@@ -82,6 +82,8 @@ def is_plausible(selected: Selected) -> bool:
             return False
         if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
             return False
+    if not selected.effect.is_plausible(selected.values):
+        return False
     return selected.interval_s is None or selected.interval_s[1] > selected.interval_s[0]
 
 
@@ -118,7 +120,7 @@ class Library:
 
     def __init__(self, problem: Problem):
         e = problem.evidence
-        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels and not _is_absent(e, x)]
+        effects = [x for x in catalogue().values() if x.searched and x.channel in e.channels and not is_absent(e, x)]
         self.candidates: list[Candidate] = []
         self.intervals = [Intervals(problem, effect) for effect in effects if is_of_interval(effect)]
         whitened: list[Columns] = []
@@ -146,20 +148,21 @@ class Library:
         self.products: Columns = self.columns.T @ self.columns
 
 
-def _is_absent(e: Evidence, effect: Effect) -> bool:
-    """Whether the calibration of a robot far from robot.yaml looked for a delay or a drift, and found none.
+def is_absent(e: Evidence, effect: Effect) -> bool:
+    """Whether the calibration of a robot far from robot.yaml looked for a delay or drift and found none, or counts all
+    delays from this one.
 
-    What its lag does in a run would pass for one.
+    What its lag, or the reference's own, does in a run would pass for one.
     """
     measured = effect.calibrated(e.robot) if e.is_far and effect.acts_on is ActsOn.TIMING else None
-    return measured is not None and not any(measured.values())
+    return measured is not None and effect.is_neutral(measured)
 
 
 def variants(problem: Problem, effect: Effect) -> list[Parameters]:
     """Shapes of an effect with which a search begins."""
     shapes = effect.variants(problem.sensitivities.motion)
     measured = effect.calibrated(problem.evidence.robot)
-    if measured is not None and not effect.linear() and any(measured.values()):
+    if measured is not None and not effect.linear() and not effect.is_neutral(measured):
         shapes = [dict(measured)]
     if effect.acts_on is ActsOn.READOUT:
         sigma = problem.evidence.datasheet.bias_rad_s

@@ -94,7 +94,7 @@ class _HeldOut:
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
             noise, fix_inflation = fitted(near, fit, searched=True)
-            inflation = inflated(near, fit.left, noise, searched=False)
+            inflation = inflated(near, fit.left, noise)
             problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
