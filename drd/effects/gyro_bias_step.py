@@ -14,7 +14,7 @@ class GyroBiasStep(Effect):
     acts_on = ActsOn.GYRO
     formula = "e = b for t >= t0"
     source = "IEEE Std 952-1997, bias instability"
-    parameters = (Parameter("b", "deg/s", "size of the jump", 1e-4, 0.5, RAD_PER_DEG), replace(START, text="when"))
+    parameters = (Parameter("b", "deg/s", "size of the jump", 1e-4, 1.0, RAD_PER_DEG), replace(START, text="when"))
     covariate = "time"
     manoeuvre = "a standstill of a minute now and then"
     lasting = False

@@ -12,7 +12,7 @@ class GyroVibrationBias(Effect):
     acts_on = ActsOn.GYRO
     formula = "e = k v^2"
     source = "IEEE Std 952-1997, vibration rectification; the acceleration grows with speed"
-    parameters = (Parameter("k", "deg/s/(m/s)^2", "bias per speed squared", 1e-5, 0.1, RAD_PER_DEG),)
+    parameters = (Parameter("k", "deg/s/(m/s)^2", "bias per speed squared", 1e-5, 0.3, RAD_PER_DEG),)
     covariate = "speed"
     manoeuvre = "long straight lines at several speeds"
 

@@ -13,7 +13,7 @@ class GyroWarmup(Effect):
     formula = "e = b exp(-t / tau), t since power-on"
     source = "first-order heating of a body by its own losses; IEEE Std 528-2001, warm-up time"
     parameters = (
-        Parameter("b", "deg/s", "at power-on", 1e-4, 0.5, RAD_PER_DEG),
+        Parameter("b", "deg/s", "at power-on", 1e-4, 1.0, RAD_PER_DEG),
         Parameter("tau", "s", "time constant", 10.0, 3000.0, signed=False, linear=False),
     )
     covariate = "time"
