@@ -32,11 +32,11 @@ def running(robot: Robot) -> Iterator[Robot]:
         closed.append(loop.run_until_complete(Daemon(robot.loaded, robot.file.parent).run(stop)))
         loop.close()
 
-    robot.emulator.start()
+    robot.emulator.plug_in()
     thread = threading.Thread(target=work, name="daemon under test")
     thread.start()
     try:
-        robot.listen()
+        robot.drive()
         yield robot
     finally:
         loop.call_soon_threadsafe(stop.set)

@@ -49,10 +49,10 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 @pytest.fixture
 def process(robot: Robot) -> Iterator[subprocess.Popen[str]]:
-    robot.emulator.start()
+    robot.emulator.plug_in()
     process = drd("run", robot.file)
     try:
-        robot.listen()
+        robot.drive()
         yield process
     finally:
         code, log = end(process)
@@ -201,10 +201,10 @@ def test_without_any_hardware_the_daemon_runs_says_so_and_ends_at_once(robot: Ro
 
 
 def test_a_process_that_stood_still_for_seconds_loses_nothing_and_does_not_jump(robot: Robot) -> None:
-    robot.emulator.start()
+    robot.emulator.plug_in()
     process = drd("run", robot.file)
     try:
-        robot.listen()
+        robot.drive()
         robot.wait("a moving robot", lambda p: p["validity"] == "valid" and p["speed_m_s"] > 1.0, 20.0)
         for stall_s in (0.4, 1.0, 2.5):
             process.send_signal(signal.SIGSTOP)

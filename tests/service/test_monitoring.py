@@ -306,11 +306,11 @@ def watched(robot: Robot, tmp_path: Path) -> Iterator[Robot]:
     """A robot whose daemon records, and has a monitor once it has read its configuration again."""
     with robot.file.open("a") as file:
         file.write(f"recording: {{enabled: true, folder: {tmp_path}}}\n")
-    robot.emulator.start()
+    robot.emulator.plug_in()
     command = [sys.executable, "-W", "error", "-m", "drd", "run", str(robot.file)]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:
-        robot.listen()
+        robot.drive()
         assert robot.get("findings") == {"error": "there is no monitor: monitor.enabled is false"}
         with robot.file.open("a") as file:
             file.write(ON)
