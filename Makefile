@@ -10,7 +10,8 @@ HUNT_DRIVES ?= 100000
 HONESTY ?=
 LOCK := systemd/robot.lock
 LOCK_ARGUMENTS ?=
-COMPUTED := $(addprefix tests/,batch config effects encoders estimation fog fuzz golden monitor)
+COMPUTED := $(addprefix tests/,batch config effects encoders estimation fog fuzz golden monitor reload/test_reload_pipeline.py \
+	state/test_restart.py test_architecture.py test_no_allocation.py test_time.py test_wiring_replay.py)
 LOWEST := out/lowest
 # Short tests that load each dependency: the development's, with the daemon's, and the workshop's.
 LOWEST_DEV := tests/estimation/test_filter.py tests/fuzz/test_fuzz.py tests/tools/evaluate/test_evaluate_evo.py \
