@@ -1,6 +1,7 @@
 """The running daemon and its hardware, for tests that need the real thing."""
 
 import asyncio
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,10 @@ import pytest
 from harness import Robot
 
 from drd.service.daemon import Daemon
+
+# A shell that starts the tests in the background may have SIGINT ignored, and what they start would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
@@ -32,11 +37,11 @@ def running(robot: Robot) -> Iterator[Robot]:
         closed.append(loop.run_until_complete(Daemon(robot.loaded, robot.file.parent).run(stop)))
         loop.close()
 
-    robot.emulator.start()
+    robot.emulator.plug_in()
     thread = threading.Thread(target=work, name="daemon under test")
     thread.start()
     try:
-        robot.listen()
+        robot.drive()
         yield robot
     finally:
         loop.call_soon_threadsafe(stop.set)

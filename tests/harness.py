@@ -25,6 +25,14 @@ estimation: {{static_bias: {{duration_s: {bias_s}, minimum_s: 0.5}}}}
 output: {{commands: true, listen: [{endpoint}]}}
 realtime: {{freeze_gc: false}}
 """
+SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
+LATE_S = 0.1  # by which a busy machine may delay a frame of a line without time stamps
+
+
+def farthest_m(dt_s: float) -> float:
+    """How far a pose may be from the one before, which is `dt_s` older, without being a jump."""
+    # After a silence the first sample brings the travel of its own 50 ms, however short ago the last pose was.
+    return SPEED_M_S * (max(dt_s, 0.05) + LATE_S) + 0.03
 
 
 def free_endpoint() -> str:
@@ -34,9 +42,13 @@ def free_endpoint() -> str:
 
 
 class Robot:
-    """An emulated robot's files and a subscriber to what its daemon publishes."""
+    """An emulated robot's files and a subscriber to what its daemon publishes.
 
-    def __init__(self, folder: Path, bias_s: float = 1.0, seconds: float = 120.0, stand_s: float = 3.0):
+    Plug the emulator in and start the daemon, then `drive`: the emulated robot stands for `stand_s` once the daemon is
+    heard, so that the bias is measured however long a busy machine takes to start it.
+    """
+
+    def __init__(self, folder: Path, bias_s: float = 1.0, seconds: float = 120.0, stand_s: float = 2.0):
         self.endpoint = free_endpoint()
         self.file = folder / "robot.yaml"
         self.file.write_text(CONFIG.format(folder=folder, bias_s=bias_s, endpoint=self.endpoint))
@@ -58,6 +70,12 @@ class Robot:
                 time.sleep(0.1)
         self._session.declare_subscriber("drd/pose", lambda s: self.poses.append(json.loads(s.payload.to_bytes())))
         self._session.declare_subscriber("drd/health", self._on_health)
+
+    def drive(self) -> None:
+        """Listen, and start the emulator, unless it runs already."""
+        self.listen()
+        if not self.emulator.is_running:
+            self.emulator.start()
 
     def _on_health(self, sample: Any) -> None:
         self.health = json.loads(sample.payload.to_bytes())

@@ -24,6 +24,7 @@ def test_the_pipelines_memory_does_not_grow_with_its_cycles() -> None:
 
 def test_poses_that_somebody_keeps_are_noticed() -> None:
     kept: list[Pose] = []
-    growth = pipeline_growth(CYCLES, lambda pose, _: kept.append(pose))
-    assert growth.blocks > CYCLES
-    assert len(kept) > CYCLES
+    cycles = 300
+    growth = pipeline_growth(cycles, lambda pose, _: kept.append(pose))
+    assert growth.blocks > cycles > SETTLING_BLOCKS
+    assert len(kept) > cycles

@@ -37,7 +37,7 @@ def end(process: subprocess.Popen[str]) -> str:
 def recorded(robot: Robot, tmp_path: Path) -> Robot:
     with robot.file.open("a") as file:
         file.write(f"recording: {{enabled: true, folder: {tmp_path / 'records'}, flush_s: {FLUSH_S}}}\n")
-    robot.emulator.start()
+    robot.emulator.plug_in()
     return robot
 
 
@@ -56,7 +56,7 @@ def health(robot: Robot, what: Callable[[dict[str, Any]], bool]) -> dict[str, An
 def test_a_run_with_commands_and_an_unplugged_gyro_is_replayed_to_the_bit(recorded: Robot, tmp_path: Path) -> None:
     process = drd(recorded)
     try:
-        recorded.listen()
+        recorded.drive()
         recorded.wait("a moving robot", lambda p: p["validity"] == "valid" and p["speed_m_s"] > 0.5, 20.0)
         recorded.get("set_pose", {"x_m": 1 / 3, "y_m": -7.1, "heading_rad": 0.1})
         recorded.emulator.unplug_fog()
@@ -66,7 +66,7 @@ def test_a_run_with_commands_and_an_unplugged_gyro_is_replayed_to_the_bit(record
         recorded.get("reset")
         recorded.get("calibrate_bias")
         time.sleep(0.5)
-        told = health(recorded, lambda h: h["recording"]["written"] > 100)["recording"]
+        told = health(recorded, lambda h: h["recording"]["written"] > 100 and len(recorded.poses) > 80)["recording"]
     finally:
         end(process)
     assert told["state"] == "recording"
@@ -88,7 +88,7 @@ def test_a_run_with_commands_and_an_unplugged_gyro_is_replayed_to_the_bit(record
 
 def test_a_killed_daemons_recording_reads_to_the_last_flush(recorded: Robot, tmp_path: Path) -> None:
     process = drd(recorded)
-    recorded.listen()
+    recorded.drive()
     recorded.wait("a pose", lambda p: p["validity"] == "valid", 20.0)
     time.sleep(1.0)
     process.kill()
@@ -109,7 +109,7 @@ def test_a_full_disk_degrades_the_health_and_not_the_pose(recorded: Robot, tmp_p
     limit = 60_000
     process = drd(recorded, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
     try:
-        recorded.listen()
+        recorded.drive()
         told = health(recorded, lambda h: h["recording"]["state"] == "degraded")["recording"]
         assert "File too large" in told["reason"]
         recorded.wait("a valid pose", lambda p: p["validity"] == "valid" and not p["reasons"], 15.0)
@@ -127,7 +127,7 @@ def test_the_folder_is_systemds_state_directory_under_systemd(recorded: Robot, t
     recorded.file.write_text(text.replace(f"folder: {tmp_path / 'records'}, ", ""))
     process = drd(recorded, env={**os.environ, "STATE_DIRECTORY": str(tmp_path / "state")})
     try:
-        recorded.listen()
+        recorded.drive()
         told = health(recorded, lambda h: h["recording"]["file"] is not None)["recording"]
     finally:
         end(process)

@@ -43,12 +43,12 @@ def served(robot: Robot, tmp_path: Path) -> Iterator[Served]:
     text = robot.file.read_text()
     assert "commands: true" in text
     robot.file.write_text(text.replace("commands: true, ", "").replace("freeze_gc: false", "freeze_gc: true"))
-    robot.emulator.start()
+    robot.emulator.plug_in()
     log = tmp_path / "log"
     with log.open("w") as stderr:
         process = subprocess.Popen([sys.executable, "-m", "drd", "run", str(robot.file)], stderr=stderr, text=True)
     try:
-        robot.listen()
+        robot.drive()
         robot.wait("a moving robot", lambda p: p["validity"] == "valid" and p["speed_m_s"] > 0.5, 20.0)
         yield Served(robot, process, log)
     finally:

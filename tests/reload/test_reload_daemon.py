@@ -27,18 +27,18 @@ class Served:
     """A driving robot, its daemon as systemd would run it, and what that hears."""
 
     def __init__(self, folder: Path):
-        self.robot = Robot(folder, stand_s=8.0)  # a busy machine takes seconds to start the daemon
+        self.robot = Robot(folder)
         self.inbox = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.inbox.bind(str(folder / "notify"))
         self.inbox.setblocking(False)
         self.heard = ""
-        self.robot.emulator.start()
+        self.robot.emulator.plug_in()
         environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify")}
         command = [sys.executable, "-W", "error", "-m", "drd", "run", str(self.robot.file)]
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
         )
-        self.robot.listen()
+        self.robot.drive()
 
     def rewrite(self, old: str, new: str) -> None:
         text = self.robot.file.read_text()

@@ -6,11 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from harness import Robot
+from harness import Robot, farthest_m
 
 Pose = dict[str, Any]
-SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
-LATE_S = 0.1  # by which a busy machine may delay a frame of a line without time stamps
 
 
 def is_valid(pose: Pose) -> bool:
@@ -30,9 +28,7 @@ def assert_no_jump(poses: list[Pose]) -> None:
         dt_s = (b["monotonic_ns"] - a["monotonic_ns"]) * 1e-9
         assert dt_s >= 0.0
         step_m = math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"])
-        # After a silence the first sample brings the travel of its own 50 ms, however short ago the last pose was.
-        most_m = SPEED_M_S * (max(dt_s, 0.05) + LATE_S) + 0.03
-        assert step_m <= most_m, f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
+        assert step_m <= farthest_m(dt_s), f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
         assert abs(b["heading_rad"] - a["heading_rad"]) <= 1.5 * dt_s + 0.05
 
 

@@ -39,12 +39,12 @@ def test_each_loss_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
 def test_clients_that_stop_reading_cost_no_pose_no_memory_and_one_line_of_log(robot: Robot, tmp_path: Path) -> None:
     text = robot.file.read_text()
     robot.file.write_text(text.replace("]}", f"#so_sndbuf={SEND_BUFFER_BYTES}]}}"))
-    robot.emulator.start()
+    robot.emulator.plug_in()
     log = tmp_path / "log"
     with log.open("w") as stderr:
         process = subprocess.Popen([sys.executable, "-m", "drd", "run", str(robot.file)], stderr=stderr)
     try:
-        robot.listen()
+        robot.drive()
         with crowd(robot.endpoint, "drd/pose", STALLED) as stalled:
             before = usage(process.pid).resident_bytes
             stalled.stall()

@@ -36,7 +36,7 @@ class Daemon:
         self._process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
         self._robot = robot
         robot.poses.clear()
-        robot.listen()
+        robot.drive()
 
     def health(self) -> dict[str, Any]:
         return self._robot.get("health")
@@ -52,7 +52,7 @@ class Daemon:
 
 def made(folder: Path, stand_s: float) -> Iterator[Watched]:
     robot = Watched(folder, stand_s=stand_s)
-    robot.emulator.start()
+    robot.emulator.plug_in()
     try:
         yield robot
     finally:
@@ -66,7 +66,7 @@ def standing(tmp_path: Path) -> Iterator[Watched]:
 
 @pytest.fixture
 def driving(tmp_path: Path) -> Iterator[Watched]:
-    yield from made(tmp_path, 8.0)
+    yield from made(tmp_path, 2.0)
 
 
 def is_valid(pose: dict[str, Any]) -> bool:

@@ -4,6 +4,7 @@ import json
 import sys
 from typing import Any, Final
 
+import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pacsv
@@ -17,7 +18,7 @@ from drd_tools.report.terminal import print_table
 NAMES: Final = (*TABLES, "maintenance")
 WIDEST: Final = 60  # letters of a cell in the terminal
 DESCRIPTION = """\
-Print a table of a fleet's store. With --sql DuckDB answers (pip install duckdb), which sees all tables by their names.
+Print a table of a fleet's store. With --sql DuckDB answers, which sees all tables by their names.
 The columns are described in drd_tools/fleet/schema.py.
 """
 EXAMPLES = f"""\
@@ -66,10 +67,6 @@ def main(argv: list[str]) -> int:
 
 
 def _by_sql(store: Store, query: str, robots: list[str] | None) -> pa.Table:
-    try:
-        import duckdb  # noqa: PLC0415  # only for this
-    except ModuleNotFoundError as error:
-        raise ConfigError("--sql", "", "the Python package duckdb (pip install duckdb)", "none") from error
     with duckdb.connect() as connection:
         for name in NAMES:
             if name in query:

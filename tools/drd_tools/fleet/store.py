@@ -10,10 +10,12 @@ import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
+import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -28,6 +30,7 @@ Rows = Mapping[str, Sequence[Mapping[str, Any]]]  # of a recording, by table
 ABOUT, INDEX, NAMES_OF_DONE = "store.json", "index.parquet", "maintenance.parquet"
 # 0.4 GB: far more than a file of a table has, and little enough for any machine.
 MOST_VALUES: Final = 50_000_000
+SIZES: Final = "select max(greatest(num_values, row_group_num_rows)) from parquet_metadata(?)"
 # The range of Python's datetime, in microseconds since 1970.
 FIRST_US, LAST_US = ((at - datetime(1970, 1, 1)) // timedelta(microseconds=1) for at in (datetime.min, datetime.max))
 MOST_PUT: Final = 2000  # recordings without products in a file
@@ -83,10 +86,26 @@ class Store:
             return schema.empty_table()
         paths = [self.files.path(name) for name in names]
         with _parquet_errors(f"{self.files.url}/{names[0]}" + (", ..." if names[1:] else "")):
+            self._check_size(paths)
             found = ds.dataset(paths, schema=schema, format="parquet", filesystem=self.files.arrow())
-            for fragment in found.get_fragments():
-                _check_size(fragment.metadata)
             return _checked(found.to_table())
+
+    def _check_size(self, paths: Sequence[str]) -> None:
+        """Raises ValueError for a file that says of itself that it would fill the memory: some bytes are enough to.
+
+        DuckDB looks, for pyarrow ends the process where the sizes that a column tells of itself contradict each other.
+        """
+        urls = list(paths) if self.files.is_local else [self.files.system.unstrip_protocol(path) for path in paths]
+        (most,) = self._duckdb.execute(SIZES, [urls]).fetchone()
+        if most is not None and most > MOST_VALUES:  # None: no file has rows
+            raise ValueError(f"{most} rows or values; at most {MOST_VALUES} are read")
+
+    @cached_property
+    def _duckdb(self) -> Any:
+        connection = duckdb.connect()
+        if not self.files.is_local:
+            connection.register_filesystem(self.files.system)
+        return connection
 
     # ---- writing ---------------------------------------------------------------------------------------------------
 
@@ -182,17 +201,8 @@ def _parquet_errors(where: str) -> Iterator[None]:
     """What a file that drd did not write, or that was broken since, raises is a ConfigError."""
     try:
         yield
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, duckdb.Error, OSError, ValueError) as error:
         raise ConfigError(where, "", "a Parquet file of the store", str(error)[:200]) from error
-
-
-def _check_size(metadata: Any) -> None:
-    """Raises ValueError for a file that says of itself that it would fill the memory: some bytes are enough to."""
-    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-    values = [group.column(i).num_values for group in groups for i in range(group.num_columns)]
-    most = max([metadata.num_rows, *(group.num_rows for group in groups), *values])
-    if most > MOST_VALUES:
-        raise ValueError(f"{most} rows or values; at most {MOST_VALUES} are read")
 
 
 def _checked(table: pa.Table) -> pa.Table:
