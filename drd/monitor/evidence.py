@@ -169,14 +169,21 @@ class Bank:
         self._most = float(self._j.max())
         self._limit = np.array([h.limits[0] for h in hypotheses])
         self._positive = np.array([h.is_positive for h in hypotheses])
+        self._grown = np.array([bool(h.growth) for h in hypotheses])
 
     def nats(self) -> Array:
         """Evidence for each hypothesis since each onset, against nothing, shape (onsets, hypotheses)."""
         n = len(self._score) - 1
         starts = np.array([p.start for p in self._places])
-        information = (self._full - self._own)[:-1, starts]
-        information = np.where(information > HIDDEN * self._full[:-1, starts], information, 0.0)
-        found = self._nats(np.arange(len(starts)), self._score[:-1, starts], information)
+        score, full, v = self._score[:, starts], self._full[:, starts], self._v[:, :, starts]
+        information = full - self._own[:, starts]
+        told = np.where(information > HIDDEN * full, information, 0.0)[:-1]
+        # It may have begun within the segment before.
+        both = self._own[1:, starts] - np.einsum("mst,mst->st", v[:, 1:], v[:, :-1])
+        within = -np.diff(information, axis=0) - 2.0 * both
+        began = np.zeros((2, *told.shape))
+        began[:, 1:] = _edge(score[1:], information[1:], -np.diff(score, axis=0), within, both, self._limit)[:, :-1]
+        found = self._nats(np.arange(len(starts)), score[:-1], told, np.where(self._grown, 0.0, began))
         for i, place in enumerate(self._places):
             if place.stop - place.start > 1:
                 found[:, i] = self._together(i, slice(0, n))
@@ -203,29 +210,36 @@ class Bank:
         """The same of one, of a single column, until before each later segment, shape (begins, ends); -inf: none."""
         t = self._places[i].start
         score, v, own, full = self._score[:, t], self._v[:, :, t], self._own[:, t], self._full[:, t]
-        cross = v.T @ v
+        cross, n = v.T @ v, len(score) - 1
         information = (full - own)[:-1, None] - (full + own)[None, :-1] + 2.0 * cross[:-1, :-1]
-        nats = self._nats(np.array([i]), (score[:-1, None] - score[None, :-1]).ravel()[:, None],
-                          information.ravel()[:, None])  # fmt: skip
-        n = len(score) - 1
+        inside = score[:-1, None] - score[None, :-1]
+        # It may have begun within the segment before, and ended within the next one.
+        each = (full - own)[:-1] - (full + own)[1:] + 2.0 * np.diagonal(cross, 1)
+        change, k, most = np.diff(cross, axis=1), np.arange(n), self._limit[i]
+        both = change[k, k - 1][:, None] - change[:n, k - 1].T
+        began = _edge(inside, information, -np.diff(score)[k - 1, None], each[k - 1, None], both, most)
+        both = change[:n] - np.diagonal(change)
+        edges = began * (k > 0)[:, None] + _edge(inside, information, -np.diff(score), each, both, most)
+        nats = self._nats(np.array([i]), inside.ravel()[:, None], information.ravel()[:, None],
+                          edges.reshape(2, -1, 1))  # fmt: skip
         return np.where(np.arange(n)[None, :] > np.arange(n)[:, None], nats.reshape(n, n), -np.inf)
 
-    def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array) -> Array:
-        """The same of hypotheses i of one column each, (..., hypotheses)."""
+    def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array, edges: Array) -> Array:
+        """The same of hypotheses i of one column each, (..., hypotheses). `edges`: what those of _edge add."""
         tells = information > LEAST
         safe = np.where(tells, information, 1.0)
         prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
         gain = 0.5 * score**2 / safe * _plausible(np.abs(score) / safe / self._limit[i])
-        nats = self._told(i, gain, prior)
+        nats = self._told(i, gain, prior, edges[0]) - edges[1]
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
-    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array) -> Array:
-        """Student's t for a noise whose size the segments tell, less Occam's factor. (97)"""
-        gain = gain * prior / (1.0 + prior)
+    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0) -> Array:
+        """Student's t for a noise whose size the segments tell, less Occam's factor. `further`: gain, besides. (97)"""
         # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
         j, q, n = np.maximum(self._j[i], 1.0), self._q[i], self._most
-        rest = n * np.maximum((q - 2.0 * gain) / j, 1.0) + SHEET_SEGMENTS
+        rest = n * np.maximum((q - 2.0 * (gain + further)) / j, 1.0) + SHEET_SEGMENTS
+        gain = gain * prior / (1.0 + prior) + further
         return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
 
     def estimate(self, form: Form) -> Estimate:
@@ -306,6 +320,23 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
             found.nats[name], found.best[name] = float(np.logaddexp.reduce(at)), most
             found.begins[name] = at
     return found
+
+
+def _edge(score: Array, information: Array, own_score: Array, own: Array, both: Array, most: Array | float) -> Array:
+    """What a part of an effect's size, in the one segment within which it begins or ends, gains and costs: (2, ...).
+
+    `own_score`, `own`: that segment's score and information; `both`: its information in common with the effect's;
+    `most`: the largest plausible size.
+    """
+    safe = np.where(information > LEAST, information, np.inf)
+    size = score / safe
+    left, rest = np.maximum(own - both**2 / safe, 0.0), own_score - both * size
+    # Uniform from none of it to all, as a Gaussian of that mean and variance.
+    mean = 0.5 * np.clip(size, -most, most)
+    variance = mean**2 / 3.0
+    inflated = 1.0 + left * variance
+    gain = (0.5 * rest**2 * variance + rest * mean - 0.5 * left * mean**2) / inflated
+    return np.stack([gain, 0.5 * np.log(inflated)])
 
 
 def _plausible(size: Array) -> Array:
