@@ -9,7 +9,6 @@ from drd.arrays import Array
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
 from drd.monitor.constants import CHANGE_S, Constants, stated_constants
-from drd.monitor.evidence import Sums
 from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
@@ -18,6 +17,7 @@ from drd.monitor.library import BIAS, CHANGE, OWN, WAY, Hypothesis, Library
 from drd.monitor.noise import KINDS, RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
+from drd.monitor.sums import Sums
 from drd.monitor.symptoms import Symptoms
 from drd.monitor.telling import Known, Teller
 from drd.samples import GyroSample, WheelSample
@@ -172,7 +172,7 @@ class Monitor:
             self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
         self.known.clear()
-        self._theta, self._noise = None, RowNoise()
+        self._theta, self._noise = None, RowNoise(self._noise)
 
     def _tread_of(self, by_wheels: Array, turn: Array) -> None:
         self._turned += (by_wheels @ turn, turn @ turn)
