@@ -110,3 +110,10 @@ def test_few_exact_probabilities_have_an_error_by_chance() -> None:
     p = rng.uniform(size=60)
     drawn = [calibration_error(list(zip(p, rng.uniform(size=60) < p, strict=True))) for _ in range(300)]
     assert exact_error(p.tolist()) == pytest.approx(np.mean(drawn), rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("null-floors-020", 712), ("null-floors-006", 715)])
+def test_a_floor_is_named_from_the_first_turn_on_it_and_nothing_beside_it(name: str, seed: int) -> None:
+    told = live.judged(live_cases.Case(name, "floors", 0.0, seed))
+    assert told.is_timely
+    assert not any(s.is_wrong for s in told.said)
