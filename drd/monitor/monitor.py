@@ -59,11 +59,11 @@ class Monitor:
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
         self._theta: Array | None = None
-        self._noise, self._first = RowNoise(), FirstTurns()
         wheel_scale = self._stated.sigmas[WAY] / math.sqrt(2.0)
         self._fixes = Fixes(wheel_scale, self._walk, self._wheel_noise)
         self._drive = robot.drive
         self._skids = robot.drive == "skid"
+        self._noise, self._first = RowNoise(self._skids), FirstTurns()
         self._constants = known or self._stated
         self.lag_s, self._lag_named_s = 0.0, 0.0
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
@@ -172,7 +172,7 @@ class Monitor:
             self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
         self.known.clear()
-        self._theta, self._noise = None, RowNoise(self._noise)
+        self._theta, self._noise = None, RowNoise(self._skids, self._noise)
 
     def _tread_of(self, by_wheels: Array, turn: Array) -> None:
         self._turned += (by_wheels @ turn, turn @ turn)

@@ -20,14 +20,21 @@ USUAL: Final = np.array([1e-5, *(KNOWN_SIGMAS[c] for c in (TURN, WAY, CHANGE))])
 LEAST: Final = np.array([1e-6, 1e-4, 1e-4, 1e-2])
 STEPS: Final = 2.0 ** np.arange(0.0, 12.0, 0.5)
 STEADY: Final = 0.5  # prior probability that a constant does not scatter
-CHANGES: Final = 0.01  # of the differences come from an effect or another ground that begins or ends, of any size
+# Of the differences so many come from an effect or another ground that begins or ends, of any size. Where wheels skid,
+# what is theirs comes in bursts: no difference is too large to be their scatter.
+CHANGES: Final = np.full(OWN, 0.01)
+CHANGES_SKIDDING: Final = np.where(np.arange(OWN) == BIAS, CHANGES, 0.0)
 RANK: Final = 1e-9  # relative: a direction of less information tells nothing
 
 
 class Scatter:
-    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE."""
+    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE.
 
-    def __init__(self) -> None:
+    `skids`: of a robot whose wheels slip sideways in each turn.
+    """
+
+    def __init__(self, skids: bool = False) -> None:
+        self._changes = CHANGES_SKIDDING if skids else CHANGES
         self._grid = np.column_stack([np.zeros(OWN), LEAST[:, None] * STEPS]) ** 2
         likely = 1.0 / (1.0 + self._grid[:, 1:] / USUAL[:, None] ** 2) ** 2  # so that the variance has a mean
         likely *= (1.0 - STEADY) / likely.sum(1, keepdims=True)
@@ -82,7 +89,8 @@ class Scatter:
         square = float(score[c] - (sigma * score) @ k) ** 2 / own
         inflated = 1.0 + 2.0 / SPANS[j] * self._grid[c] * own
         scatters, changes = (-0.5 * (square / v + np.log(v)) for v in (inflated, inflated[-1]))
-        self._nats[j, c] += np.logaddexp(math.log(1.0 - CHANGES) + scatters, math.log(CHANGES) + changes)
+        p = float(self._changes[c])
+        self._nats[j, c] += np.logaddexp(math.log(1.0 - p) + scatters, math.log(p) + changes) if p else scatters
 
     def _mean(self) -> Array:
         """Of the posterior; the largest of all spans, so that what hangs together over several blocks counts."""

@@ -182,6 +182,6 @@ def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gy
     n = 60
     x, kind = random.normal(size=(n, OWN)), np.repeat([0, 1, 2], n // 3)
     before.weights(x, random.normal(0.0, 5.0, n), np.ones(n), kind, np.ones(n, bool))
-    after = RowNoise(before)
+    after = RowNoise(True, before)
     assert after.scale[0] == before.scale[0] > 2.0
     assert after.scale[1:].tolist() == [1.0, 1.0]
