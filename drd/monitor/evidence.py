@@ -1,7 +1,7 @@
 """How likely each effect is since each moment, beside what robots do anyway. (97), (98)"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.effects.effect import ActsOn, Begins
-from drd.monitor.library import BIAS, CHANGE, TURN, WAY, Hypothesis
-from drd.monitor.segments import Segment
+from drd.monitor.library import Hypothesis
+from drd.monitor.sums import LEAST, Sums
 
 # Rate at which effects begin, all of them together, per second of driving: one in 50 hours. A prior for robots that are
 # looked after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
@@ -21,27 +21,7 @@ START_S: Final = 60.0  # a start is worth so many seconds more of it
 WINDOW_S: Final = 120.0  # mean length of what comes and goes
 INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
 SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
-LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
-# Standard deviations of what a robot has whose wheels slip sideways in each turn, tread times gyro scale, the radii's
-# difference, the lag (in 10 ms), and how much of it changes in a second's root; of the bias at the start, rad/s.
-SKIDDING: Final = {TURN: 0.5, WAY: 0.03, CHANGE: 10.0}
-WANDERS: Final = {TURN: 0.02, WAY: 0.005}
-FIRST_BIAS_RAD_S: Final = 0.02
 HIDDEN: Final = 0.02  # share of its information that what robots do anyway must leave of an effect
-LEAST: Final = 1e-30
-
-
-@dataclass(frozen=True)
-class Component:
-    """Columns that are in the data for sure, of a prior deviation, in segments from `begin` until before `end`.
-
-    `weights`: what each column of the rows counts.
-    """
-
-    weights: Mapping[int, float]
-    sigma: float
-    begin: int
-    end: int
 
 
 class Form(NamedTuple):
@@ -63,86 +43,6 @@ class Estimate:
     nats: float
     sizes: Array
     covariance: Array
-
-
-class Sums:
-    """Products of the rows from each segment's begin on, and what the components leave of them."""
-
-    def __init__(
-        self,
-        segments: Sequence[Segment],
-        bias_walk: float,
-        constants: Mapping[int, float],
-        skids: bool,
-        components: Sequence[Component],
-    ):
-        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid."""
-        self.each: Array = np.stack([s.products for s in segments])
-        self.begins_s = np.array([s.begin_s for s in segments])
-        self.length_s = np.array([s.end_s - s.begin_s for s in segments])
-        n = len(segments)
-        # From here on; after the last one nothing.
-        self.since: Array = np.concatenate([np.cumsum(self.each[::-1], 0)[::-1], np.zeros_like(self.each[:1])])
-        self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
-        self._fit(n)
-
-    def _fit(self, n: int) -> None:
-        parts, s = self._components, np.arange(n + 1)
-        width = self.each.shape[1]
-        columns: dict[tuple[tuple[int, float], ...], Array] = {}
-        rows: list[Array] = []
-        for part in parts:
-            key = tuple(sorted(part.weights.items()))
-            if key not in columns:
-                columns[key] = sum((w * self.since[:, c] for c, w in key), np.zeros((n + 1, width)))
-            own = columns[key]
-            rows.append(part.sigma * (own[np.maximum(s, part.begin)] - own[np.maximum(s, part.end)]))
-        # (components, onsets, columns): products with each column from each onset on.
-        self.beside: Array = np.stack(rows)
-        m = len(parts)
-        gram = np.eye(m)
-        for j, part in enumerate(parts):
-            # Products over the segments that both have in common.
-            of_all = sum((w * self.beside[:, part.begin, c] for c, w in part.weights.items()), np.zeros(m))
-            after = sum((w * self.beside[:, part.end, c] for c, w in part.weights.items()), np.zeros(m))
-            gram[:, j] += part.sigma * (of_all - after)
-        # numpy has no triangular solver, and m is small.
-        self._whiten: Array = np.linalg.inv(np.linalg.cholesky(0.5 * (gram + gram.T)))
-        self.vy: Array = self._whiten @ self.beside[:, 0, -1]
-        self.coefficients: Array = self._whiten.T @ self.vy
-        self.theta: Array = np.zeros((n, width - 1))
-        for part, x in zip(parts, self.coefficients, strict=True):
-            for c, w in part.weights.items():
-                self.theta[part.begin : part.end, c] += part.sigma * w * x
-
-    def constant(self, column: int) -> tuple[float, float]:
-        """The component that holds a column all along: its value and its deviation."""
-        n = len(self.length_s)
-        at = max(i for i, p in enumerate(self._components) if p.weights == {column: 1.0} and (p.begin, p.end) == (0, n))
-        sigma = self._components[at].sigma
-        return sigma * float(self.coefficients[at]), sigma * math.sqrt(float(self._whiten[:, at] @ self._whiten[:, at]))
-
-    def whitened(self, columns: Array) -> Array:
-        """Products with the components (m, ...), so that their squares are what the components explain."""
-        return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
-
-    def scatter(self) -> tuple[Array, Array]:
-        """Sum of the segments' squared normalised scores by column, and how many segments tell. (97)"""
-        scores = self.each[:, :-1, -1] - (self.each[:, :-1, :-1] @ self.theta[:, :, None])[:, :, 0]
-        information = np.diagonal(self.each, axis1=1, axis2=2)[:, :-1]
-        tells = information > np.maximum(LEAST_SHARE * information.max(0), LEAST)
-        squares = np.where(tells, scores**2 / np.maximum(information, LEAST), 0.0)
-        return squares.sum(0), tells.sum(0).astype(float)
-
-
-def _usual(begins_s: Array, bias_walk: float, constants: Mapping[int, float], skids: bool) -> list[Component]:
-    """The gyro's bias, which walks by `bias_walk` (rad/s/sqrt(s)), and what is never quite as calibrated."""
-    n = len(begins_s)
-    found = [Component({BIAS: 1.0}, FIRST_BIAS_RAD_S, 0, n)]
-    walks = {BIAS: bias_walk, **(WANDERS if skids else {})}
-    roots = np.sqrt(np.diff(begins_s)).tolist()
-    found += [Component({c: 1.0}, walk * root, i, n) for c, walk in walks.items() for i, root in enumerate(roots, 1)]
-    return found + [Component({c: 1.0}, sigma, 0, n) for c, sigma in (SKIDDING if skids else constants).items()]
 
 
 class Bank:
@@ -169,14 +69,21 @@ class Bank:
         self._most = float(self._j.max())
         self._limit = np.array([h.limits[0] for h in hypotheses])
         self._positive = np.array([h.is_positive for h in hypotheses])
+        self._grown = np.array([bool(h.growth) for h in hypotheses])
 
     def nats(self) -> Array:
         """Evidence for each hypothesis since each onset, against nothing, shape (onsets, hypotheses)."""
         n = len(self._score) - 1
         starts = np.array([p.start for p in self._places])
-        information = (self._full - self._own)[:-1, starts]
-        information = np.where(information > HIDDEN * self._full[:-1, starts], information, 0.0)
-        found = self._nats(np.arange(len(starts)), self._score[:-1, starts], information)
+        score, full, v = self._score[:, starts], self._full[:, starts], self._v[:, :, starts]
+        information = full - self._own[:, starts]
+        told = np.where(information > HIDDEN * full, information, 0.0)[:-1]
+        # It may have begun within the segment before.
+        both = self._own[1:, starts] - np.einsum("mst,mst->st", v[:, 1:], v[:, :-1])
+        within = -np.diff(information, axis=0) - 2.0 * both
+        began = np.zeros((2, *told.shape))
+        began[:, 1:] = _edge(score[1:], information[1:], -np.diff(score, axis=0), within, both, self._limit)[:, :-1]
+        found = self._nats(np.arange(len(starts)), score[:-1], told, np.where(self._grown, 0.0, began))
         for i, place in enumerate(self._places):
             if place.stop - place.start > 1:
                 found[:, i] = self._together(i, slice(0, n))
@@ -203,29 +110,36 @@ class Bank:
         """The same of one, of a single column, until before each later segment, shape (begins, ends); -inf: none."""
         t = self._places[i].start
         score, v, own, full = self._score[:, t], self._v[:, :, t], self._own[:, t], self._full[:, t]
-        cross = v.T @ v
+        cross, n = v.T @ v, len(score) - 1
         information = (full - own)[:-1, None] - (full + own)[None, :-1] + 2.0 * cross[:-1, :-1]
-        nats = self._nats(np.array([i]), (score[:-1, None] - score[None, :-1]).ravel()[:, None],
-                          information.ravel()[:, None])  # fmt: skip
-        n = len(score) - 1
+        inside = score[:-1, None] - score[None, :-1]
+        # It may have begun within the segment before, and ended within the next one.
+        each = (full - own)[:-1] - (full + own)[1:] + 2.0 * np.diagonal(cross, 1)
+        change, k, most = np.diff(cross, axis=1), np.arange(n), self._limit[i]
+        both = change[k, k - 1][:, None] - change[:n, k - 1].T
+        began = _edge(inside, information, -np.diff(score)[k - 1, None], each[k - 1, None], both, most)
+        both = change[:n] - np.diagonal(change)
+        edges = began * (k > 0)[:, None] + _edge(inside, information, -np.diff(score), each, both, most)
+        nats = self._nats(np.array([i]), inside.ravel()[:, None], information.ravel()[:, None],
+                          edges.reshape(2, -1, 1))  # fmt: skip
         return np.where(np.arange(n)[None, :] > np.arange(n)[:, None], nats.reshape(n, n), -np.inf)
 
-    def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array) -> Array:
-        """The same of hypotheses i of one column each, (..., hypotheses)."""
+    def _nats(self, i: npt.NDArray[np.integer], score: Array, information: Array, edges: Array) -> Array:
+        """The same of hypotheses i of one column each, (..., hypotheses). `edges`: what those of _edge add."""
         tells = information > LEAST
         safe = np.where(tells, information, 1.0)
         prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
         gain = 0.5 * score**2 / safe * _plausible(np.abs(score) / safe / self._limit[i])
-        nats = self._told(i, gain, prior)
+        nats = self._told(i, gain, prior, edges[0]) - edges[1]
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
-    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array) -> Array:
-        """Student's t for a noise whose size the segments tell, less Occam's factor. (97)"""
-        gain = gain * prior / (1.0 + prior)
+    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0) -> Array:
+        """Student's t for a noise whose size the segments tell, less Occam's factor. `further`: gain, besides. (97)"""
         # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
         j, q, n = np.maximum(self._j[i], 1.0), self._q[i], self._most
-        rest = n * np.maximum((q - 2.0 * gain) / j, 1.0) + SHEET_SEGMENTS
+        rest = n * np.maximum((q - 2.0 * (gain + further)) / j, 1.0) + SHEET_SEGMENTS
+        gain = gain * prior / (1.0 + prior) + further
         return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
 
     def estimate(self, form: Form) -> Estimate:
@@ -282,7 +196,8 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
     n = len(length_s)
     names = list(dict.fromkeys(h.id for h in bank.hypotheses))
     prior = np.log(HAZARD_PER_S * (length_s + START_S * (np.arange(n) == 0)) / len(names))
-    since = bank.nats() + prior[:, None]
+    free = bank.sums.free
+    since = np.where(free[:n] < free[n], bank.nats().T + prior, -np.inf).T
     found = Posterior({}, {}, {})
     for name in names:
         most, at = Form(0, 0, n, -math.inf), np.full(n, -np.inf)
@@ -297,6 +212,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
             most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=attrgetter("nats"))
             if bank.hypotheses[i].has_end:
                 spans = bank.windows(i) + prior[:, None] + np.log(length_s / WINDOW_S)[None, :]
+                spans = np.where(free[:n, None] < free[None, :n], spans, -np.inf)
                 b, e = divmod(int(spans.argmax()), n)
                 most = max(most, Form(i, b, e, float(spans[b, e])), key=attrgetter("nats"))
                 own = np.logaddexp(own, np.logaddexp.reduce(spans, axis=1))
@@ -306,6 +222,24 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
             found.nats[name], found.best[name] = float(np.logaddexp.reduce(at)), most
             found.begins[name] = at
     return found
+
+
+def _edge(score: Array, information: Array, own_score: Array, own: Array, both: Array, most: Array | float) -> Array:
+    """What a part of an effect's size, in the one segment within which it begins or ends, gains and costs: (2, ...).
+
+    `own_score`, `own`: that segment's score and information; `both`: its information in common with the effect's;
+    `most`: the largest plausible size.
+    """
+    safe = np.where(information > LEAST, information, np.inf)
+    size = score / safe
+    left, rest = np.maximum(own - both**2 / safe, 0.0), own_score - both * size
+    # Uniform from none of it to all, as a Gaussian of that mean and variance.
+    mean = 0.5 * np.clip(size, -most, most)
+    variance = mean**2 / 3.0
+    inflated = 1.0 + left * variance
+    gain = (0.5 * rest**2 * variance + rest * mean - 0.5 * left * mean**2) / inflated
+    # Where that segment tells more than all the rest, it is not one in which it begins or ends.
+    return np.where(own < information, np.stack([gain, 0.5 * np.log(inflated)]), 0.0)
 
 
 def _plausible(size: Array) -> Array:

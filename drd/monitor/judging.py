@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from drd.monitor.evidence import Bank, Component, Estimate, Form, Posterior, Sums, posterior
+from drd.monitor.evidence import Bank, Estimate, Form, Posterior, posterior
 from drd.monitor.library import Library
 from drd.monitor.segments import Segments
+from drd.monitor.sums import Component, Sums
 from drd.monitor.telling import SETTLES_S, Known, class_nats
 
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)

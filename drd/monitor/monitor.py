@@ -9,7 +9,6 @@ from drd.arrays import Array
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
 from drd.monitor.constants import CHANGE_S, Constants, stated_constants
-from drd.monitor.evidence import Sums
 from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
@@ -18,6 +17,7 @@ from drd.monitor.library import BIAS, CHANGE, OWN, WAY, Hypothesis, Library
 from drd.monitor.noise import KINDS, RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
+from drd.monitor.sums import Sums
 from drd.monitor.symptoms import Symptoms
 from drd.monitor.telling import Known, Teller
 from drd.samples import GyroSample, WheelSample
@@ -59,11 +59,11 @@ class Monitor:
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
         self._theta: Array | None = None
-        self._noise, self._first = RowNoise(), FirstTurns()
         wheel_scale = self._stated.sigmas[WAY] / math.sqrt(2.0)
         self._fixes = Fixes(wheel_scale, self._walk, self._wheel_noise)
         self._drive = robot.drive
         self._skids = robot.drive == "skid"
+        self._noise, self._first = RowNoise(self._skids), FirstTurns()
         self._constants = known or self._stated
         self.lag_s, self._lag_named_s = 0.0, 0.0
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
@@ -172,7 +172,7 @@ class Monitor:
             self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
         self.known.clear()
-        self._theta, self._noise = None, RowNoise()
+        self._theta, self._noise = None, RowNoise(self._skids, self._noise)
 
     def _tread_of(self, by_wheels: Array, turn: Array) -> None:
         self._turned += (by_wheels @ turn, turn @ turn)

@@ -22,11 +22,17 @@ FEWEST_ROWS: Final = 6  # of a kind in a block
 
 
 class RowNoise:
-    """`scale` (KINDS,): variance of a row over that of the data sheets. `scatter`: of the constants, besides."""
+    """`scale` (KINDS,): variance of a row over that of the data sheets. `scatter`: of the constants, besides.
 
-    def __init__(self) -> None:
+    `skids`: of a robot whose wheels slip sideways in each turn. `before`: the same robot's, when something else was
+    believed of its wheels; at rest they say nothing.
+    """
+
+    def __init__(self, skids: bool = False, before: "RowNoise | None" = None) -> None:
         self.scale, self._rows = np.ones(KINDS), np.full(KINDS, SHEET_ROWS)
-        self.scatter = Scatter()
+        if before is not None:
+            self.scale[0], self._rows[0] = before.scale[0], before._rows[0]
+        self.scatter = Scatter(skids)
 
     @property
     def at_rest(self) -> float:

@@ -1,5 +1,6 @@
 """How much the robot's constants scatter from block to block, as wheels that slip on their ground make them. (95)"""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -8,7 +9,7 @@ from drd.arrays import Array
 from drd.monitor.constants import KNOWN_SIGMAS
 from drd.monitor.library import BIAS, CHANGE, OWN, TURN, WAY
 
-SPANS: Final = (1, 2, 4)  # blocks; what wanders over longer is an effect
+SPANS: Final = (1, 2, 4, 8)  # blocks; what wanders over longer is an effect
 MOST_BLOCKS: Final = 200.0  # so many are remembered
 FEWEST_ROWS: Final = 6  # of a block, that tell of a constant
 # Which rows tell of which: all, those in motion, those that turn (the kinds of RowNoise, the least one).
@@ -19,19 +20,26 @@ USUAL: Final = np.array([1e-5, *(KNOWN_SIGMAS[c] for c in (TURN, WAY, CHANGE))])
 LEAST: Final = np.array([1e-6, 1e-4, 1e-4, 1e-2])
 STEPS: Final = 2.0 ** np.arange(0.0, 12.0, 0.5)
 STEADY: Final = 0.5  # prior probability that a constant does not scatter
+# Of the differences so many come from an effect or another ground that begins or ends, of any size. Where wheels skid,
+# what is theirs comes in bursts: no difference is too large to be their scatter.
+CHANGES: Final = np.full(OWN, 0.01)
+CHANGES_SKIDDING: Final = np.where(np.arange(OWN) == BIAS, CHANGES, 0.0)
 RANK: Final = 1e-9  # relative: a direction of less information tells nothing
 
 
 class Scatter:
-    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE."""
+    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE.
 
-    def __init__(self) -> None:
+    `skids`: of a robot whose wheels slip sideways in each turn.
+    """
+
+    def __init__(self, skids: bool = False) -> None:
+        self._changes = CHANGES_SKIDDING if skids else CHANGES
         self._grid = np.column_stack([np.zeros(OWN), LEAST[:, None] * STEPS]) ** 2
-        likely = 1.0 / (1.0 + self._grid[:, 1:] / USUAL[:, None] ** 2)
+        likely = 1.0 / (1.0 + self._grid[:, 1:] / USUAL[:, None] ** 2) ** 2  # so that the variance has a mean
         likely *= (1.0 - STEADY) / likely.sum(1, keepdims=True)
         self._prior = np.log(np.column_stack([np.full(OWN, STEADY), likely]))
         self._nats = np.zeros((len(SPANS), OWN, len(STEPS) + 1))
-        self._largest = np.zeros_like(self._nats)
         self._seen = np.zeros((len(TOLD_BY), len(SPANS)))
         self._information = np.zeros(OWN)  # of a block that tells, mean
         self._told = np.zeros(len(TOLD_BY))
@@ -67,7 +75,6 @@ class Scatter:
                 if self._seen[chain, j] > MOST_BLOCKS / span:
                     self._seen[chain, j] *= 0.5
                     self._nats[j, columns] *= 0.5
-                    self._largest[j, columns] *= 0.5
         self.variances = self._mean()
 
     def _compare(self, j: int, c: int, information: Array, score: Array) -> None:
@@ -79,15 +86,15 @@ class Scatter:
         own = float(information[c, c] - beside[c] @ k)
         if own <= RANK * information[c, c]:
             return
-        inflated = 1.0 + 2.0 / SPANS[j] * self._grid[c] * own
         square = float(score[c] - (sigma * score) @ k) ** 2 / own
-        gain = 0.5 * (square - square / inflated - np.log(inflated))
-        self._nats[j, c] += gain
-        self._largest[j, c] = np.maximum(self._largest[j, c], gain)
+        inflated = 1.0 + 2.0 / SPANS[j] * self._grid[c] * own
+        scatters, changes = (-0.5 * (square / v + np.log(v)) for v in (inflated, inflated[-1]))
+        p = float(self._changes[c])
+        self._nats[j, c] += np.logaddexp(math.log(1.0 - p) + scatters, math.log(p) + changes) if p else scatters
 
     def _mean(self) -> Array:
         """Of the posterior; the largest of all spans, so that what hangs together over several blocks counts."""
-        nats = self._nats - self._largest + self._prior  # what changes once is no noise
+        nats = self._nats + self._prior
         p = np.exp(nats - nats.max(-1, keepdims=True))
         return np.asarray(((p * self._grid).sum(-1) / p.sum(-1)).max(0))
 

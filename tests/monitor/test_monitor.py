@@ -12,6 +12,7 @@ from drd.config.schema import ConfigError
 from drd.monitor.findings import Finding, Size
 from drd.monitor.library import OWN, TURN
 from drd.monitor.monitor import Monitor
+from drd.monitor.noise import RowNoise
 from drd.monitor.scatter import USUAL, Scatter
 from drd.monitor.segments import COUNTS, Segments
 from drd.units import NS_PER_S
@@ -158,11 +159,13 @@ def learned(treads: Array) -> Scatter:
     return scatter
 
 
-def test_a_tread_that_scatters_is_told_from_white_noise_and_from_one_that_changes_once() -> None:
+def test_a_tread_that_scatters_is_told_from_white_noise_and_from_one_that_changes_once_or_for_a_time() -> None:
     steady, once = learned(np.zeros(60)), learned(np.repeat([0.0, 0.05], 30))
+    for_a_time = learned(np.repeat([0.0, 0.2, 0.0], [24, 12, 24]))
     wandering = learned(np.random.default_rng(2).normal(0.0, 0.05, 60))
     assert (np.sqrt(steady.variances) < 2.0 * USUAL).all()
     assert np.sqrt(once.variances[TURN]) < 2.0 * USUAL[TURN]
+    assert np.sqrt(for_a_time.variances[TURN]) < 2.0 * USUAL[TURN]
     assert np.sqrt(wandering.variances[TURN]) == pytest.approx(0.05, rel=0.25)
 
 
@@ -172,3 +175,13 @@ def test_products_with_scatter_are_those_of_rows_whitened_with_it() -> None:
     own = z[:, :OWN]
     noise = np.eye(20) + (own * scatter.variances) @ own.T
     assert scatter.white(z.T @ z) == pytest.approx(z.T @ np.linalg.solve(noise, z), rel=1e-6, abs=1e-6)
+
+
+def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gyro_has_at_rest() -> None:
+    random, before = np.random.default_rng(5), RowNoise()
+    n = 60
+    x, kind = random.normal(size=(n, OWN)), np.repeat([0, 1, 2], n // 3)
+    before.weights(x, random.normal(0.0, 5.0, n), np.ones(n), kind, np.ones(n, bool))
+    after = RowNoise(True, before)
+    assert after.scale[0] == before.scale[0] > 2.0
+    assert after.scale[1:].tolist() == [1.0, 1.0]

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drd_tools.trial import live, live_cases, live_figures
 from drd_tools.trial.command import main
 from drd_tools.trial.live import LiveRow, Said
+from drd_tools.trial.score import calibration_error, exact_error
 
 
 def row(kind: str, said: list[Said], d: float = 12.0) -> LiveRow:
@@ -47,9 +49,9 @@ def test_only_what_was_right_all_the_time_counts_and_only_in_time() -> None:
     ]
     by_d = live_figures.tables(rows)[0].rows[0]
     assert by_d[:3] == ["d=12", "4", "0.25"]
-    assert by_d[4] == "0.25"
-    assert by_d[5] == "0.50"
-    assert by_d[7] == "1"
+    assert by_d[5] == "0.25"
+    assert by_d[6] == "0.50"
+    assert by_d[8] == "1"
     assert len(live_figures.lines(rows)) == 3
 
 
@@ -71,10 +73,47 @@ def test_the_modes_of_the_trial_do_not_mix(tmp_path: Path) -> None:
 def test_what_is_told_as_unknown_in_time_counts_beside_what_is_named() -> None:
     unknown = Said("unknown", (), 0.9, 150.0, 102.0, False)
     line = live_figures.tables([row("tread_error", [unknown]), row("tread_error", [])])[0].rows[0]
-    assert (line[2], line[4]) == ("0.00", "0.50")
+    assert (line[2], line[5]) == ("0.00", "0.50")
 
 
 def test_a_name_that_was_wrong_for_some_time_is_as_probable_as_it_is_in_the_end() -> None:
     late_right = Said("tread_error", (), 1.0, 150.0, 102.0, True)
     honesty = live_figures.tables([row("tread_error", [late_right])])[3]
     assert honesty.rows[1][1] == "0.000 of 1"
+
+
+def test_the_ceiling_is_what_a_likelihood_ratio_of_known_form_and_size_reaches() -> None:
+    # A thousand hours, some twenty effects, onsets of 4 s alike: ln 2e7 = 16.8 of the 32 that d = 8 has on average.
+    assert live_figures.ceiling(8.0, 60.0) == pytest.approx(0.97, abs=0.01)
+    assert live_figures.ceiling(12.0, 60.0) > 0.999
+    assert live_figures.ceiling(5.0, 60.0) < 0.3
+    assert live_figures.ceiling(0.0, 60.0) == 0.0
+
+
+@pytest.mark.parametrize(("count", "most"), [(0, 2.996), (2, 6.296), (10, 16.962)])
+def test_so_many_are_the_most_that_leave_few_by_chance(count: int, most: float) -> None:
+    assert live_figures.most_by_chance(count) == pytest.approx(most, abs=1e-3)
+
+
+def test_what_a_memory_knows_of_the_robot_lets_an_effect_be_seen_better() -> None:
+    name = "wheel_radius_error-d12-000"
+    with_memory, without = (
+        live_cases.drawn(live_cases.Case(name, "wheel_radius_error", 12.0, 7, x)) for x in (True, False)
+    )
+    assert with_memory is not None
+    assert without is not None
+    assert 0.0 < without.seen_d < with_memory.seen_d < 12.5
+
+
+def test_few_exact_probabilities_have_an_error_by_chance() -> None:
+    rng = np.random.default_rng(0)
+    p = rng.uniform(size=60)
+    drawn = [calibration_error(list(zip(p, rng.uniform(size=60) < p, strict=True))) for _ in range(300)]
+    assert exact_error(p.tolist()) == pytest.approx(np.mean(drawn), rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("null-floors-020", 712), ("null-floors-006", 715)])
+def test_a_floor_is_named_from_the_first_turn_on_it_and_nothing_beside_it(name: str, seed: int) -> None:
+    told = live.judged(live_cases.Case(name, "floors", 0.0, seed))
+    assert told.is_timely
+    assert not any(s.is_wrong for s in told.said)

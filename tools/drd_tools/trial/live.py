@@ -24,7 +24,7 @@ from drd.monitor.monitor import Monitor
 from drd.monitor.telling import Known
 from drd.units import NS_PER_S
 from drd_tools.replay.nominal import configuration
-from drd_tools.trial.live_cases import Case, drawn
+from drd_tools.trial.live_cases import TURN_S, Case, drawn
 from drd_tools.trial.workers import completed
 
 RESULTS: Final = "live.jsonl"
@@ -50,12 +50,14 @@ class Said(Struct, frozen=True):
 class LiveRow(Struct, frozen=True, kw_only=True):
     """The monitor's answer to a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
 
-    `sigmas`: errors of its parameters in their own deviations, of the finding that has its name.
+    `seen_d`: how far it can be told from nothing by then, in deviations. `sigmas`: errors of its parameters in their
+    own deviations, of the finding that has its name.
     """
 
     case: Case
     begin_s: float | None = None
     limit_s: float = 0.0
+    seen_d: float = 0.0
     hours: float = 0.0
     parameters: dict[str, float | str] = {}
     said: list[Said] = []
@@ -67,6 +69,11 @@ class LiveRow(Struct, frozen=True, kw_only=True):
     def right(self) -> Said | None:
         """The first finding whose class has the name."""
         return next((s for s in self.said if not s.is_wrong and s.effect != UNKNOWN), None)
+
+    @property
+    def is_timely(self) -> bool:
+        """Whether that one came in time."""
+        return self.right is not None and self.right.named_s <= self.limit_s + TURN_S
 
 
 class Watch:
@@ -126,6 +133,7 @@ def judged(case: Case) -> LiveRow:
         case=case,
         begin_s=one.begin_s,
         limit_s=one.limit_s,
+        seen_d=one.seen_d,
         hours=seconds / 3600.0,
         parameters=dict(one.values or {}),
         said=sorted(said, key=lambda s: s.named_s),

@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -13,12 +14,16 @@ from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Begins, Chance, Effect, Errors, Parameter, Values
 from drd.effects.motion import Motion
+from drd.monitor.constants import CHANGE_S, KNOWN_SIGMAS, stated_constants
+from drd.monitor.library import CHANGE, TURN, WAY
+from drd.monitor.sums import FIRST_BIAS_RAD_S
 from drd.units import (
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
     RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
 )
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.recordings.folder import Recording
+from drd_tools.replay.nominal import configuration
 from drd_tools.simulate.conditions import GROUNDS, Conditions, Random, Reference
 from drd_tools.simulate.missions import MISSIONS, make_drive
 from drd_tools.simulate.robot import DEFAULT
@@ -65,13 +70,17 @@ class Case(Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Drawn:
-    """A recording and its answer. `begin_s`: None: nothing begins; `limit_s`: until when a name is in time."""
+    """A recording and its answer. `begin_s`: None: nothing begins; `limit_s`: until when a name is in time.
+
+    `seen_d`: its distance by then, beside constants as unsure as the monitor has them.
+    """
 
     recording: Recording
     effect: Effect | None = None
     values: Values | None = None
     begin_s: float | None = None
     limit_s: float = 0.0
+    seen_d: float = 0.0
 
 
 def seen_live() -> list[Effect]:
@@ -128,8 +137,11 @@ def _drawn(case: Case, random: Random) -> Drawn | None:
     found = sized(effect, case.d, made.motion, (begin, after), random)
     if found is None:
         return None
-    recording = overlaid(made.recording, made.motion, [since(effect, found, made.motion, begin)])
-    return Drawn(recording, effect, found, begin_s, limit_s)
+    errors = since(effect, found, made.motion, begin)
+    recording = overlaid(made.recording, made.motion, [errors])
+    known = KNOWN_SIGMAS if case.remembers else stated_constants(configuration(recording)).sigmas
+    constants = (FIRST_BIAS_RAD_S, known[TURN], known[WAY], CHANGE_S * known[CHANGE])
+    return Drawn(recording, effect, found, begin_s, limit_s, visibility(errors, made.motion, limit, constants))
 
 
 def _in_mujoco(random: Random) -> Drawn | None:
@@ -224,7 +236,9 @@ def _sizes(effect: Effect) -> list[Parameter]:
     return [q for q in found if q.name == effect.essential] if effect.essential else found
 
 
-def visibility(errors: Errors, motion: Motion, limit: int, robot: Robot = DEFAULT) -> float:
+def visibility(
+    errors: Errors, motion: Motion, limit: int, nuisances: Sequence[float] = NUISANCES, robot: Robot = DEFAULT
+) -> float:
     """Whitened norm of the errors in rows of the wheels' turn less the gyro's until a step, beside nuisances."""
     size = round(ROW_S / STEP_S)
     n = limit // size
@@ -245,6 +259,6 @@ def visibility(errors: Errors, motion: Motion, limit: int, robot: Robot = DEFAUL
     steps = [
         step * ROW_S * (np.arange(n) >= k) for k in range(round(BIAS_STEP_S / ROW_S), n, round(BIAS_STEP_S / ROW_S))
     ]
-    beside = np.column_stack([*(s * c for s, c in zip(NUISANCES, columns, strict=True)), *steps]) / sigma[:, None]
+    beside = np.column_stack([*(s * c for s, c in zip(nuisances, columns, strict=True)), *steps]) / sigma[:, None]
     z = seen / sigma
     return math.sqrt(max(float(z @ Marginal(beside).projected(z)), 0.0))

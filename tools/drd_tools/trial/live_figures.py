@@ -1,7 +1,9 @@
 """The figures of `drd trial --live`, and their page."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
@@ -12,10 +14,12 @@ from drd_tools.report.page import Page
 from drd_tools.trial.figures import Table
 from drd_tools.trial.live import LiveRow
 from drd_tools.trial.live_cases import DISTANCES, NULLS, TURN_S, WAY_M, seen_live
-from drd_tools.trial.score import calibration_error, wilson
+from drd_tools.trial.score import calibration_error, exact_error, wilson
 
+GOAL_S: Final = 1000.0 * 3600.0  # between false names
 HEADER: Final = [
-    "", "n", "in time", "95 %", "or unknown", "ever", "unknown", "wrong too", "onset off, s", "named after, s",
+    "", "n", "in time", "95 %", "ceiling", "or unknown", "ever", "unknown", "wrong too", "onset off, s",
+    "named after, s",
 ]  # fmt: skip
 
 
@@ -33,15 +37,40 @@ def tables(rows: Sequence[LiveRow]) -> list[Table]:
     ]
 
 
+def ceiling(d: float, seconds: float) -> float:
+    """Probability that any detector names an effect of d deviations, `seconds` after it began, (98).
+
+    It knows form and size, watches as many effects as are drawn, and names one falsely in GOAL_S.
+    """
+    if d <= 0.0:
+        return 0.0
+    alike_s = 4.0 * seconds / d**2
+    return NormalDist().cdf(0.5 * d - math.log(GOAL_S * len(seen_live()) / alike_s) / d)
+
+
+def most_by_chance(count: int) -> float:
+    """Mean of a Poisson distribution that leaves so few, or fewer, with a probability of 5 %."""
+    low, high = 0.0, 10.0 + 3.0 * count
+    for _ in range(40):
+        mean = 0.5 * (low + high)
+        term = total = math.exp(-mean)
+        for k in range(1, count + 1):
+            term *= mean / k
+            total += term
+        low, high = (mean, high) if total > 0.05 else (low, mean)
+    return high
+
+
 def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
     if not rows:
         return []
     rights = [(r, s) for r in rows if (s := r.right) is not None]
-    timely = sum(s.named_s <= r.limit_s + TURN_S for r, s in rights)
+    timely = sum(r.is_timely for r in rows)
     told = sum(
         any(not s.is_wrong and (r.begin_s or 0.0) <= s.named_s <= r.limit_s + TURN_S for s in r.said) for r in rows
     )
     low, high = wilson(timely, len(rows))
+    ceilings = [ceiling(r.seen_d, r.limit_s - (r.begin_s or 0.0)) for r in rows if r.case.d]
     off = [abs(s.since_s - (r.begin_s or 0.0)) for r, s in rights]
     late = [s.named_s - (r.begin_s or 0.0) for r, s in rights]
     return [
@@ -49,6 +78,7 @@ def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
         str(len(rows)),
         f"{timely / len(rows):.2f}",
         f"{low:.2f}..{high:.2f}",
+        f"{np.mean(ceilings):.2f}" if ceilings else "",
         f"{told / len(rows):.2f}",
         f"{len(rights) / len(rows):.2f}",
         str(sum(any(s.effect == UNKNOWN for s in r.said) for r in rows)),
@@ -64,9 +94,11 @@ def _nulls(made: Sequence[LiveRow]) -> Table:
         own = [r for r in made if r.case.kind == kind]
         hours, wrong = sum(r.hours for r in own), sum(s.is_wrong for r in own for s in r.said)
         unknown = sum(s.effect == UNKNOWN for r in own for s in r.said)
+        timely = sum(r.is_timely for r in own) if any(r.begin_s is not None for r in own) else ""
         if own:
-            lines.append([kind, str(len(own)), f"{hours:.1f}", str(wrong), f"{1e3 * wrong / hours:.0f}", str(unknown)])
-    header = ["kind", "n", "hours", "false names", "in 1,000 hours", "unknown"]
+            lines.append([kind, str(len(own)), f"{hours:.1f}", str(wrong), f"{1e3 * wrong / hours:.0f}",
+                          f"{1e3 * most_by_chance(wrong) / hours:.0f}", str(unknown), str(timely)])  # fmt: skip
+    header = ["kind", "n", "hours", "false names", "in 1,000 hours", "at most (95 %)", "unknown", "in time"]
     return Table("Nothing to be named (or, on floors, other ground only)", header, lines)
 
 
@@ -81,6 +113,7 @@ def _honesty(rows: Sequence[LiveRow], made: Sequence[LiveRow], effects: Sequence
     lines = [
         ["truth within the 90 % intervals", f"{inside:.2f} of {len(sigmas)}"],
         ["expected calibration error of the names' probabilities", f"{calibration_error(pairs):.3f} of {len(pairs)}"],
+        ["the same if each probability were exact, mean", f"{exact_error([p for p, _ in pairs]):.3f}"],
         ["cost, ms of a core per second of data", f"{cost:.1f}"],
         ["not made: at no plausible size it shows so well", str(len(rows) - len(made))],
     ]
@@ -91,8 +124,7 @@ def lines(rows: Sequence[LiveRow]) -> list[str]:
     """Each case with something wrong, or not named in time."""
     found = []
     for r in rows:
-        right = r.right
-        is_late = r.case.kind not in NULLS and (right is None or right.named_s > r.limit_s + TURN_S)
+        is_late = r.case.kind not in NULLS and not r.is_timely
         if r.is_made and (is_late or any(s.is_wrong for s in r.said)):
             said = "; ".join(
                 f"{s.named_s:.0f} s {s.effect} {s.probability:.2f}{' (' + ', '.join(s.alike) + ')' if s.alike else ''}"

@@ -128,6 +128,15 @@ def calibration_error(pairs: Sequence[tuple[float, bool]]) -> float:
     return sum(abs(sum(p - is_right for p, is_right in own)) for own in bins.values()) / max(len(pairs), 1)
 
 
+def exact_error(probabilities: Sequence[float]) -> float:
+    """Mean of `calibration_error` where each is as probable as it is said to be, by the normal distribution."""
+    bins: dict[int, float] = {}
+    for p in probabilities:
+        at = min(int(BINS * p), BINS - 1)
+        bins[at] = bins.get(at, 0.0) + p * (1.0 - p)
+    return sum(math.sqrt(2.0 / math.pi * variance) for variance in bins.values()) / max(len(probabilities), 1)
+
+
 def of_names(record: Record, method: str) -> Score:
     """Judge another method, which selects names only, the best first."""
     names = record.baselines[method]

@@ -1,0 +1,119 @@
+"""Sums of the rows' products since each moment, and what robots do anyway in them. (96), (97)"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from drd.arrays import Array
+from drd.monitor.library import BIAS, CHANGE, TURN, WAY
+from drd.monitor.segments import Segment
+
+LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
+# Standard deviations of what a robot has whose wheels slip sideways in each turn, tread times gyro scale, the radii's
+# difference, the lag (in 10 ms), and how much of it changes in a second's root; of the bias at the start, rad/s.
+SKIDDING: Final = {TURN: 0.5, WAY: 0.03, CHANGE: 10.0}
+WANDERS: Final = {TURN: 0.02, WAY: 0.005}
+FIRST_BIAS_RAD_S: Final = 0.02
+LEAST: Final = 1e-30
+
+
+@dataclass(frozen=True)
+class Component:
+    """Columns that are in the data for sure, of a prior deviation, in segments from `begin` until before `end`.
+
+    `weights`: what each column of the rows counts.
+    """
+
+    weights: Mapping[int, float]
+    sigma: float
+    begin: int
+    end: int
+
+
+class Sums:
+    """Products of the rows from each segment's begin on, and what the components leave of them.
+
+    `free` (segments + 1,): how many segments before each, and in all, no component has for itself.
+    """
+
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        bias_walk: float,
+        constants: Mapping[int, float],
+        skids: bool,
+        components: Sequence[Component],
+    ):
+        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid."""
+        self.each: Array = np.stack([s.products for s in segments])
+        self.begins_s = np.array([s.begin_s for s in segments])
+        self.length_s = np.array([s.end_s - s.begin_s for s in segments])
+        n = len(segments)
+        # What shows only where another one begins or ends is that one's.
+        taken = np.isin(np.arange(n), [c.begin for c in components if c.end - c.begin == 1])
+        self.free: Array = np.concatenate([[0.0], np.cumsum(~taken)])
+        # From here on; after the last one nothing.
+        self.since: Array = np.concatenate([np.cumsum(self.each[::-1], 0)[::-1], np.zeros_like(self.each[:1])])
+        self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
+        self._fit(n)
+
+    def _fit(self, n: int) -> None:
+        parts, s = self._components, np.arange(n + 1)
+        width = self.each.shape[1]
+        columns: dict[tuple[tuple[int, float], ...], Array] = {}
+        rows: list[Array] = []
+        for part in parts:
+            key = tuple(sorted(part.weights.items()))
+            if key not in columns:
+                columns[key] = sum((w * self.since[:, c] for c, w in key), np.zeros((n + 1, width)))
+            own = columns[key]
+            rows.append(part.sigma * (own[np.maximum(s, part.begin)] - own[np.maximum(s, part.end)]))
+        # (components, onsets, columns): products with each column from each onset on.
+        self.beside: Array = np.stack(rows)
+        m = len(parts)
+        gram = np.eye(m)
+        for j, part in enumerate(parts):
+            # Products over the segments that both have in common.
+            of_all = sum((w * self.beside[:, part.begin, c] for c, w in part.weights.items()), np.zeros(m))
+            after = sum((w * self.beside[:, part.end, c] for c, w in part.weights.items()), np.zeros(m))
+            gram[:, j] += part.sigma * (of_all - after)
+        # numpy has no triangular solver, and m is small.
+        self._whiten: Array = np.linalg.inv(np.linalg.cholesky(0.5 * (gram + gram.T)))
+        self.vy: Array = self._whiten @ self.beside[:, 0, -1]
+        self.coefficients: Array = self._whiten.T @ self.vy
+        self.theta: Array = np.zeros((n, width - 1))
+        for part, x in zip(parts, self.coefficients, strict=True):
+            for c, w in part.weights.items():
+                self.theta[part.begin : part.end, c] += part.sigma * w * x
+
+    def constant(self, column: int) -> tuple[float, float]:
+        """The component that holds a column all along: its value and its deviation."""
+        n = len(self.length_s)
+        at = max(i for i, p in enumerate(self._components) if p.weights == {column: 1.0} and (p.begin, p.end) == (0, n))
+        sigma = self._components[at].sigma
+        return sigma * float(self.coefficients[at]), sigma * math.sqrt(float(self._whiten[:, at] @ self._whiten[:, at]))
+
+    def whitened(self, columns: Array) -> Array:
+        """Products with the components (m, ...), so that their squares are what the components explain."""
+        return np.asarray((self._whiten @ columns.reshape(len(columns), -1)).reshape(columns.shape))
+
+    def scatter(self) -> tuple[Array, Array]:
+        """Sum of the segments' squared normalised scores by column, and how many segments tell. (97)"""
+        scores = self.each[:, :-1, -1] - (self.each[:, :-1, :-1] @ self.theta[:, :, None])[:, :, 0]
+        information = np.diagonal(self.each, axis1=1, axis2=2)[:, :-1]
+        tells = information > np.maximum(LEAST_SHARE * information.max(0), LEAST)
+        squares = np.where(tells, scores**2 / np.maximum(information, LEAST), 0.0)
+        return squares.sum(0), tells.sum(0).astype(float)
+
+
+def _usual(begins_s: Array, bias_walk: float, constants: Mapping[int, float], skids: bool) -> list[Component]:
+    """The gyro's bias, which walks by `bias_walk` (rad/s/sqrt(s)), and what is never quite as calibrated."""
+    n = len(begins_s)
+    found = [Component({BIAS: 1.0}, FIRST_BIAS_RAD_S, 0, n)]
+    walks = {BIAS: bias_walk, **(WANDERS if skids else {})}
+    roots = np.sqrt(np.diff(begins_s)).tolist()
+    found += [Component({c: 1.0}, walk * root, i, n) for c, walk in walks.items() for i, root in enumerate(roots, 1)]
+    return found + [Component({c: 1.0}, sigma, 0, n) for c, sigma in (SKIDDING if skids else constants).items()]
