@@ -25,19 +25,18 @@ class Agreement:
     def __init__(self, rejections_before_release: int, reasons: Reasons, counters: dict[str, int]):
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
-        self._slipped_m, self._stuck_rad = OneSided(), OneSided()
+        self._is_slip, self._slipped_m, self._stuck_rad = False, OneSided(), OneSided()
         self._drift = Drift()
         self._reading, self._repeats = math.nan, 0
 
     def update(self, track: Track, t_ns: int, drive: Drive, reading: float = math.nan) -> bool:
         """Compare at the end of a gyro sample, of which `reading` is the rate. False: the filter is not finite and must
         start again.
-
-        Until it is known how the robot steers, a drift of the two headings is nothing unusual.
         """
         kf = track.kf
         self._repeats = self._repeats + 1 if reading == self._reading else 0
         self._reading = reading
+        track.hindsight.watch(kf, t_ns)
         outcome = kf.update(track.rate_rad_s)
         if outcome is Outcome.REJECTED:
             self._counters["rejected"] += 1
@@ -47,14 +46,12 @@ class Agreement:
             self._reasons.set("agreement", text, t_ns)
             if self._rejections < self._limit:
                 return True
-            kf.add_heading_variance(kf.z * kf.z)  # slip: the wheels' heading is worth no more than this
-            # If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side. (18)
-            kf.add_position_variance(self._slipped_m.growth(0.5 * kf.nominal.tread_m * abs(kf.z)))
+            z_rad = kf.z
+            self.slip(track, t_ns, z_rad)
             if kf.stands:
-                kf.turn_by_gyro_alone(-kf.z)
+                kf.turn_by_gyro_alone(-z_rad)
             if self._repeats >= STUCK_READINGS:  # the wheels' heading is about to follow a gyro that is stuck
-                kf.add_heading_variance(self._stuck_rad.growth(abs(kf.z)), both=True)
-            self._counters["released"] += 1
+                kf.add_heading_variance(self._stuck_rad.growth(abs(z_rad)), both=True)
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
                 # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (35)
@@ -65,14 +62,35 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
-        if drive is not Drive.UNKNOWN and not self._slipped_m.sum:  # the cause of what follows slip is known
-            self._drift.watch(kf, t_ns, drive)
-            if self._drift.text is not None:
-                self._reasons.set("agreement", self._drift.text, t_ns)
-                self._rejected_ns = t_ns
+        self._watch_drift(track, t_ns, drive)
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
+            self._is_slip = False
             self._slipped_m.forget()
             self._stuck_rad.forget()
             self._drift.is_over()
         return True
+
+    def slip(self, track: Track, t_ns: int, parted_rad: float) -> None:
+        """The wheels' heading is worth no more than this, and what it has taught is not believed. (18)
+
+        If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side.
+        """
+        kf, slipped_m = track.kf, track.hindsight.slipped_m
+        self._is_slip = True
+        self._counters["released"] += 1
+        track.hindsight.take_back(kf, t_ns)
+        kf.add_heading_variance(parted_rad * parted_rad)
+        kf.add_position_variance(self._slipped_m.growth(slipped_m))
+
+    def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
+        kf, drift, text = track.kf, self._drift, None
+        if drive is not Drive.UNKNOWN and not self._is_slip:
+            drift.watch(kf, t_ns, drive)
+            text = drift.text
+        elif parted_rad := drift.parted_rad(kf):  # P has what tread and lag may be: no other ground is needed for it
+            self.slip(track, t_ns, parted_rad)
+            text = "wheels and gyro drift apart: a wheel slips, or the gyro is wrong"
+        if text is not None:
+            self._reasons.set("agreement", text, t_ns)
+            self._rejected_ns = t_ns

@@ -79,6 +79,7 @@ def take(kf: Filter, constant: Constant, tread_m: float) -> None:
     rest = np.eye(N) - np.outer(gain, h)
     P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # of any gain
     np.copyto(kf.P, 0.5 * (P + P.T))
+    kf.given += 1
 
 
 def _row(kf: Filter, name: str) -> Matrix:

@@ -38,20 +38,38 @@ class Drift:
         """The headings agree again."""
         self._drifted_rad.forget()
 
+    def parted_rad(self, kf: Filter) -> float:
+        """After a comparison that was accepted, while wheels slip or nobody knows how the robot steers: by how much the
+        headings have drifted apart, 0 where that may be noise.
+        """
+        if not self._is_one_sided(kf):
+            return 0.0
+        parted_rad = sum(self._turns_rad)
+        self._begin()
+        return parted_rad
+
     def watch(self, kf: Filter, t_ns: int, drive: Drive) -> None:
         """After a comparison that was accepted."""
         self.text = None
-        self._ratios.append(kf.z / math.sqrt(kf.S))
-        self._turns_rad.append(kf.z)
+        is_one_sided = self._is_one_sided(kf)
         if self._ground_ns:
             self._cover_the_gyro(kf, t_ns, drive)
-        limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad.sum else ONE_SIDED_SIGMAS
-        if abs(sum(self._ratios)) < limit * math.sqrt(IN_A_ROW):
+        if not is_one_sided:
             return
         if not self._ground_ns or t_ns - self._ground_ns > GROUND_NS:
             self._suspect_the_ground(kf, t_ns)
         else:
             self._suspect_both(kf)
+
+    def _is_one_sided(self, kf: Filter) -> bool:
+        self._ratios.append(kf.z / math.sqrt(kf.S))
+        self._turns_rad.append(kf.z)
+        limit = STILL_ONE_SIDED_SIGMAS if self._drifted_rad.sum else ONE_SIDED_SIGMAS
+        return abs(sum(self._ratios)) >= limit * math.sqrt(IN_A_ROW)
+
+    def _begin(self) -> None:
+        for row in (self._ratios, self._turns_rad):
+            row.extend([0.0] * IN_A_ROW)
 
     def _suspect_the_ground(self, kf: Filter, t_ns: int) -> None:
         tread_m = kf.nominal.tread_m
@@ -59,8 +77,7 @@ class Drift:
         self._ground_ns, self._tread_m, self._heading_rad = t_ns, tread_m, kf.heading_rad
         self._gyro_rad.forget()
         self._cover(kf, sum(self._turns_rad))
-        for row in (self._ratios, self._turns_rad):
-            row.extend([0.0] * IN_A_ROW)
+        self._begin()
         self.text = "wheels and gyro drift apart: another ground, or the gyro"
 
     def _cover_the_gyro(self, kf: Filter, t_ns: int, drive: Drive) -> None:
@@ -76,7 +93,10 @@ class Drift:
         self.text = f"wheels and gyro drift apart: another ground (tread {100.0 * part:+.0f} %), or the gyro"
 
     def _cover(self, kf: Filter, part_rad: float) -> None:
-        kf.add_heading_variance(self._gyro_rad.growth(part_rad), both=True)
+        """The gyro may be wrong by that, or one wheel by a way that is half of it in the middle."""
+        growth_rad2 = self._gyro_rad.growth(part_rad)
+        kf.add_heading_variance(growth_rad2, both=True)
+        kf.add_position_variance((0.5 * self._tread_m) ** 2 * growth_rad2)
 
     def _suspect_both(self, kf: Filter) -> None:
         """No other ground: nobody knows which of the headings is wrong, so both may be."""

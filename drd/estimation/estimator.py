@@ -11,7 +11,7 @@ from drd.estimation.applied import Applied, Constant
 from drd.estimation.calibration import Calibration
 from drd.estimation.corrections import Corrections
 from drd.estimation.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
-from drd.estimation.filter import GYRO_BIAS, Filter, X, Y
+from drd.estimation.filter import GYRO_BIAS, Filter, Six, X, Y
 from drd.estimation.health import Reasons
 from drd.estimation.lead import Lead, Place, onward, seen_from
 from drd.estimation.learning import Learned, RestNoise, WheelNoise
@@ -138,6 +138,10 @@ class Estimator:
             self.counters["wheel_gaps"] += 1
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
         own_m_s = self._corrections.lateral_m_s
+        start_ns = max(sample.t_ns - round(sample.interval_s * NS_PER_S), self._wheels.end_ns)
+        missed_s = (min(self._track.t_ns, sample.t_ns) - start_ns) * S_PER_NS
+        if missed_s > 0.0:
+            self._track.catch_up(left_m_s * missed_s, right_m_s * missed_s)
         if not self._wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, self._track.t_ns, own_m_s):
             self.counters["late_wheels"] += 1
             return None
@@ -257,7 +261,9 @@ class Estimator:
     def _known_until_ns(self, now_ns: int) -> int:
         end_ns, lag_ns = self._silence.wheels_ns, self._track.lag_ns
         if self._has_gyro and not self.bias.active:
-            wait_ns = self._reorder_ns + self._corrections.further_wait_ns + max(-lag_ns, 0)  # a late gyro
+            # A sample of the gyro is not late before its interval is over.
+            wait_ns = self._reorder_ns + round(self._gyro_interval_s * NS_PER_S)
+            wait_ns += self._corrections.further_wait_ns + max(-lag_ns, 0)  # a late gyro
             # Where the lag has grown, the gyro's next sample tells of the time that is seen twice.
             unused = self._gyro.end_ns > self._track.gyro_ns
             both_ns = min(end_ns, self._gyro.end_ns + lag_ns if unused else self._track.t_ns)
@@ -293,7 +299,8 @@ class Estimator:
         else:
             # Slip that the gate found is no noise, and must not pass for it.
             self.wheel_noise.take(kf, is_usual=not self.reasons.has("agreement"))
-            self.steering.watch(kf)
+            if not self.steering.watch(kf):
+                self._agreement.slip(track, t_ns, 0.0)
 
     # ---- validity ----------------------------------------------------------------------------------------------
 
@@ -334,10 +341,12 @@ class Estimator:
             turn_rad = n.gyro_scale * self._gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
         else:  # the newest is used up: as fast as in it
             turn_rad = track.rate_rad_s * lag_s
-        return Lead(lag_s, track.speed_m_s * lag_s, turn_rad, self.steering.scale, self.steering.wander_m2)
+        return self._no_lead()._replace(lag_s=lag_s, way_m=track.speed_m_s * lag_s, turn_rad=turn_rad)
 
     def _no_lead(self) -> Lead:
-        return Lead(0.0, 0.0, 0.0, self.steering.scale, self.steering.wander_m2)
+        steering, seen = self.steering, self._track.hindsight
+        wander_m2 = steering.wander_m2 + seen.slipped_m**2
+        return Lead(0.0, 0.0, 0.0, steering.scale, wander_m2, seen.lag_doubt_s(self._track.kf))
 
     def _look_ahead(self, t_ns: int) -> Track:
         """The track, or a copy of it that is carried on through the samples that wait for their partner."""
@@ -407,6 +416,7 @@ class Estimator:
         learned with; `same_gyro`, the same of bias and scale; `same_model`, the compensation and where it stands.
         """
         self._track.copy_from(other._track)
+        self._track.hindsight = other._track.hindsight
         self._wheels, self._gyro = other._wheels, other._gyro
         self.counters.update(other.counters)
         self._tick_ns, self._pose_ns, self._gyro_pose_ns = other._tick_ns, other._pose_ns, other._gyro_pose_ns
@@ -486,13 +496,26 @@ class Estimator:
         kf.move(self.newest(), onward(asked, moved))
         self.steering.pose_was_set()
         self._track.blind_way.forget()
-        covariance = np.diag([sigma_m**2, sigma_m**2, sigma_rad**2])
+        self._track.hindsight.begin(kf, self._track.t_ns)
+        self._wheels.end_ns = max(self._wheels.end_ns, self._track.t_ns)  # what passed unseen is not caught up with
+        # What lies between the filter's own pose and the one that is set is in the filter's: the wheels' turn, say.
+        between = self._covariance_from_now()
+        covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
         kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad, covariance)
         kf.lead_to_pose(self._track.speed_m_s, self._track.rate_rad_s)
         self._track.unseen_s = self._track.blind_s = self._track.rejected_rad = 0.0
         self._silence.was_lost = False
         for source in ("filter", "position"):
             self.reasons.clear(source)
+
+    def _covariance_from_now(self) -> Six:
+        """Of the newest pose as it is seen from the filter's own."""
+        preview, n = self._preview, self._track.kf.nominal
+        preview.copy_from(self._track)
+        preview.kf.set_pose(n.x_m, n.y_m, self._track.kf.heading_rad, np.zeros((3, 3)))
+        if 0 < self._track.t_ns < self._pose_ns:
+            preview.run(self._wheels, self._gyro, self._pose_ns)
+        return preview.kf.pose_covariance()
 
     def apply(self, name: str, constant: Constant | None) -> str | None:
         """Take a constant that the monitor has found, or, None, put back what was there; returns why not."""

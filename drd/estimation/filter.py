@@ -55,6 +55,8 @@ LEAST_LAG_S: Final = -0.1
 MOST_LAG_S: Final = 0.5
 # A part of the stated tread. Effective ones are 1.0 to 2.0 times the measured one; no tape is wrong by three quarters.
 LEAST_TREAD: Final = 0.25
+# z^2 over S beyond which z is no noise as stated: three standard deviations, as for what noise is learned from.
+USUAL2: Final = 9.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
 # Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
@@ -144,6 +146,7 @@ class Filter:
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
         self._estimate_lag = 1.0 if sigmas.wheel_lag_s > 0.0 else 0.0
         self._updates = 0
+        self.given = 0  # how often constants or their variances have come from elsewhere than a comparison
         # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q.
         self._FT_and_I: Matrix = np.zeros((2 * N, N))
         self._PFT_and_Q: Matrix = np.zeros((2 * N, N))
@@ -168,6 +171,7 @@ class Filter:
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
+        self.given += 1
         self.nominal = Nominal(tread_m)
         self._last_tread_m, self._least_tread_m = tread_m, LEAST_TREAD * tread_m
         # What stays in F from step to step.
@@ -189,7 +193,7 @@ class Filter:
         a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
         a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
         a.origin_x_m, a.origin_y_m = b.origin_x_m, b.origin_y_m
-        self._last_tread_m = other._last_tread_m
+        self._last_tread_m, self.given = other._last_tread_m, other.given
         self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
         self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
         np.copyto(self.P, other.P)
@@ -426,6 +430,14 @@ class Filter:
         # No evidence for a robot almost without a tread is believed, however wide the gate: it would break F and Q.
         if z * z > self._gate2 * S or n.tread_m - tread * k < self._least_tread_m:  # (18)
             return Outcome.REJECTED
+        if z * z > USUAL2 * S and not self.stands:
+            # Slip, if by less than the gate: what is too much is the wheels' heading's, and teaches little else. (18)
+            before = self._p[HH]
+            self.add_heading_variance(z * z / USUAL2 - S)
+            excess = self._p[HH] - before
+            heading, S = heading + excess, S + excess
+            PH[HEADING] = heading
+            k = z / S
         n.x_m -= x * k  # (20)
         n.y_m -= y * k
         n.heading_rad -= heading * k
@@ -463,6 +475,11 @@ class Filter:
         n.gyro_scale -= column[GYRO_SCALE] * k
         n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
         n.wheel_lag_s = nearest_s
+
+    @property
+    def gain(self) -> Matrix:
+        """That of the last comparison that was accepted, shape (N,)."""
+        return self._PH / self._sigma
 
     def anchor_gyro(self) -> None:
         """The gyro was not there: its heading continues from the wheels' and shares their error. (35)"""
@@ -513,6 +530,7 @@ class Filter:
         """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
         one against the other. (34)
         """
+        self.given += 1
         n, g = self.nominal, np.zeros(N)
         g[X], g[Y] = n.x_m - n.origin_x_m, n.y_m - n.origin_y_m
         g[SCALE_R], g[SCALE_L], g[TREAD] = 1.0, 1.0, n.tread_m
@@ -523,12 +541,14 @@ class Filter:
 
     def add_tread_variance(self, variance_m2: float) -> None:
         """The effective tread may be another from now on."""
+        self.given += 1
         self._p[DD] += variance_m2
 
     def add_lag_variance(self, variance_s2: float) -> None:
         """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (30)"""
+        self.given += 1
         g = np.zeros(N)
-        g[WHEEL_LAG], g[GYRO_HEADING] = 1.0, -self.rate_rad_s
+        g[WHEEL_LAG], g[GYRO_HEADING], g[HEADING] = 1.0, -self.rate_rad_s, -self.rate_rad_s
         self.P += variance_s2 * np.outer(g, g)
 
     def add_slip_variance(self, variance_s2: float) -> None:
@@ -580,14 +600,22 @@ class Filter:
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
         """Take an estimate from elsewhere."""
+        self.given += 1
         self.nominal = replace(nominal)
         self.set_tread(nominal.tread_m)
         np.copyto(self.P, P)
 
     def forget(self, state: int, sigma: float) -> None:
         """Nothing is known of a state any more but this standard deviation."""
+        self.given += 1
         self.P[state, :] = self.P[:, state] = 0.0
         self.P[state, state] = sigma**2
+
+    def set_covariance(self, states: Sequence[int], covariance: Matrix) -> None:
+        """Of these states this is known together, whatever is known of the others."""
+        for state in states:
+            self.P[state, :] = self.P[:, state] = 0.0
+        self.P[np.ix_(states, states)] = covariance
 
     def sigma(self, state: int) -> float:
         """Standard deviation of one state."""

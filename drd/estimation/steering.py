@@ -7,7 +7,7 @@ from typing import Final
 from drd.config.keys import Config
 from drd.effects.compensation import Compensation
 from drd.estimation.estimate import MEASURED_TREAD, SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, is_stated_skid
-from drd.estimation.filter import SLIP, TREAD, Filter
+from drd.estimation.filter import LL, RL, RR, SLIP, TREAD, Filter
 from drd.estimation.lead import Place, seen_from
 from drd.estimation.learning import Drive, Learned, WheelNoise
 from drd.estimation.noise import SKID_LATERAL_M_PER_SQRT_M, SKID_TURN_M_PER_SQRT_RAD
@@ -18,6 +18,8 @@ TAPE_SIGMAS: Final = 3.0
 TAPE_PART: Final = 0.05
 # However well other drives tell them, tyres and ground of the next day differ by so much.
 LEAST_KNOWN: Final = {"wheel_scale": WHEEL_SCALE, "tread": MEASURED_TREAD}
+# Skid-steer robots have 1.0 to 2.0 of the measured tread: no slip in turns makes it less, none so much more.
+MOST_EFFECTIVE: Final = 2.5
 
 
 def as_modelled(config: Config, model: Compensation) -> Config:
@@ -58,24 +60,33 @@ class Steering:
         if self.drive is Drive.UNKNOWN and self._initial.slip_s is None and not kf.sigma(SLIP):
             kf.add_slip_variance(SKID_SLIP_S**2)
 
-    def watch(self, kf: Filter) -> None:
-        """After a comparison: the gyro may have shown by now which tread is effective."""
+    def watch(self, kf: Filter) -> bool:
+        """After a comparison: the gyro may have shown by now which tread is effective. False: one that no robot has."""
         if self.drive is not Drive.UNKNOWN:
-            return
+            return True
         self._wander(kf)
         tape_m, sigma_m = TAPE_PART * self._robot.tread_m, kf.sigma(TREAD)
-        off_m = abs(kf.nominal.tread_m - self._robot.tread_m)
-        if off_m > TAPE_SIGMAS * math.hypot(sigma_m, tape_m):
+        off_m, most_m = kf.nominal.tread_m - self._robot.tread_m, TAPE_SIGMAS * math.hypot(sigma_m, tape_m)
+        if off_m < -most_m or off_m > max(most_m, (MOST_EFFECTIVE - 1.0) * self._robot.tread_m):
+            return False
+        if off_m > most_m:
             if self.scale:
                 kf.add_scale_variance(SKID_SCALE, 0.0)
             kf.add_position_variance(self.wander_m2)
             # What was learned of the lag so far was learned with a wrong tread: their product is in no F.
             kf.add_lag_variance(self._initial.wheel_lag_s**2)
             self._found_skid()
-        elif off_m + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m:
+        elif abs(off_m) + TAPE_SIGMAS * sigma_m < TAPE_SIGMAS * tape_m and self._has_wheels_alike(kf):
             self._decide(Drive.DIFFERENTIAL)
             if self._initial.slip_s is None:
                 kf.forget_slip()
+        return True
+
+    def _has_wheels_alike(self, kf: Filter) -> bool:
+        """Else the one slips, or the robot does; nominal radii do not differ so."""
+        n, p = kf.nominal, kf.flat_P
+        known = (self._initial.wheel_scale or WHEEL_SCALE) ** 2
+        return (n.scale_right - n.scale_left) ** 2 < TAPE_SIGMAS**2 * (2.0 * known + p[RR] + p[LL] - 2.0 * p[RL])
 
     def _wander(self, kf: Filter) -> None:
         """Add what turning and driving since the last comparison would have made of skid steering."""

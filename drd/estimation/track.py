@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import cos, sin
 
 from drd.config.keys import Config
 from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.hindsight import Hindsight
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.timeline import Piece, Segment, Stream, pieces
 from drd.estimation.uncertainty import (
@@ -46,6 +48,7 @@ class Track:
     _lag_ns: int = 0
     # The wheels' heading stands rejected by this much, and is not yet released.
     rejected_rad: float = 0.0
+    hindsight: Hindsight = field(default_factory=Hindsight)
     blind_way: BlindWay = field(default_factory=BlindWay)
 
     def copy_from(self, other: "Track") -> None:
@@ -72,7 +75,7 @@ class Track:
         for piece in pieces(wheels, gyro, self.t_ns, end_ns, lag_ns, self.gyro_ns):
             self._step(piece, gyro)
             _, self.t_ns, wheel, rate = piece
-            self.gyro_ns = self.t_ns - lag_ns
+            self.gyro_ns = max(self.gyro_ns, self.t_ns - lag_ns)  # in a time that is seen twice it stays
             if on_gyro_end and wheel and rate and self.t_ns == rate.end_ns + lag_ns:
                 if rate.end_ns <= self._compared_ns:
                     continue  # the lag has become shorter meanwhile
@@ -98,6 +101,16 @@ class Track:
         """Somebody has changed the lag: what of the turn is seen twice, or left out, is put right in the next step."""
         self._regained_s += by_s
         self._regained_rad += self.kf.rate_rad_s * by_s
+
+    def catch_up(self, left_m: float, right_m: float) -> None:
+        """A sample of the wheels has come too late for so much of its way, which passed unseen: the pose is put on by
+        it, along the gyro's heading if there was one. What (36) has added for it stays.
+        """
+        n, D = self.kf.nominal, self.kf.nominal.tread_m
+        turn_rad = (right_m - left_m) / D if self.blind_s else 0.0
+        middle = self.kf.heading_rad + 0.5 * turn_rad
+        n.x_m, n.y_m = n.x_m + 0.5 * (left_m + right_m) * cos(middle), n.y_m + 0.5 * (left_m + right_m) * sin(middle)
+        n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
     def _step(self, piece: Piece, rates: Stream) -> None:
         start_ns, end_ns, wheels, gyro = piece
@@ -132,8 +145,10 @@ class Track:
                 self.no_gyro_s += dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
                     self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
-            elif self.gyro_heading and (left_m_s or right_m_s):  # wheels that stand are believed
-                kf.anchor_wheels()  # (35)
+            elif left_m_s or right_m_s:
+                self.hindsight.moved(left_m_s * dt_s, right_m_s * dt_s, self.rate_rad_s * dt_s)
+                if self.gyro_heading:  # wheels that stand are believed
+                    kf.anchor_wheels()  # (35)
         else:
             self._unseen(dt_s, without_gyro=gyro is None)
 

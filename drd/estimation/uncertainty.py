@@ -109,7 +109,7 @@ def covariance_after(
     turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, interval_s**4)
     late, lead_s2 = lead_moments(n.wheel_lag_s, lag)
     lx, ly, lh = late * lx, late * ly, late * lh
-    variance = lead_s2 + k.jitter_s2
+    variance = lead_s2 + k.jitter_s2 + lead.doubt_s**2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     gx, gy = lead.scale * (n.x_m - n.origin_x_m), lead.scale * (n.y_m - n.origin_y_m)
     return (

@@ -113,6 +113,9 @@ def test_update_and_feedback_equal_an_independent_kalman_filter(steps: list[tupl
         other.H[0, HEADING], other.H[0, GYRO_HEADING] = 1.0, -1.0
         before = vector(kf.nominal)
         z = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
+        # Beyond three standard deviations the wheels have slipped by what is too much.
+        S = float((other.H @ other.P @ other.H.T + other.R)[0, 0])
+        other.P[HEADING, HEADING] += max(z * z / 9.0 - S, 0.0)
         other.update(np.array([[z]]))
         assert kf.update(rate) is Outcome.ACCEPTED
         np.testing.assert_allclose(before - vector(kf.nominal), other.x[:, 0], rtol=1e-9, atol=1e-13)

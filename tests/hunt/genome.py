@@ -11,7 +11,19 @@ from msgspec.structs import replace as changed
 from drd.config import keys
 from drd.config.keys import Config
 from drd.units import RAD_PER_DEG
-from hunt.kinds import AWAY, GYRO, JUMPS, KINDS, MOMENTS, NO_GYRO, SIDEWAYS, SLIP_BOTH, UNCOMPARED, UNCONTRADICTED
+from hunt.kinds import (
+    AWAY,
+    GYRO,
+    JUMPS,
+    KINDS,
+    MOMENTS,
+    NO_GYRO,
+    SIDEWAYS,
+    SLIP_BOTH,
+    UNCOMPARED,
+    UNCONTRADICTED,
+    UNLEARNED,
+)
 
 # Each gene's values, the usual one first. With a dot: a key of the configuration; without: of the true robot.
 MENU: Final[dict[str, tuple[Any, ...]]] = {
@@ -42,6 +54,7 @@ LEG_S: Final = (2.0, 10.0)
 LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
 AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
+TEACHING_RAD: Final = 1.0  # of turning: then the tread is known to some per cent
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
 
 
@@ -85,8 +98,20 @@ class Genome(Struct, frozen=True):
         alone = any(event.kind in UNCONTRADICTED and self._without_gyro(event) for event in self.events)
         jumps = "node restarts" in kinds and self.gene("encoders.layout") != "cia406"  # which alone tells of it
         slips = self.gene("estimation.heading") == "gyro" and "one wheel slips" in kinds
-        others = [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips
+        early = any(event.kind == "one wheel slips" and self._without_tread(event) for event in self.events)
+        others = [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}
+
+    def _without_tread(self, event: Event) -> bool:
+        """Whether the robot turns while the event lasts, and has hardly turned before: any tread explains that."""
+        if self.gene("robot.drive") == "differential":
+            return False
+        turned_rad, at_s, turns = 0.0, 0.0, False
+        for leg in self.legs:
+            turned_rad += abs(leg.rate_rad_s) * min(max(event.at_s - at_s, 0.0), leg.seconds)
+            turns |= leg.rate_rad_s != 0.0 and at_s < event.at_s + event.seconds and event.at_s < at_s + leg.seconds
+            at_s += leg.seconds
+        return turns and turned_rad < TEACHING_RAD
 
     def _without_gyro(self, event: Event) -> bool:
         """Whether there may be no gyro while the event lasts: none at all, none that is heard, or beyond its range."""
@@ -101,7 +126,7 @@ class Genome(Struct, frozen=True):
             if (
                 at_s < end_s
                 and begin_s < at_s + leg.seconds
-                and abs(leg.rate_rad_s + by_hand_rad_s) > 0.95 * full_rad_s
+                and max(abs(leg.rate_rad_s + by_hand_rad_s), abs(leg.rate_rad_s)) > 0.95 * full_rad_s
             ):
                 return True
             at_s += leg.seconds

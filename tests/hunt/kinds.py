@@ -10,6 +10,7 @@ GYRO_LIES: Final = "the gyro reads wrong"  # beyond the gate the wheels are take
 TURNS_LATE: Final = "a line turns late"  # how late a sensor is, is learned over a minute
 NO_GYRO: Final = "one wheel lies, no gyro"
 UNCOMPARED: Final = "one wheel lies, heading: gyro"  # in motion the wheels' heading is the gyro's: nothing is compared
+UNLEARNED: Final = "one wheel slips before the tread is learned"  # in a curve that is the turn of another tread
 JUMPS: Final = "a counter jumps by less than the robot can drive"  # believed until the gyro's next sample
 
 
@@ -52,7 +53,7 @@ GYRO: Final = {
         "fog.malformed_lines")),
 }  # fmt: skip
 WHEELS: Final = {
-    "one wheel slips": Kind(0.005, 1.0, "", signed=True, sided=True),
+    "one wheel slips": Kind(0.005, 1.0, "", signed=True, sided=True, unseen=True),
     SLIP_BOTH: Kind(0.01, 1.0, "", signed=True, named=SLIP_BOTH),
     "counter to zero": Kind(sided=True, named=JUMPS),
     "counter jumps": Kind(0.01, 2.0, "m", signed=True, sided=True, named=JUMPS),

@@ -185,6 +185,7 @@ def test_each_source_goes_to_its_own_cause() -> None:
         kf.predict(STEP_S, 0.04, 0.06, 0.6)
         if cause in (causes.TIMING, causes.COMPARISON):
             kf.P[HEADING, HEADING] = 1e-9
+            kf.nominal.heading_rad = kf.nominal.gyro_heading_rad  # else it were slip
             assert kf.update(0.4) is Outcome.ACCEPTED
         brought = np.flatnonzero(np.abs(interval.budget.P).max(axis=(1, 2)) > 0.0)
         assert brought.tolist() == [cause], field

@@ -10,7 +10,7 @@ import pytest
 from hunt import __main__ as command
 from hunt.genome import MENU, Event, Genome, Leg, bred, drawn
 from hunt.judge import judge, once
-from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH
+from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH, UNLEARNED
 from hunt.search import Case, hunt, simplified
 from hunt.world import World
 from msgspec.structs import replace as changed
@@ -87,6 +87,53 @@ MENDED = {
     "a way along a heading that is not known, which is learned later (2.9)": (
         Genome(1587745375, {"wheel_lag_s": 0.3}, (Leg(6.0, 0.1, 0.67), Leg(9.0, 1.4, 0.0), Leg(7.0, 0.0, 0.54)),
                (Event("gyro port lost", 1.0, 10.0),)), 1.0),
+    "one wheel slips by 95 % in the first curve: a lag that grows by more than a sample (7.3)": (
+        Genome(3224774351, {}, (Leg(5.9, 1.07, -0.78), Leg(7.7, 0.94, 0.0), Leg(8.0, 0.0, 0.38), Leg(7.2, 1.31, -0.73),
+               Leg(7.2, 0.79, 0.0)), (Event("one wheel slips", 0.92, 2.39, -0.95),)), 1.0),
+    "one wheel slips by 72 %, ahead and then in a curve (2.2)": (
+        Genome(3991728952, {"fog.silent_after_s": 2.0, "encoders.layout": "agilex", "estimation.reorder_s": 1.0},
+               (Leg(2.4, 0.25, 0.0), Leg(2.3, 1.21, -0.37), Leg(2.9, 1.37, -0.05), Leg(4.4, 1.09, 0.8)),
+               (Event("one wheel slips", 1.08, 6.34, -0.72, 1),)), 1.0),
+    "one wheel slips by 64 % behind coarse counts, each comparison within the gate (1.9)": (
+        Genome(1235894548, {"encoders.layout": "vesc", "encoders.rate_hz": 20.0}, (Leg(3.4, 1.24, -0.31),
+               Leg(8.3, 0.0, 0.0), Leg(7.7, 0.53, -0.62), Leg(6.7, 0.42, -0.75)),
+               (Event("one wheel slips", 1.72, 7.96, -0.64),)), 1.0),
+    "one wheel slips by 35 % when all is known (2.7)": (
+        Genome(893683815, {"encoders.counts_per_revolution": 200.0}, (Leg(7.6, 0.5, 0.09), Leg(6.5, 0.91, 0.0),
+               Leg(3.5, 1.48, -0.26), Leg(7.4, 0.41, 0.0), Leg(5.5, -0.16, -0.07), Leg(5.5, 0.0, 0.0)),
+               (Event("one wheel slips", 11.0, 14.0, 0.353, 1),)), 1.0),
+    "frames 0.7 s late (2.3)": (
+        Genome(2406188208, {"fog.rate_hz": 50.0, "encoders.layout": "odrive",
+               "estimation.rejections_before_release": 10}, (Leg(7.3, 0.86, 0.0), Leg(6.8, 0.87, 0.33),
+               Leg(9.9, 0.28, 0.82), Leg(6.1, 0.71, -0.27)), (Event("frames late", 4.95, 5.17, 0.71),)), 1.0),
+    "reset of a robot whose wheels are ahead of its gyro (2.4)": (
+        Genome(3218435060, {"skids": True, "noise": 1.0, "wheel_lag_s": -0.03, "estimation.gate_sigma": 3.0},
+               (Leg(4.1, 1.28, 0.0), Leg(7.7, 0.59, -0.12), Leg(9.8, 1.05, 0.0), Leg(8.8, 0.64, 0.0)),
+               (Event("node restarts", 3.4, 0.0), Event("reset", 14.51, 0.0))), 1.0),
+    "waits of 0.05 s for a gyro at 10 Hz (2.9)": (
+        Genome(2878717666, {"split": True, "encoders.layout": "agilex", "estimation.rejections_before_release": 10,
+               "estimation.reorder_s": 0.05}, (Leg(2.2, 0.33, -0.66), Leg(5.9, 1.36, 0.01), Leg(6.0, 1.33, -0.01)),
+               (Event("one wheel slips", 1.93, 7.49, 0.96, 1),)), 1.5),
+    "turned by hand in the first second, taken for a lag (2.0)": (
+        Genome(1737987517, {"wheel_lag_s": -0.03, "robot.drive": "differential"}, (Leg(9.0, 0.75, 0.0),
+               Leg(8.6, 1.2, 0.54), Leg(5.0, 1.44, 0.0), Leg(3.7, 0.0, 0.0), Leg(6.0, 1.02, -0.89),
+               Leg(3.6999999999999993, 1.28, 0.63)), (Event("turned by hand", 0.8, 0.53, -10.590760588462638),)), 1.5),
+    "turned by hand as the wheels begin to move (1.7)": (
+        Genome(46419301, {"estimation.rejections_before_release": 10, "estimation.reorder_s": 1.0},
+               (Leg(4.9, 0.0, -0.58), Leg(2.2, 1.49, 0.0), Leg(4.6, 0.66, 0.0), Leg(9.1, 0.3, -0.32),
+                Leg(5.9, 0.0, 0.0), Leg(9.300000000000004, 0.83, 0.0)),
+               (Event("turned by hand", 2.95, 2.8, 25.354539804882716),)), 1.0),
+    "reset while frames are 0.6 s late": (
+        Genome(1648237191, {"noise": 0.0, "robot.drive": "differential", "encoders.layout": "agilex",
+               "estimation.gate_sigma": 6.0}, (Leg(8.6, 0.41, -0.24), Leg(3.0, 0.0, -0.15), Leg(4.5, 0.89, 0.0),
+               Leg(3.6, 0.4, 0.0), Leg(4.8, 1.39, 0.0), Leg(7.3, 1.13, 0.89)),
+               (Event("bus lost", 10.6, 1.3), Event("frames late", 15.9, 12.0, 0.642), Event("reset", 23.1, 0.0))),
+        1.0),
+    "turned by hand while the host stands still (2.8)": (
+        Genome(1784179029, {"noise": 1.0, "estimation.rejections_before_release": 1,
+               "estimation.static_bias.duration_s": 2.0}, (Leg(2.3, 1.39, 0.11), Leg(3.0, 1.2, -0.41),
+               Leg(2.9, 0.36, -0.57)), (Event("turned by hand", 2.7, 5.1, 19.7), Event("host stands still", 3.0, 3.8))),
+        1.0),
 }  # fmt: skip
 
 
@@ -130,7 +177,9 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     slip, silent = Event("one wheel slips", 3.0, 2.0, 0.2), Event("gyro silent", 4.0, 2.0)
     assert Genome(1, {}, PLAIN.legs, (slip,)).named == frozenset()
     assert Genome(1, {}, PLAIN.legs, (slip, silent)).named == {NO_GYRO}
-    assert Genome(1, {}, PLAIN.legs, (changed(slip, at_s=0.5, seconds=0.5), silent)).named == frozenset()
+    before = Genome(1, {"robot.drive": "differential"}, PLAIN.legs, (changed(slip, at_s=0.5, seconds=0.5), silent))
+    assert before.named == frozenset()
+    assert changed(before, genes={}).named == {UNLEARNED}
     by_hand = Event("turned by hand", 3.0, 2.0, 30.0)
     beyond = Genome(1, {"fog.full_scale_deg_s": 40.0}, PLAIN.legs, (by_hand,))
     assert beyond.named == {NO_GYRO}

@@ -56,7 +56,7 @@ def explain(source: Source, from_s: float | None, to_s: float | None, reference:
 def _rejections(replayed: Replayed) -> list[str]:
     counters = replayed.counters.get("estimator", {})
     rejected, released = counters.get("rejected", 0), counters.get("released", 0)
-    if not rejected:
+    if not rejected + released:
         return []
     return [
         f"Of {rejected + counters['accepted']} comparisons of the headings in the whole recording {rejected} were "

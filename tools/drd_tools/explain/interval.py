@@ -8,13 +8,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drd.estimation.filter import TT, WHEEL_LAG, Filter, Matrix, N, X, Y
+from drd.estimation.hindsight import Hindsight
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, lead_moments
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.parts import Parts
-from drd_tools.limit.causes import COUNTS, JITTER, LAG_START, NOT_SEEN, SKID_SCALE
+from drd_tools.limit.causes import COUNTS, JITTER, LAG_START, NOT_SEEN, SKID_SCALE, SLIP_FOUND
 
 SNAPSHOTS: Final = 1200  # twice as many as are drawn at least
 FIRST_INTERVAL_S: Final = 0.1
@@ -59,7 +60,8 @@ class Interval:
         self._kept = 0
         self._interval_ns, self._next_ns = round(FIRST_INTERVAL_S * NS_PER_S), 0
         self._way_m = 0.0
-        self._from_m, self._from_wander_m2 = (0.0, 0.0), 0.0
+        self._from_m, self._from_wander_m2, self._from_slipped_m2 = (0.0, 0.0), 0.0, 0.0
+        self._nothing_seen = Hindsight()
 
     def _ns(self, time_s: float) -> int:
         return round(time_s * NS_PER_S) + self._zero_ns
@@ -87,6 +89,7 @@ class Interval:
                 late, _ = _lead_moments(kf)
                 self.budget.rebase(kf.pose_heading, late * velocity)
                 self._from_m, self._from_wander_m2 = (kf.nominal.x_m, kf.nominal.y_m), self._wander_m2
+                self._from_slipped_m2 = self._slipped_m2
         if not self.begun:
             return
         while self._kept < len(self._keep_ns) and t_ns >= self._keep_ns[self._kept]:
@@ -134,6 +137,14 @@ class Interval:
     def _wander_m2(self) -> float:
         return self.steering.wander_m2 if self.steering is not None else 0.0
 
+    @property
+    def _hindsight(self) -> Hindsight:
+        return getattr(self.clock, "hindsight", self._nothing_seen)
+
+    @property
+    def _slipped_m2(self) -> float:
+        return self._hindsight.slipped_m**2
+
     def _keep(self, kf: Filter, velocity: Matrix) -> None:
         assert self.budget.parts is not None
         self.budget.parts.keep(published(kf, velocity))
@@ -150,8 +161,10 @@ class Interval:
         covariance[JITTER] += kf.noise.jitter_s2 * np.outer(velocity, velocity) * readings
         covariance[SKID_SCALE] += np.outer(way, way)
         covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
+        covariance[SLIP_FOUND, XY, XY] += self._slipped_m2 - min(self._from_slipped_m2, self._slipped_m2)
         if self._from_ns is None:  # else it is in both poses alike
             late, lead_s2 = _lead_moments(kf)
+            lead_s2 += self._hindsight.lag_doubt_s(kf) ** 2  # (18)
             covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
         delay = J @ self.budget.delay
         self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))

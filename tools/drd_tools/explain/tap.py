@@ -1,6 +1,6 @@
 """The daemon's own filter, with every step of it repeated on the budget."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,7 @@ class _View(Filter):
     """What steering looks at, which nothing that it says changes: the filter is told by the estimator's own."""
 
     def __init__(self, kf: Filter):
-        self.nominal, self._p = kf.nominal, kf._p
+        self.nominal, self._p, self.flat_P = kf.nominal, kf._p, kf.flat_P
 
     def add_scale_variance(self, common: float, difference: float) -> None:
         """Nothing."""
@@ -145,11 +145,10 @@ class TappedFilter(FilterByCause):
 
     def update(self, rate_rad_s: float) -> Outcome:
         """As the filter's."""
-        PH = self.P[HEADING] - self.P[GYRO_HEADING]
         outcome = super().update(rate_rad_s)
         if outcome is Outcome.ACCEPTED and self._is_recorded:
             self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
-            self._budget.update(PH / self.S, self._R, self.z)  # (19)
+            self._budget.update(self.gain, self._R, self.z)  # (19)
             if (steering := self._interval.steering) is not None and steering.drive is Drive.UNKNOWN:
                 steering.watch(_View(self))
         return outcome
@@ -237,6 +236,15 @@ class TappedFilter(FilterByCause):
         super().add_lag_variance(variance_s2)
         if self._is_recorded:
             self._budget.add_matrix(causes.LAG_START, self.P - before)
+
+    def set_covariance(self, states: Sequence[int], covariance: Matrix) -> None:
+        """As the filter's: what was learned while the wheels slipped is taken back."""
+        super().set_covariance(states, covariance)
+        if self._is_recorded:
+            self._budget.forget(*states)
+            known = np.zeros((N, N))
+            known[np.ix_(states, states)] = covariance
+            self._budget.add_matrix(causes.SLIP_FOUND, known)
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
         """As the filter's: which cause brought what is not known of an estimate from elsewhere."""

@@ -1,0 +1,92 @@
+"""What comparisons have taught of the wheels in the last seconds, to be taken back where they have slipped."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from drd.estimation.filter import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix
+from drd.units import NS_PER_S
+
+# Slip is found later than it begins: as long as agreement takes to end the report of it.
+SPAN_NS: Final = 2 * NS_PER_S
+TAUGHT: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, WHEEL_LAG)
+BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
+
+
+@dataclass(slots=True)
+class _Memory:
+    """The constants at a time, their part of P, and ways and turn until then."""
+
+    scale_right: float
+    scale_left: float
+    tread_m: float
+    gyro_scale: float
+    lag_s: float
+    P: Matrix
+    left_m: float
+    right_m: float
+    turn_rad: float
+
+
+class Hindsight:
+    """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the ways of
+    moving wheels and the gyro's turn since: what one wheel slips is not in the turn. (18)
+    """
+
+    def __init__(self) -> None:
+        self._then: _Memory | None = None
+        self._since: _Memory | None = None
+        self._since_ns = self._given = 0
+        self._left_m = self._right_m = self._turn_rad = 0.0
+
+    def moved(self, left_m: float, right_m: float, turn_rad: float) -> None:
+        """Both sensors have seen a step."""
+        self._left_m, self._right_m = self._left_m + left_m, self._right_m + right_m
+        self._turn_rad += turn_rad
+
+    def watch(self, kf: Filter, t_ns: int) -> None:
+        """Before a comparison. What was not learned, but given, stays: memory begins anew."""
+        if kf.given != self._given:
+            self.begin(kf, t_ns)
+        elif t_ns - self._since_ns > SPAN_NS:
+            self._then, self._since, self._since_ns = self._since, self._now(kf), t_ns
+
+    def begin(self, kf: Filter, t_ns: int) -> None:
+        """What was before is accounted for."""
+        self._then, self._since, self._since_ns, self._given = None, self._now(kf), t_ns, kf.given
+
+    def _now(self, kf: Filter) -> _Memory:
+        n = kf.nominal
+        constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
+        return _Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
+
+    def lag_doubt_s(self, kf: Filter) -> float:
+        """By how much the lag has changed meanwhile."""
+        then = self._then or self._since
+        return kf.nominal.wheel_lag_s - then.lag_s if then is not None else 0.0
+
+    @property
+    def slipped_m(self) -> float:
+        """By how much the middle's way is wrong if one wheel has gone meanwhile what the turn does not explain."""
+        if (then := self._then or self._since) is None:
+            return 0.0
+        left_m = (1.0 - then.scale_left) * (self._left_m - then.left_m)
+        right_m = (1.0 - then.scale_right) * (self._right_m - then.right_m)
+        return 0.5 * (right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad))
+
+    def take_back(self, kf: Filter, t_ns: int) -> None:
+        """The constants are as known as they were: the wheels have slipped, and that has passed for one of them."""
+        if (then := self._then or self._since) is None:
+            return
+        n, lag_s, rate = kf.nominal, kf.nominal.wheel_lag_s, kf.rate_rad_s
+        n.scale_right, n.scale_left, n.gyro_scale = then.scale_right, then.scale_left, then.gyro_scale
+        n.wheel_lag_s = then.lag_s
+        n.gyro_heading_rad += rate * (lag_s - then.lag_s)  # as an update does, (30)
+        kf.set_tread(then.tread_m)
+        # The headings have the error of the lag that it had then, in place of the present one's.
+        if (variance := kf.P[WHEEL_LAG, WHEEL_LAG]) > 0.0:
+            kf.spread_error(WHEEL_LAG, {i: -kf.P[i, WHEEL_LAG] / variance for i in (HEADING, GYRO_HEADING)})
+        kf.set_covariance(TAUGHT, then.P)
+        kf.spread_error(WHEEL_LAG, dict.fromkeys((HEADING, GYRO_HEADING), -rate))
+        self.begin(kf, t_ns)

@@ -1,0 +1,82 @@
+import math
+
+import numpy as np
+import pytest
+
+from drd.config.keys import Noise
+from drd.estimation.filter import GYRO_HEADING, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Sigmas
+from drd.estimation.hindsight import SPAN_NS, Hindsight
+from drd.estimation.noise import make_noise
+
+TREAD_M = 0.5
+STATES = (SCALE_R, SCALE_L, TREAD, WHEEL_LAG)
+SIGMAS = Sigmas(0.0, 0.0, 0.005, 0.25, 0.005, 1e-4, wheel_lag_s=0.2, scale_difference=0.04)
+
+
+def make() -> Filter:
+    return Filter(TREAD_M, SIGMAS, make_noise("physical", Noise(), TREAD_M))
+
+
+def learn(kf: Filter, slip: float = 0.0) -> None:
+    """A second in a curve, in which the right wheel turns more than the robot by `slip`."""
+    for _ in range(10):
+        kf.predict(0.1, 0.08, (0.08 + 0.04 * TREAD_M) * (1.0 + slip), 0.4)
+        kf.update(0.4)
+
+
+def test_what_slip_has_taught_is_taken_back() -> None:
+    kf, seen = make(), Hindsight()
+    learn(kf)
+    seen.watch(kf, 1)
+    n, before = kf.nominal, kf.P[np.ix_(STATES, STATES)]
+    known = n.scale_right, n.scale_left, n.tread_m, n.wheel_lag_s
+    learn(kf, slip=0.05)
+    assert n.tread_m != pytest.approx(known[2], abs=0.02)
+    seen.take_back(kf, 2)
+    assert (n.scale_right, n.scale_left, n.tread_m, n.wheel_lag_s) == known
+    np.testing.assert_array_equal(kf.P[np.ix_(STATES, STATES)], before)
+    # As late as the lag says both headings are, the robot turns at 0.4 rad/s.
+    for heading in (HEADING, GYRO_HEADING):
+        assert kf.P[heading, WHEEL_LAG] == pytest.approx(-kf.rate_rad_s * kf.P[WHEEL_LAG, WHEEL_LAG])
+    assert np.linalg.eigvalsh(kf.P)[0] > -1e-12
+
+
+def test_taken_back_again_and_again_the_headings_are_not_known_worse_each_time() -> None:
+    kf, seen = make(), Hindsight()
+    learn(kf)
+    seen.watch(kf, 1)
+    sigmas = []
+    for i in range(20):
+        seen.take_back(kf, 2 + i)
+        sigmas.append(kf.sigma(GYRO_HEADING))
+    assert sigmas[-1] == pytest.approx(sigmas[0], rel=1e-6)
+
+
+def test_one_wheels_slip_is_half_of_it_in_the_middle() -> None:
+    kf, seen = make(), Hindsight()
+    seen.watch(kf, 1)
+    for _ in range(10):
+        seen.moved(0.1, 0.1 + TREAD_M * 0.02 + 0.03, 0.02)
+    assert seen.slipped_m == pytest.approx(0.15)
+    seen.begin(kf, 2)
+    assert seen.slipped_m == 0.0
+
+
+def test_what_was_long_ago_is_no_doubt_any_more() -> None:
+    kf, seen = make(), Hindsight()
+    seen.watch(kf, 1)
+    kf.nominal.wheel_lag_s = 0.1
+    assert seen.lag_doubt_s(kf) == pytest.approx(0.1)
+    for i in range(1, 4):
+        seen.watch(kf, 1 + i * (SPAN_NS + 1))
+    assert seen.lag_doubt_s(kf) == 0.0
+
+
+def test_what_is_given_from_elsewhere_is_not_taken_back() -> None:
+    kf, seen = make(), Hindsight()
+    seen.watch(kf, 1)
+    kf.add_tread_variance(0.2**2)
+    seen.watch(kf, 2)
+    given_m = kf.sigma(TREAD)
+    seen.take_back(kf, 3)
+    assert kf.sigma(TREAD) == given_m > math.sqrt(SIGMAS.tread_m**2)
