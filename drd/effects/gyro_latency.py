@@ -31,7 +31,7 @@ class GyroLatency(Effect):
         return [{"delay": delay_s} for delay_s in (0.005, 0.05, 0.15)]
 
     def calibrated(self, constants: Calibrated) -> Values | None:
-        return {"delay": 0.0} if constants.by_gyro else None
+        return {"delay": constants.gyro_lag_s} if constants.by_gyro else None
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A filter's lag, in what it differs from a delay; a queue that grows.

@@ -90,6 +90,7 @@ def constants(recording: Recording) -> Constants:
         wheels_lag_s=wheels_s if wheels_s > SURE * wheels_sigma_s else 0.0,
         lag_growth=growth,
         by_gyro=lag_s > 0.0 and recording.fog is not None,
+        gyro_lag_s=-wheels_s if wheels_s < -SURE * wheels_sigma_s else 0.0,
     )
     left, right, tread = fit.sigma
     sigma = Calibrated(
@@ -98,7 +99,10 @@ def constants(recording: Recording) -> Constants:
         tread * robot.tread,
         wheels_sigma_s,
         0.0 if drift is None else drift.sigma,
+        gyro_lag_s=wheels_sigma_s,
     )
+    if robot.by_gyro:  # no sensor tells a motion before it is: the earliest of them is in time
+        lag_s += robot.gyro_lag_s
     put_right = replace(reference, time_s=reference.time_s - lag_s)
     return Constants(replace(recording, reference=put_right), robot, sigma, lag_s, lag_sigma_s)
 
