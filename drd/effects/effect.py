@@ -116,8 +116,8 @@ class Calibrated(NamedTuple):
     """Constants of a robot, as a calibration measures them.
 
     Radii and tread over those believed; how much later than its motion the wheels tell it at time 0, s, and by how much
-    that grows, s/s. `by_gyro`: the reference is late by itself, so that all lags are counted from the gyro; `gyro_lag_s`: how
-    much later than the wheels that is, which cannot be early.
+    that grows, s/s. `by_gyro`: the reference is late by itself, so that all lags are counted from the gyro;
+    `gyro_lag_s`: how much later than the wheels that is, which cannot be early.
     """
 
     left: float = 1.0

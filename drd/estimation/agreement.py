@@ -3,7 +3,7 @@
 import math
 
 from drd.estimation.drift import Drift
-from drd.estimation.filter import Outcome
+from drd.estimation.filter import USUAL2, Outcome
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
 from drd.estimation.track import Track
@@ -12,32 +12,33 @@ from drd.units import NS_PER_S
 
 # Agreement for so long ends the report of a disagreement.
 AGREEMENT_NS = 2 * NS_PER_S
-# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
-STUCK_READINGS = 10
 
 
 class Agreement:
     """Makes measurement (14); rejections in a row are slip, and release the wheels' heading.
 
-    `counters` are the estimator's.
+    `counters` are the estimator's. `parted_rad`: by how much the headings have parted, since it was cleared, in
+    comparisons beyond three standard deviations.
     """
 
     def __init__(self, rejections_before_release: int, reasons: Reasons, counters: dict[str, int]):
         self._limit, self._reasons, self._counters = rejections_before_release, reasons, counters
         self._rejections, self._rejected_ns = 0, 0
-        self._is_slip, self._slipped_m, self._stuck_rad = False, OneSided(), OneSided()
+        self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
-        self._reading, self._repeats = math.nan, 0
+        self.parted_rad = 0.0
 
-    def update(self, track: Track, t_ns: int, drive: Drive, reading: float = math.nan) -> bool:
-        """Compare at the end of a gyro sample, of which `reading` is the rate. False: the filter is not finite and must
-        start again.
-        """
+    def anew(self) -> "Agreement":
+        """One that knows of no disagreement yet: of a filter that starts again."""
+        return Agreement(self._limit, self._reasons, self._counters)
+
+    def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
+        """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
         kf = track.kf
-        self._repeats = self._repeats + 1 if reading == self._reading else 0
-        self._reading = reading
         track.hindsight.watch(kf, t_ns)
         outcome = kf.update(track.rate_rad_s)
+        if outcome is Outcome.ACCEPTED and kf.z * kf.z > USUAL2 * kf.S:
+            self.parted_rad += abs(kf.z)
         if outcome is Outcome.REJECTED:
             self._counters["rejected"] += 1
             self._rejections = self._rejections + 1 if track.rejected_rad else 1
@@ -47,11 +48,10 @@ class Agreement:
             if self._rejections < self._limit:
                 return True
             z_rad = kf.z
+            self.parted_rad += abs(z_rad)
             self.slip(track, t_ns, z_rad)
             if kf.stands:
                 kf.turn_by_gyro_alone(-z_rad)
-            if self._repeats >= STUCK_READINGS:  # the wheels' heading is about to follow a gyro that is stuck
-                kf.add_heading_variance(self._stuck_rad.growth(abs(z_rad)), both=True)
             outcome = kf.update(track.rate_rad_s)
             if outcome is Outcome.REJECTED:
                 # The heading is as unknown as can be, so that nothing was added: the gyro has the better turns. (35)
@@ -67,7 +67,6 @@ class Agreement:
             self._reasons.clear("agreement")
             self._is_slip = False
             self._slipped_m.forget()
-            self._stuck_rad.forget()
             self._drift.is_over()
         return True
 

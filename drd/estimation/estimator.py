@@ -1,5 +1,6 @@
 """Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,8 @@ from drd.units import NS_PER_S, S_PER_NS
 
 # Ticks further apart mean that the host stood still.
 STALL_NS = NS_PER_S // 5
+# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
+STUCK_READINGS = 10
 
 
 class Estimator:
@@ -78,12 +81,13 @@ class Estimator:
         self._poses = PoseMaker(config, self.reasons)
         self.counters = dict.fromkeys(
             ("poses", "accepted", "rejected", "released", "not_finite", "resets", "late_gyro", "late_wheels",
-             "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
+             "stuck_gyro", "gyro_gaps", "wheel_gaps", "outside_calibration", "outside_model",
              "bias_measured"), 0)  # fmt: skip
         self._corrections = Corrections(calibration, compensation, self._heading_rad, self.reasons, self.counters)
         self.applied = Applied()
         self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
+        self._said, self._repeats, self._was_stuck = (math.nan, math.nan), 0, False
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
@@ -111,6 +115,8 @@ class Estimator:
         if self.bias.active:
             self.bias.gyro(rate)
             self._silence.gyro_ns = max(self._silence.gyro_ns, rate.t_ns)
+        elif self._is_stuck(sample.rate_rad_s, sample.interval_s):
+            self.counters["stuck_gyro"] += 1
         else:
             self._add_rate(rate)
         self._advance()
@@ -185,6 +191,21 @@ class Estimator:
     def _heading_rad(self, t_ns: int) -> float:
         track = self._track
         return track.kf.nominal.heading_rad + track.rate_rad_s * (t_ns - track.t_ns) * S_PER_NS if track.t_ns else 0.0
+
+    def _is_stuck(self, rate_rad_s: float, interval_s: float) -> bool:
+        """Whether the gyro repeats itself and the wheels do not, which makes it as good as silent. (18)"""
+        # It says rates or angles; the other one has the error of the interval's length.
+        before, self._said = self._said, (rate_rad_s, rate_rad_s * interval_s)
+        if any(map(_is_same, self._said, before)):
+            self._repeats += 1
+        else:
+            self._repeats = 0
+            self._agreement.parted_rad = 0.0
+        parted_rad = self._agreement.parted_rad + abs(self._track.rejected_rad)
+        was_stuck, self._was_stuck = self._was_stuck, self._repeats >= STUCK_READINGS and parted_rad > 0.0
+        if self._was_stuck and not was_stuck:  # the wheels' heading has followed it so far
+            self._track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
+        return self._was_stuck
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns
@@ -294,7 +315,7 @@ class Estimator:
             self._unbelieved_rad.forget()
             if track.gyro_heading:
                 return
-        if not self._agreement.update(track, t_ns, self.steering.drive, gyro.a):
+        if not self._agreement.update(track, t_ns, self.steering.drive):
             self._recover(t_ns)
         else:
             # Slip that the gate found is no noise, and must not pass for it.
@@ -535,6 +556,7 @@ class Estimator:
         self._set_pose((0.0, 0.0, 0.0), moved, s.position_m, s.heading_rad)
 
     def _begin_anew(self) -> None:
+        self._agreement = self._agreement.anew()
         self._track.kf.restart(self._config.robot.tread_m, self.sigmas)
         self.applied = Applied()
         self.wheel_noise = self.wheel_noise.anew()
@@ -547,3 +569,8 @@ class Estimator:
         self.counters["resets"] += 1
         self._begin_anew()
         self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)
+
+
+def _is_same(reading: float, before: float) -> bool:
+    """Whether two readings have the same digits."""
+    return math.isclose(reading, before, rel_tol=1e-9)

@@ -69,3 +69,34 @@ def test_a_gyro_that_drifts_within_the_gate_is_told_and_the_bound_holds() -> Non
 def test_sensors_that_agree_never_drift_apart(tread_m: float) -> None:
     poses = feed(make(NO_BIAS), drive(120.0, tread_m=tread_m))
     assert not any(r.source == "agreement" for p in poses for r in p.reasons)
+
+
+@pytest.mark.parametrize("says_angles", [False, True])
+def test_a_gyro_that_repeats_itself_while_the_wheels_do_not_is_taken_for_silent(says_angles: bool) -> None:
+    """From 20 s to 40 s; where it says angles its rate has the error of the interval's length."""
+
+    def stuck(t_s: float, s: GyroSample) -> GyroSample:
+        longer = 1.0 + 1e-6 * math.sin(t_s) if says_angles else 1.0
+        return s._replace(rate_rad_s=0.35 / longer, interval_s=s.interval_s * longer)
+
+    wrong = ((t_s, stuck(t_s, s) if isinstance(s, GyroSample) and 20.0 < t_s <= 40.0 else s) for t_s, s in drive(60.0))
+    truth = {pose.t_ns: pose for pose in feed(make(NO_BIAS), drive(60.0))}
+    estimator = make(NO_BIAS)
+    poses = feed(estimator, wrong)
+    assert 150 < estimator.counters["stuck_gyro"] <= 190
+    silent = [p.t_ns for p in poses if any(r.source == "fog" for r in p.reasons)]
+    assert T0 + 21 * S < silent[0] < T0 + 23 * S
+    assert T0 + 39 * S < silent[-1] < T0 + 41 * S
+    off_m = [(math.dist((p.x_m, p.y_m), (truth[p.t_ns].x_m, truth[p.t_ns].y_m)), p) for p in poses]
+    assert all(off <= p.position_bound_m for off, p in off_m if p.validity.value == "valid")
+
+
+def test_another_ground_does_not_outlive_a_reset() -> None:
+    """The tread that was before the ground changed is not that of a filter that starts again."""
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(40.0))
+    feed(estimator, drive(20.0, start_s=40.0, tread_m=0.7))
+    assert estimator.reasons.has("agreement")
+    estimator.reset()
+    poses = feed(estimator, drive(20.0, start_s=60.0))
+    assert not any(r.source == "agreement" for p in poses[100:] for r in p.reasons)
