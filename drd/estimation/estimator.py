@@ -530,7 +530,7 @@ class Estimator:
             self.reasons.clear(source)
 
     def _covariance_from_now(self) -> Six:
-        """Of the newest pose as it is seen from the filter's own."""
+        """Covariance of the newest pose as seen from the filter's own, upper triangle."""
         preview, n = self._preview, self._track.kf.nominal
         preview.copy_from(self._track)
         preview.kf.set_pose(n.x_m, n.y_m, self._track.kf.heading_rad, np.zeros((3, 3)))

@@ -478,7 +478,7 @@ class Filter:
 
     @property
     def gain(self) -> Matrix:
-        """That of the last comparison that was accepted, shape (N,)."""
+        """Kalman gain of the last accepted comparison, shape (N,)."""
         return self._PH / self._sigma
 
     def anchor_gyro(self) -> None:
@@ -612,7 +612,7 @@ class Filter:
         self.P[state, state] = sigma**2
 
     def set_covariance(self, states: Sequence[int], covariance: Matrix) -> None:
-        """Of these states this is known together, whatever is known of the others."""
+        """Set the covariance of some states, uncorrelated with the others."""
         for state in states:
             self.P[state, :] = self.P[:, state] = 0.0
         self.P[np.ix_(states, states)] = covariance

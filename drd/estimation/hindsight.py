@@ -1,4 +1,4 @@
-"""What comparisons have taught of the wheels in the last seconds, to be taken back where they have slipped."""
+"""Constants of the wheels as known some seconds ago, to go back to where slip has taught others since. (18)"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -53,7 +53,7 @@ class Hindsight:
             self._then, self._since, self._since_ns = self._since, self._now(kf), t_ns
 
     def begin(self, kf: Filter, t_ns: int) -> None:
-        """What was before is accounted for."""
+        """Forget what was before, which is accounted for."""
         self._then, self._since, self._since_ns, self._given = None, self._now(kf), t_ns, kf.given
 
     def _now(self, kf: Filter) -> _Memory:

@@ -225,7 +225,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
 
 
 def _edge(score: Array, information: Array, own_score: Array, own: Array, both: Array, most: Array | float) -> Array:
-    """What a part of an effect's size, in the one segment within which it begins or ends, gains and costs: (2, ...).
+    """Gain and cost of a part of an effect's size in the one segment within which it begins or ends, (2, ...).
 
     `own_score`, `own`: that segment's score and information; `both`: its information in common with the effect's;
     `most`: the largest plausible size.
