@@ -87,7 +87,10 @@ class Estimator:
         self.applied = Applied()
         self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
+        # What the gyro said, how often it has said it, and what was known before: the right wheel's way less the left
+        # one's, tread and lag.
         self._said, self._repeats, self._was_stuck = (math.nan, math.nan), 0, False
+        self._apart_m, self._before = 0.0, (0.0, tread_m, 0.0)
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
@@ -135,6 +138,7 @@ class Estimator:
         self._silence.begin(sample.t_ns)
         still = self.standstill.feed(sample)  # whole counts
         sample = self._corrections.wheels(sample)
+        self._apart_m += sample.right_m - sample.left_m
         if not self._track.t_ns:
             self._track.t_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
         if self.bias.active and self._has_gyro:
@@ -196,15 +200,24 @@ class Estimator:
         """Whether the gyro repeats itself and the wheels do not, which makes it as good as silent. (18)"""
         # It says rates or angles; the other one has the error of the interval's length.
         before, self._said = self._said, (rate_rad_s, rate_rad_s * interval_s)
-        if any(map(_is_same, self._said, before)):
-            self._repeats += 1
-        else:
-            self._repeats = 0
-            self._agreement.parted_rad = 0.0
-        parted_rad = self._agreement.parted_rad + abs(self._track.rejected_rad)
-        was_stuck, self._was_stuck = self._was_stuck, self._repeats >= STUCK_READINGS and parted_rad > 0.0
-        if self._was_stuck and not was_stuck:  # the wheels' heading has followed it so far
-            self._track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
+        kf, agreement = self._track.kf, self._agreement
+        if not any(map(_is_same, self._said, before)):
+            self._repeats, agreement.parted_rad, self._was_stuck = 0, 0.0, False
+            self._before = self._apart_m, kf.nominal.tread_m, kf.nominal.wheel_lag_s
+            return False
+        self._repeats += 1
+        was_stuck, disagrees = self._was_stuck, agreement.parted_rad > 0.0 or self.reasons.has("agreement")
+        self._was_stuck = was_stuck or (self._repeats >= STUCK_READINGS and disagrees)
+        if self._was_stuck and not was_stuck:
+            # The wheels' heading has followed it, and it has taught tread and lag.
+            apart_m, tread_m, lag_s = self._before
+            parted_rad = (self._apart_m - apart_m) / tread_m - self._repeats * rate_rad_s * interval_s
+            kf.add_heading_variance(parted_rad * parted_rad, both=True)
+            taught_m, taught_s = kf.nominal.tread_m - tread_m, kf.nominal.wheel_lag_s - lag_s
+            kf.set_tread(tread_m)
+            kf.nominal.wheel_lag_s = lag_s
+            kf.add_tread_variance(taught_m * taught_m)
+            kf.add_lag_variance(taught_s * taught_s)
         return self._was_stuck
 
     def _add_rate(self, rate: CalibratedRate) -> None:

@@ -42,7 +42,9 @@ def test_several_recordings_have_one_surrogate_of_their_mean(tmp_path: Path) -> 
     ]
     found = combined(results, [EMPTY, EMPTY]).findings
     (only,) = [f.surrogate for f in found if f.surrogate is not None]
-    assert only.parameters["k"].value == pytest.approx((0.02 / 1e-6 + 0.03 / 4e-6) / (1 / 1e-6 + 1 / 4e-6))
+    scatter = 19 / (1.25e6 - 1.0625e12 / 1.25e6)  # of values whose squared deviations from their mean add up to 20
+    one, two = 1e-6 + scatter, 4e-6 + scatter
+    assert only.parameters["k"].value == pytest.approx((0.02 / one + 0.03 / two) / (1 / one + 1 / two))
     assert only.seen == {"yaw_rate": (-30.0, 20.0)}
 
 
