@@ -87,8 +87,8 @@ class Estimator:
         self.applied = Applied()
         self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
-        # What the gyro said, how often it has said it, and what was known before: the right wheel's way less the left
-        # one's, tread and lag.
+        # The gyro's last reading, as rate and angle, and how often it came again; since when the right wheel's way less
+        # the left one's counts, with the tread and the lag of then.
         self._said, self._repeats, self._was_stuck = (math.nan, math.nan), 0, False
         self._apart_m, self._before = 0.0, (0.0, tread_m, 0.0)
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
@@ -197,7 +197,10 @@ class Estimator:
         return track.kf.nominal.heading_rad + track.rate_rad_s * (t_ns - track.t_ns) * S_PER_NS if track.t_ns else 0.0
 
     def _is_stuck(self, rate_rad_s: float, interval_s: float) -> bool:
-        """Whether the gyro repeats itself and the wheels do not, which makes it as good as silent. (18)"""
+        """Take note of a reading: whether the gyro repeats itself and the wheels do not, as good as silent. (18)
+
+        On finding so, go back to what was known before it did.
+        """
         # It says rates or angles; the other one has the error of the interval's length.
         before, self._said = self._said, (rate_rad_s, rate_rad_s * interval_s)
         kf, agreement = self._track.kf, self._agreement
@@ -532,7 +535,7 @@ class Estimator:
         self._track.blind_way.forget()
         self._track.hindsight.begin(kf, self._track.t_ns)
         self._wheels.end_ns = max(self._wheels.end_ns, self._track.t_ns)  # what passed unseen is not caught up with
-        # What lies between the filter's own pose and the one that is set is in the filter's: the wheels' turn, say.
+        # The filter's pose is older: its error has the wheels' way and turn since then, too.
         between = self._covariance_from_now()
         covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
         kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad, covariance)
