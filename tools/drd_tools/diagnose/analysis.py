@@ -1,7 +1,6 @@
 """The way of one recording from evidence to conclusion."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,9 +14,9 @@ from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import reference_drift, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
-from drd_tools.diagnose.select.library import is_plausible, release
-from drd_tools.diagnose.select.search import STRONG_NATS, coarse_search, converged, full_search, is_rough
-from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.select.library import release
+from drd_tools.diagnose.select.search import coarse_search, converged, full_search, is_rough
+from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
@@ -54,13 +53,7 @@ class Analysis:
 def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
     measured, audited = observe(recording)
-    known = [event.selected for event in audited.events]
-    problem = Problem(audited.evidence)
-    # What was seen as an event must also be of the right sign and size.
-    known = [c for c in refine(problem, known).selection if is_plausible(c)]
-    start = _started(problem, known, measured.selection)
-    if start:
-        problem = Problem(replace(problem.evidence, is_far=True), problem.path)
+    problem, known, start = started(audited, measured)
     for _ in range(NOISE_ROUNDS):
         near = problem.around([*known, *start]) if start else problem
         fit = refine(near, [*known, *start])
@@ -92,15 +85,6 @@ def analyse(recording: Recording) -> Analysis:
     if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
         faults["drift"] = drift
     return Analysis(measured.recording, faults, audited.events, problem, null.left, conclusion)
-
-
-def _started(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> list[Selected]:
-    """The constants where they explain so much that nothing can be seen before they are off; else none."""
-    if not constants:
-        return []
-    both = [*known, *constants]
-    explained = refine(problem, known).cost - refine(problem.around(both), both).cost
-    return list(constants) if explained > STRONG_NATS else []
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

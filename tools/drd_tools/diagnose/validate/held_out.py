@@ -17,6 +17,7 @@ from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import discrepancies, refine
 from drd_tools.diagnose.results import Figures, Ranges
+from drd_tools.diagnose.select.start import started
 from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.validate.trajectory import judged
 from drd_tools.recordings.folder import Recording
@@ -87,9 +88,9 @@ class _HeldOut:
     """A held-out recording, its noise fitted beside the selected effects as they are."""
 
     def __init__(self, held_out: Prepared, selection: Sequence[Selected]):
-        _, audited = observe(held_out.recording, held_out.measured)
+        measured, audited = observe(held_out.recording, held_out.measured)
         fixed = [Selected(c.effect, c.values, ()) for c in selection]
-        problem = Problem(audited.evidence)
+        problem = started(audited, measured).problem
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
