@@ -1,6 +1,7 @@
 """Noise of real ground: tails, colour, and speeds that a drive holds are seen, and only where they are. (77), (78)"""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from diagnosis_drives import recorded, selected
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.regression.noise_fit import long_run, ratios, tails
 from drd_tools.diagnose.results import Array
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.trial.overlay import planted
 
+SHARED = Path(__file__).parents[4] / "shared" / "recordings"
 ROWS = 4000
 HELD_S = 0.4
 FAR = (selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
@@ -87,3 +90,16 @@ def test_speeds_that_a_drive_holds_are_jitter_of_a_far_robots_wheels_and_no_effe
     else:
         assert problem.noise.jitter_s == 0.0
         assert (ratios(problem)["slip"] or 0.0) < 1.5
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+def test_noise_does_not_take_the_place_of_slip_where_no_gyro_tells_it() -> None:
+    """Before any effect is found all of it is noise, three times as much as stated, beside which nothing is found."""
+    recording = read_recording(SHARED / "optiodom_ivanjko_250620201655_run-09")
+    slip = selected("surface_slip", left=0.17, right=0.09, t0=5.8, t1=8.1)
+    found = analyse(planted(recording, slip.effect, slip.values)).conclusion
+    (cause,) = found.causes
+    assert cause.effect == "surface_slip"
+    assert cause.selected is not None
+    assert cause.selected.number("left") == pytest.approx(0.17, abs=3.0 * cause.selected.sigma("left"))
+    assert (ratios(found.found.problem)["slip"] or 0.0) < 2.0

@@ -1,5 +1,6 @@
 """The way of one recording from evidence to conclusion."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,13 +11,13 @@ from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import Noise
-from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios
+from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import reference_drift, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
 from drd_tools.diagnose.select.library import release
-from drd_tools.diagnose.select.search import coarse_search, converged, full_search, is_rough
-from drd_tools.diagnose.select.start import started
+from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough
+from drd_tools.diagnose.select.start import Start, started
 from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
@@ -53,17 +54,45 @@ class Analysis:
 def analyse(recording: Recording) -> Analysis:
     """Audit, fit the noise, search, and judge what was found."""
     measured, audited = observe(recording)
-    problem, known, start = started(audited, measured)
+    start = started(audited, measured)
+    # Noise and effects are fitted in turn, which may end where noise has taken an effect's place.
+    searched = (_searched(problem, start) for problem in _first_problems(start))
+    problem, found = max(searched, key=lambda s: score_with_noise(s[1].problem, s[1].fit))
+    null = refine(problem, start.known)
+    if found.problem is not problem:
+        release(problem)
+    conclusion = conclude(found, audited.events, {c.id for c in start.constants})
+    release(found.problem)
+    faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
+    if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
+        faults["drift"] = drift
+    return Analysis(measured.recording, faults, audited.events, problem, null.left, conclusion)
+
+
+def _first_problems(start: Start) -> Iterator[Problem]:
+    """The problem with the noise that all of the mismatch would be; and, where its slip is larger, with that stated."""
+    problem, held = start.problem, start.held
     for _ in range(NOISE_ROUNDS):
-        near = problem.around([*known, *start]) if start else problem
-        fit = refine(near, [*known, *start])
+        near = problem.around(held) if start.constants else problem
+        fit = refine(near, held)
         noise, fix_inflation = fitted(near, fit, searched=False)
         # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
         # only the reference tells, is larger than that.
-        inflation = Inflation(inflated(near, fit.left, noise).wheels) if start else problem.inflation
+        inflation = Inflation(inflated(near, fit.left, noise).wheels) if start.constants else problem.inflation
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
-    problem = problem if start else converged(problem, known)
-    found = coarse_search(problem, known, start)
+    yield problem
+    stated = problem.evidence.datasheet.slip_m_per_sqrt_m
+    # With a gyro each row of the wheels tells the slip by itself, and few of them an effect of some seconds.
+    if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > stated:
+        noise = slipping(noise, stated / noise.slip_m_per_sqrt_m)
+        yield Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+
+
+def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
+    """Search and fit the noise in turn; the problem before any effect, with the last noise, and what was found."""
+    known, constants = start.known, start.constants
+    problem = problem if constants else converged(problem, known)
+    found = coarse_search(problem, known, constants)
     for i in range(ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.
         if i >= NOISE_ROUNDS and not is_rough(found.fit):
@@ -73,18 +102,9 @@ def analyse(recording: Recording) -> Analysis:
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
         problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
-        problem = problem if start else converged(problem, known)
-        found = coarse_search(problem, known, start, found)
-    found = full_search(found, [*known, *start])
-    null = refine(problem, known)
-    if found.problem is not problem:
-        release(problem)
-    conclusion = conclude(found, audited.events, {c.id for c in start})
-    release(found.problem)
-    faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
-    if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
-        faults["drift"] = drift
-    return Analysis(measured.recording, faults, audited.events, problem, null.left, conclusion)
+        problem = problem if constants else converged(problem, known)
+        found = coarse_search(problem, known, constants, found)
+    return problem, full_search(found, start.held)
 
 
 def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:

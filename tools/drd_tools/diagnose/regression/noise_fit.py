@@ -201,12 +201,22 @@ def _most_likely(
         linear = Linear(problem.evidence, problem.path, scaled(problem.noise, factor), problem.fix_inflation)
         rows = linear.whiten(sensitivities)[1]
         left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
-        nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
-        ratio = factor * problem.noise.forward_m_per_sqrt_m / problem.evidence.datasheet.slip_m_per_sqrt_m
-        nats -= 0.5 * (math.log(ratio) / SLIP_SPREAD) ** 2
+        nats = _nats(linear, left)
         if nats > most:
             best, most = (factor, left), nats
     return best
+
+
+def score_with_noise(problem: Problem, fit: Fit) -> float:
+    """Score of a fit, nats, that is comparable between noises where the fixes tell them: without a gyro. (77)"""
+    return _nats(problem.linear, not_inflated(problem, fit.left)[1]) - problem.penalty(fit.selection)
+
+
+def _nats(linear: Linear, left: Array) -> float:
+    """Log likelihood of what is left of the whitened fixes (m, 3), and of the slip before any data. (77)"""
+    ratio = linear.noise.forward_m_per_sqrt_m / linear.evidence.datasheet.slip_m_per_sqrt_m
+    nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
+    return nats - 0.5 * (math.log(ratio) / SLIP_SPREAD) ** 2
 
 
 def ratios(problem: Problem) -> Figures:

@@ -12,6 +12,7 @@ from drd.effects.effect import Errors, apart, both
 from drd.effects.motion import Motion
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.error_model.sensitivities import SUB
+from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_design
@@ -97,10 +98,9 @@ class SplineTerms:
         self._problem = problem
         self._splines: list[_SplineTerm] = []
         errors, of = errors_along(problem.readings), problem.sensitivities.of
-        seen = [name for name, c in CHANNELS.items() if c.acts_on in problem.evidence.channels]
         for covariate, hats, knots in self._hats():
-            for name in seen:
-                if covariate not in COVARIATES_OF.get(name, (covariate,)):
+            for name in CHANNELS:
+                if not _is_shown(problem.evidence, name, covariate):
                     continue
                 made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
@@ -238,6 +238,14 @@ COVARIATES_OF: Final = {
     "wheels' delay": ("time", "temperature", "temperature_rate"),
     "gyro's scale": tuple(d for d in COVARIATE_UNITS if d != "yaw_rate"),
 }
+
+
+def _is_shown(e: Evidence, channel: str, covariate: str) -> bool:
+    """Whether a recording shows a curve of this channel and covariate."""
+    if CHANNELS[channel].acts_on not in e.channels or covariate not in COVARIATES_OF.get(channel, (covariate,)):
+        return False
+    # Without a gyro a delay that wanders is as well the reference's.
+    return (channel, covariate) != ("wheels' delay", "time") or e.gyro_rad is not None
 
 
 def covariates(problem: Problem) -> dict[str, tuple[Array, Array]]:

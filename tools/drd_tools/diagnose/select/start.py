@@ -20,6 +20,11 @@ class Start(NamedTuple):
     known: list[Selected]
     constants: list[Selected]
 
+    @property
+    def held(self) -> list[Selected]:
+        """The effects that stay in any search."""
+        return [*self.known, *self.constants]
+
 
 def started(audited: Audit, measured: Constants) -> Start:
     """The constants where they explain so much that nothing can be seen before they are off; else none. (79)"""
