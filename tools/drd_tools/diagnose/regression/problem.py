@@ -17,6 +17,7 @@ from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
+from drd_tools.diagnose.regression.gram import Gram
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names, parameter, shape_of
 
@@ -88,6 +89,7 @@ class Problem:
         self._form_counts: dict[str, int] = {}
         self._rows: npt.NDArray[np.bool_] | None = None
         self._is_exact = False
+        self._gram: Gram | None = None
 
     def exact(self) -> "Problem":
         """A problem in which causes have the catalogue's form, as in simulation they do, and no other shape."""
@@ -98,7 +100,7 @@ class Problem:
     def with_data(self, data: Array) -> "Problem":
         """A problem with other data (r,)."""
         made = copy(self)
-        made.data = data
+        made.data, made._gram = data, None
         return made
 
     def part(self, rows: npt.NDArray[np.bool_], data: Array, held: Array | None = None) -> "Problem":
@@ -116,7 +118,7 @@ class Problem:
     def along(self, motion: Motion) -> "Problem":
         """A problem with the effects' sensitivities along another motion."""
         made = copy(self)
-        made.sensitivities, made._cache = self.sensitivities.along(motion), {}
+        made.sensitivities, made._cache, made._gram = self.sensitivities.along(motion), {}, None
         return made
 
     @property
@@ -228,7 +230,9 @@ class Problem:
 
     def units(self, wanted: Sequence[Wanted]) -> list[Array]:
         """Whitened sensitivities (r,) of units; each is made once."""
-        keys: list[Key] = [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
+        return self._units(wanted, _keys(wanted))
+
+    def _units(self, wanted: Sequence[Wanted], keys: Sequence[Key]) -> list[Array]:
         missing = {key: i for i, key in enumerate(keys) if key not in self._cache}
         if missing:
             if len(self._cache) * 8 * len(self.data) > CACHED_BYTES:
@@ -237,6 +241,21 @@ class Problem:
             self._cache.update({key: np.ascontiguousarray(rows[:, j]) for j, key in enumerate(missing)})
         made = [self._cache[key] for key in keys]
         return made if self._rows is None else [row[self._rows] for row in made]
+
+    def products(self, wanted: Sequence[Wanted]) -> Array:
+        """Products (1 + q + m, 1 + q + m) of the data, the nuisances, and m units."""
+        keys = _keys(wanted)
+        if self._gram is None:
+            self._gram = Gram(self.data, self.nuisance)
+        return self._gram.of(keys, self._units(wanted, keys))
+
+    def combined(self, coefficients: Array, wanted: Sequence[Wanted]) -> Array:
+        """The sum (r,) of the data, the nuisances, and m units, each times its coefficient, (1 + q + m,)."""
+        held, own = coefficients[: len(coefficients) - len(wanted)], coefficients[len(coefficients) - len(wanted) :]
+        total: Array = held[0] * self.data + self.nuisance @ held[1:]
+        for factor, unit in zip(own, self.units(wanted), strict=True):
+            total += factor * unit
+        return total
 
     def discrepancy_shapes(self, selected: Selected) -> Array:
         """Other shapes of a selected effect's cause, (r, s), each as large as the selected effect itself."""
@@ -273,7 +292,7 @@ class Problem:
 
     def effect_rows(self, selection: Sequence[Selected]) -> Array:
         """Whitened data that the selected effects explain, (r,)."""
-        factors = [f for c in selection for f in _factors(c)]
+        factors = [f for c in selection for f in factors_of(c)]
         total = np.zeros(len(self.data))
         for factor, rows in zip(factors, self.units(self.wanted_rows(selection)), strict=True):
             total += factor * rows
@@ -296,6 +315,10 @@ class Problem:
     def tangents(self, selection: Sequence[Selected]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
         return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
+
+
+def _keys(wanted: Sequence[Wanted]) -> list[Key]:
+    return [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
 
 
 def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
@@ -352,5 +375,6 @@ def _columns(rows: Sequence[Array], length: int) -> Array:
     return np.array(rows).reshape(len(rows), length).T
 
 
-def _factors(selected: Selected) -> list[float]:
+def factors_of(selected: Selected) -> list[float]:
+    """What each unit of an effect's rows is multiplied by."""
     return [selected.number(name) for name in linear_names(selected.effect, selected.values)] or [1.0]

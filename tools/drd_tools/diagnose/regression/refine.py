@@ -9,9 +9,9 @@ import numpy as np
 
 from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.regression.marginal import Marginal
-from drd_tools.diagnose.regression.problem import Problem, Wanted
+from drd_tools.diagnose.regression.problem import Problem, Wanted, factors_of
 from drd_tools.diagnose.results import Amount, Array
-from drd_tools.diagnose.selected import Selected, shape_of
+from drd_tools.diagnose.selected import Selected
 
 ROUNDS: Final = 12  # at most; it ends before where it converges: limits the time
 ENOUGH_NATS: Final = 0.02  # that a whole step would still bring
@@ -53,14 +53,14 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: floa
 
     Those that will clearly not reach the score `least` are left as they are.
     """
-    searches, kept = [_Descent(problem, tuple(selection), least) for selection in sets], _Kept()
+    searches = [_Descent(problem, tuple(selection), least) for selection in sets]
     for _ in range(ROUNDS):
         active = [s for s in searches if not s.done]
         if not active:
             break
-        problem.units([wanted for s in active for wanted in s.wanted()])
+        problem.units([wanted for s in active for wanted in s.units.wanted])
         for s in active:
-            s.step(kept)
+            s.step()
     return [s.fit for s in searches]
 
 
@@ -80,14 +80,18 @@ class _Descent:
     """Descent of one set of selected effects."""
 
     def __init__(self, problem: Problem, selection: tuple[Selected, ...], least: float):
-        self._problem, self._current = problem, selection
+        self._problem = problem
+        self._set_out(selection)
         self._enough = -least - problem.penalty(selection)
         self._rounds = 0
-        self._best: Fit | None = None
+        self._best: _Evaluated | None = None
         self._moves: Array = np.zeros(0)
         self._share = 1.0  # of the moves, that is tried
         self._gain = 0.0  # that all of them would bring where the model is linear, nats
         self.done = False
+
+    def _set_out(self, selection: tuple[Selected, ...]) -> None:
+        self._current, self.units = selection, _Units(self._problem, selection)
 
     def _is_hopeless(self, cost: float) -> bool:
         if self._rounds >= CLEAR_ROUNDS and cost - HOPED * self._gain > self._enough:
@@ -96,51 +100,103 @@ class _Descent:
 
     @property
     def fit(self) -> Fit:
-        assert self._best is not None
-        return self._best
+        """The best that was found."""
+        best = self._best
+        assert best is not None
+        left = self._problem.combined(best.left, best.wanted)
+        return Fit(best.selection, best.cost, best.nuisance, left)
 
-    def wanted(self) -> list[Wanted]:
-        problem, selection = self._problem, self._current
-        discrepancy_shapes = [w for c in selection for w in problem.wanted_shapes(c)]
-        return problem.wanted_rows(selection) + problem.wanted_tangents(selection) + discrepancy_shapes
-
-    def step(self, kept: "_Kept") -> None:
-        fit, moves, reachable = _evaluate(self._problem, self._current, kept)
+    def step(self) -> None:
+        """Evaluate the current parameters, and choose the next."""
+        tried = _evaluate(self._problem, self._current, self.units)
         self._rounds += 1
-        if self._best is None or fit.cost < self._best.cost - 1e-9:
+        if self._best is None or tried.cost < self._best.cost - 1e-9:
             # Where the moves were too long they will be so again.
-            self._best, self._moves, self._share = fit, moves, min(1.0, LONGER * self._share)
-            self._gain = fit.cost - reachable
-            self.done = self._is_hopeless(fit.cost)
+            self._best, self._moves, self._share = tried, tried.moves, min(1.0, LONGER * self._share)
+            self._gain = tried.cost - tried.reachable
+            self.done = self._is_hopeless(tried.cost)
         else:
             # The parabola through both costs, with the slope that the linear model has.
-            least = self._share * self._gain / (fit.cost - self._best.cost + 2.0 * self._share * self._gain)
+            least = self._share * self._gain / (tried.cost - self._best.cost + 2.0 * self._share * self._gain)
             self._share *= min(max(least, SHORTEST), 0.5)
         self.done = self.done or self._share * self._gain < ENOUGH_NATS
-        self._current = _moved(self._best.selection, self._moves * self._share)
+        if not self.done:
+            self._set_out(_moved(self._best.selection, self._moves * self._share))
 
 
-def _evaluate(problem: Problem, selection: tuple[Selected, ...], kept: "_Kept") -> tuple[Fit, Array, float]:
-    """Cost of effects as they are (74); the moves that a linear model proposes (76), and its cost then."""
-    residual, T = problem.data - problem.effect_rows(selection), problem.tangents(selection).T
-    soft = np.concatenate([problem.nuisance.T, *(discrepancies(problem, selected, kept).T for selected in selection)])
-    marginal, b = Marginal(soft.T), soft @ residual
-    L = np.linalg.cholesky(marginal.A)
+class _Evaluated(NamedTuple):
+    """Effects as they are: their cost, nats (74), and the nuisances' coefficients (q,).
+
+    `moves` (k,) of the free parameters, as a linear model proposes them (76), and the cost `reachable` by them.
+    `left` (1 + q + m,): what is left of the data, as coefficients of data, nuisances and the units `wanted`.
+    """
+
+    selection: tuple[Selected, ...]
+    cost: float
+    nuisance: Array
+    moves: Array
+    reachable: float
+    wanted: list[Wanted]
+    left: Array
+
+
+class _Units:
+    """Units of a set of effects: `wanted`, and which are each effect's rows, tangents and other shapes.
+
+    Of the columns whose products `Problem.products` gives: the data, the nuisances, and the units.
+    """
+
+    def __init__(self, problem: Problem, selection: Sequence[Selected]):
+        self.wanted: list[Wanted] = []
+        self._first = 1 + problem.nuisance.shape[1]
+        self.rows = [self._taken(problem.wanted_rows([c])) for c in selection]
+        self.tangents = [self._taken(problem.wanted_tangents([c])) for c in selection]
+        self.shapes = [self._taken(problem.wanted_shapes(c)) for c in selection]
+
+    def _taken(self, wanted: Sequence[Wanted]) -> slice:
+        first = self._first + len(self.wanted)
+        self.wanted += wanted
+        return slice(first, first + len(wanted))
+
+
+def _evaluate(problem: Problem, selection: tuple[Selected, ...], units: _Units) -> _Evaluated:
+    """Cost of effects as they are, all by products of columns: those of many rows are taken once, by `Gram`."""
+    G, q = problem.products(units.wanted), problem.nuisance.shape[1]
+    columns = np.eye(len(G))
+    residual, tangents = columns[0], np.concatenate([columns[:0], *(columns[t] for t in units.tangents)])
+    soft = [columns[1 : 1 + q]]
+    for selected, rows, own, shapes in zip(selection, units.rows, units.tangents, units.shapes, strict=True):
+        explained = np.array(factors_of(selected)) @ columns[rows]
+        residual = residual - explained
+        size = math.sqrt(max(float(explained @ G @ explained), 0.0))
+        soft.append(DISCREPANCY_SHARE * size * _beyond(columns[shapes], columns[own], G))
+    N = np.concatenate(soft)
+    A, b = N @ G @ N.T + np.eye(len(N)), N @ G @ residual
+    L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
+    left = residual - x @ N
     # Of the nuisances' determinant a constant part is the same for all selected effects.
-    cost = 0.5 * float(residual @ residual - b @ x) + float(np.log(np.diag(L)).sum())
+    cost = 0.5 * float(residual @ G @ residual - b @ x) + float(np.log(np.diag(L)).sum())
     off, weight = _measured(selection)
     cost += 0.5 * float(off @ (weight * off))
-    fit = Fit(selection, cost, x[: problem.nuisance.shape[1]], residual - x @ soft)
-    if not len(T):
-        return fit, np.zeros(0), cost
-    priors = np.concatenate([precisions(c) for c in selection]) + weight
+    if not len(tangents):
+        return _Evaluated(selection, cost, x[:q], off, cost, units.wanted, left)
     # In the directions that nuisances and shapes leave.
-    S = marginal.beside(T @ T.T, soft @ T.T) + np.diag(priors)
-    g = T @ fit.left - weight * off
-    inverse = _inverse(S)
+    priors, C = np.concatenate([precisions(c) for c in selection]) + weight, N @ G @ tangents.T
+    inverse = _inverse(tangents @ G @ tangents.T - C.T @ np.linalg.solve(A, C) + np.diag(priors))
+    g = tangents @ G @ left - weight * off
     moves = inverse @ g
-    return replace(fit, selection=_with_covariance(selection, inverse)), moves, cost - 0.5 * float(g @ moves)
+    reachable = cost - 0.5 * float(g @ moves)
+    return _Evaluated(_with_covariance(selection, inverse), cost, x[:q], moves, reachable, units.wanted, left)
+
+
+def _beyond(shapes: Array, tangents: Array, G: Array) -> Array:
+    """Shapes (s, p) of norm 1, less what tangents (k, p) can make of them; of columns whose products are G (p, p)."""
+    norms = np.sqrt(np.maximum(np.sum(shapes @ G * shapes, axis=1), 0.0))
+    F: Array = shapes[norms > 0.0] / norms[norms > 0.0, None]
+    if F.size and tangents.size:
+        F = F - F @ G @ tangents.T @ _inverse(tangents @ G @ tangents.T) @ tangents
+    return F
 
 
 class Response(NamedTuple):
@@ -174,24 +230,14 @@ def _inverse(S: Array) -> Array:
     return inverse
 
 
-class _Kept(dict[tuple[object, ...], Array]):
-    """Shapes (s, r) of norm 1 less what parameters can make of them, by effect: while only sizes change they stay."""
-
-
-def discrepancies(problem: Problem, selected: Selected, kept: _Kept | None = None) -> Array:
+def discrepancies(problem: Problem, selected: Selected) -> Array:
     """Other shapes of an effect's cause (r, s), as large as they may be, less what its own parameters can make of them.
 
     What is left of them cannot be traded for the parameters: they keep their meaning. (75)
     """
-    shape = shape_of(selected.effect, selected.values)
-    key = (selected.id, selected.free, *sorted(shape.items()))
-    F = None if kept is None else kept.get(key)
-    if F is None:
-        F, T = problem.unit_shapes(selected).T, problem.tangents([selected]).T
-        if F.size and T.size:
-            F = F - F @ T.T @ _inverse(T @ T.T) @ T
-        if kept is not None and not shape.keys() & set(selected.free):  # else tangents are of one size
-            kept[key] = F
+    F, T = problem.unit_shapes(selected).T, problem.tangents([selected]).T
+    if F.size and T.size:
+        F = F - F @ T.T @ _inverse(T @ T.T) @ T
     return DISCREPANCY_SHARE * float(np.linalg.norm(problem.effect_rows([selected]))) * F.T
 
 
