@@ -82,6 +82,12 @@ class Agreement:
         kf.add_heading_variance(parted_rad * parted_rad)
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
+    def gyro_is_stuck(self, track: Track) -> None:
+        """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
+        kf, parted_rad = track.kf, track.hindsight.marked_rad
+        track.hindsight.take_back(kf, track.t_ns, marked=True)
+        kf.add_heading_variance(parted_rad * parted_rad, both=True)
+
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
         kf, drift, text = track.kf, self._drift, None
         if drive is not Drive.UNKNOWN and not self._is_slip:

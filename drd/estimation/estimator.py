@@ -1,6 +1,5 @@
 """Samples in, poses out. No port, no bus, no clock, no logger: live, replay and simulation run this same object."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from drd.estimation.pose_maker import PoseMaker
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
 from drd.estimation.steering import Steering, as_modelled
+from drd.estimation.stuck import Stuck
 from drd.estimation.timeline import Segment, Stream
 from drd.estimation.track import MakeTrack, Track, make_track
 from drd.estimation.uncertainty import OneSided
@@ -29,8 +29,6 @@ from drd.units import NS_PER_S, S_PER_NS
 
 # Ticks further apart mean that the host stood still.
 STALL_NS = NS_PER_S // 5
-# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
-STUCK_READINGS = 10
 
 
 class Estimator:
@@ -87,10 +85,7 @@ class Estimator:
         self.applied = Applied()
         self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
         self._agreement = Agreement(e.rejections_before_release, self.reasons, self.counters)
-        # The gyro's last reading, as rate and angle, and how often it came again; since when the right wheel's way less
-        # the left one's counts, with the tread and the lag of then.
-        self._said, self._repeats, self._was_stuck = (math.nan, math.nan), 0, False
-        self._apart_m, self._before = 0.0, (0.0, tread_m, 0.0)
+        self._stuck = Stuck()
         self._reorder_ns = round(e.reorder_s * NS_PER_S)
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + e.reorder_s) * NS_PER_S)
@@ -118,10 +113,12 @@ class Estimator:
         if self.bias.active:
             self.bias.gyro(rate)
             self._silence.gyro_ns = max(self._silence.gyro_ns, rate.t_ns)
-        elif self._is_stuck(sample.rate_rad_s, sample.interval_s):
-            self.counters["stuck_gyro"] += 1
         else:
-            self._add_rate(rate)
+            self._watch_repeats(sample)
+            if self._stuck.found:
+                self.counters["stuck_gyro"] += 1
+            else:
+                self._add_rate(rate)
         self._advance()
         now_ns = sample.t_ns - self._corrections.late_ns
         self._watch(now_ns)
@@ -138,7 +135,6 @@ class Estimator:
         self._silence.begin(sample.t_ns)
         still = self.standstill.feed(sample)  # whole counts
         sample = self._corrections.wheels(sample)
-        self._apart_m += sample.right_m - sample.left_m
         if not self._track.t_ns:
             self._track.t_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
         if self.bias.active and self._has_gyro:
@@ -196,32 +192,16 @@ class Estimator:
         track = self._track
         return track.kf.nominal.heading_rad + track.rate_rad_s * (t_ns - track.t_ns) * S_PER_NS if track.t_ns else 0.0
 
-    def _is_stuck(self, rate_rad_s: float, interval_s: float) -> bool:
-        """Take note of a reading: whether the gyro repeats itself and the wheels do not, as good as silent. (18)
-
-        On finding so, go back to what was known before it did.
-        """
-        # It says rates or angles; the other one has the error of the interval's length.
-        before, self._said = self._said, (rate_rad_s, rate_rad_s * interval_s)
-        kf, agreement = self._track.kf, self._agreement
-        if not any(map(_is_same, self._said, before)):
-            self._repeats, agreement.parted_rad, self._was_stuck = 0, 0.0, False
-            self._before = self._apart_m, kf.nominal.tread_m, kf.nominal.wheel_lag_s
-            return False
-        self._repeats += 1
-        was_stuck, disagrees = self._was_stuck, agreement.parted_rad > 0.0 or self.reasons.has("agreement")
-        self._was_stuck = was_stuck or (self._repeats >= STUCK_READINGS and disagrees)
-        if self._was_stuck and not was_stuck:
-            # The wheels' heading has followed it, and it has taught tread and lag.
-            apart_m, tread_m, lag_s = self._before
-            parted_rad = (self._apart_m - apart_m) / tread_m - self._repeats * rate_rad_s * interval_s
-            kf.add_heading_variance(parted_rad * parted_rad, both=True)
-            taught_m, taught_s = kf.nominal.tread_m - tread_m, kf.nominal.wheel_lag_s - lag_s
-            kf.set_tread(tread_m)
-            kf.nominal.wheel_lag_s = lag_s
-            kf.add_tread_variance(taught_m * taught_m)
-            kf.add_lag_variance(taught_s * taught_s)
-        return self._was_stuck
+    def _watch_repeats(self, sample: GyroSample) -> None:
+        """What a gyro that is stuck has taught since it repeats itself is taken back. (18)"""
+        stuck, agreement, track = self._stuck, self._agreement, self._track
+        disagrees = agreement.parted_rad > 0.0 or self.reasons.has("agreement")
+        if stuck.take(sample.rate_rad_s, sample.interval_s, disagrees):
+            agreement.gyro_is_stuck(track)
+        elif stuck.repeats == 0:
+            agreement.parted_rad = 0.0
+        elif stuck.repeats == 1:
+            track.hindsight.mark(track.kf)
 
     def _add_rate(self, rate: CalibratedRate) -> None:
         last_ns = self._gyro.end_ns
@@ -585,8 +565,3 @@ class Estimator:
         self.counters["resets"] += 1
         self._begin_anew()
         self.reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)
-
-
-def _is_same(reading: float, before: float) -> bool:
-    """Whether two readings have the same digits."""
-    return math.isclose(reading, before, rel_tol=1e-9)

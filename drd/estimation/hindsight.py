@@ -1,4 +1,4 @@
-"""Constants of the wheels as known some seconds ago, to go back to where slip has taught others since. (18)"""
+"""Constants as known before, to go back to where slip, or a gyro that is stuck, has taught others since. (18)"""
 
 from dataclasses import dataclass
 from typing import Final
@@ -30,13 +30,14 @@ class _Memory:
 
 
 class Hindsight:
-    """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the ways of
+    """Remembers what was known of scales, tread and lag two to four seconds ago, and at a mark; adds up the ways of
     moving wheels and the gyro's turn since: what one wheel slips is not in the turn. (18)
     """
 
     def __init__(self) -> None:
         self._then: _Memory | None = None
         self._since: _Memory | None = None
+        self._mark: _Memory | None = None
         self._since_ns = self._given = 0
         self._left_m = self._right_m = self._turn_rad = 0.0
 
@@ -56,6 +57,10 @@ class Hindsight:
         """Forget what was before, which is accounted for."""
         self._then, self._since, self._since_ns, self._given = None, self._now(kf), t_ns, kf.given
 
+    def mark(self, kf: Filter) -> None:
+        """From now on something may teach what is wrong: remembered for as long as that takes."""
+        self._mark = self._now(kf)
+
     def _now(self, kf: Filter) -> _Memory:
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
@@ -69,15 +74,24 @@ class Hindsight:
     @property
     def slipped_m(self) -> float:
         """By how much the middle's way is wrong if one wheel has gone meanwhile what the turn does not explain."""
-        if (then := self._then or self._since) is None:
+        return 0.5 * self._apart_m(self._then or self._since)
+
+    @property
+    def marked_rad(self) -> float:
+        """By how much wheels and gyro have turned apart since the mark."""
+        return self._apart_m(self._mark) / self._mark.tread_m if self._mark is not None else 0.0
+
+    def _apart_m(self, then: _Memory | None) -> float:
+        """What the right wheel has gone since then, less the left one's way and the turn's."""
+        if then is None:
             return 0.0
         left_m = (1.0 - then.scale_left) * (self._left_m - then.left_m)
         right_m = (1.0 - then.scale_right) * (self._right_m - then.right_m)
-        return 0.5 * (right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad))
+        return right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad)
 
-    def take_back(self, kf: Filter, t_ns: int) -> None:
-        """The constants are as known as they were: the wheels have slipped, and that has passed for one of them."""
-        if (then := self._then or self._since) is None:
+    def take_back(self, kf: Filter, t_ns: int, marked: bool = False) -> None:
+        """The constants are as known as they were, some seconds ago or at the mark: what was taught since is wrong."""
+        if (then := self._mark if marked else self._then or self._since) is None:
             return
         n, lag_s, rate = kf.nominal, kf.nominal.wheel_lag_s, kf.rate_rad_s
         n.scale_right, n.scale_left, n.gyro_scale = then.scale_right, then.scale_left, then.gyro_scale

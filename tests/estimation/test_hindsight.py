@@ -80,3 +80,20 @@ def test_what_is_given_from_elsewhere_is_not_taken_back() -> None:
     given_m = kf.sigma(TREAD)
     seen.take_back(kf, 3)
     assert kf.sigma(TREAD) == given_m > math.sqrt(SIGMAS.tread_m**2)
+
+
+def test_what_was_learned_since_a_mark_is_taken_back_however_long_ago_that_is() -> None:
+    kf, seen = make(), Hindsight()
+    learn(kf)
+    seen.watch(kf, 1)
+    seen.mark(kf)
+    n, known_m, sigma_m = kf.nominal, kf.nominal.tread_m, kf.sigma(TREAD)
+    apart_m = (1.0 - n.scale_right) * 0.09 - (1.0 - n.scale_left) * 0.08 - known_m * 0.01
+    for i in range(1, 5):
+        learn(kf, slip=0.05)
+        seen.moved(0.08, 0.09, 0.01)
+        seen.watch(kf, 1 + i * (SPAN_NS + 1))
+    assert n.tread_m != pytest.approx(known_m, abs=0.02)
+    assert seen.marked_rad == pytest.approx(4.0 * apart_m / known_m)
+    seen.take_back(kf, 2, marked=True)
+    assert (n.tread_m, kf.sigma(TREAD)) == (known_m, pytest.approx(sigma_m))
