@@ -11,7 +11,7 @@ from drd.estimation.applied import Applied, Constant
 from drd.estimation.calibration import Calibration
 from drd.estimation.corrections import Corrections
 from drd.estimation.estimate import Estimate, forget_gyro, forget_pose, forget_wheels, initial_sigmas, put_into
-from drd.estimation.filter import GYRO_BIAS, Filter, Six, X, Y
+from drd.estimation.filter import Filter
 from drd.estimation.health import Reasons
 from drd.estimation.lead import Lead, Place, onward, seen_from
 from drd.estimation.learning import Learned, RestNoise, WheelNoise
@@ -19,6 +19,7 @@ from drd.estimation.noise import make_noise
 from drd.estimation.pose_maker import PoseMaker
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
+from drd.estimation.state import GYRO_BIAS, Six, X, Y
 from drd.estimation.steering import Steering, as_modelled
 from drd.estimation.stuck import Stuck
 from drd.estimation.timeline import Segment, Stream

@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from drd.estimation.filter import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix
+from drd.estimation.filter import Filter
+from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix
 from drd.units import NS_PER_S
 
 # Slip is found later than it begins: as long as agreement takes to end the report of it.

@@ -5,8 +5,8 @@ from typing import Any, Final
 
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG
 from drd.estimation.learning import Drive
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG
 from drd.estimation.steering import TAPE_PART
 
 # A drive has taught a value where its standard deviation is at most this part of the one at the start.

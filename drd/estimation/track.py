@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from math import cos, sin
 
 from drd.config.keys import Config
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.hindsight import Hindsight
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas
 from drd.estimation.timeline import Piece, Segment, Stream, pieces
 from drd.estimation.uncertainty import (
     HEADING_DOUBTFUL_RAD,

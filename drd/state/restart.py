@@ -11,8 +11,9 @@ from drd.config.keys import Config
 from drd.effects.effect import Effect
 from drd.estimation.basis import changes, learned_anew
 from drd.estimation.estimate import Estimate, forget_gyro, forget_wheels, put_into
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.estimation.filter import Filter
 from drd.estimation.learning import Learned
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
 from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.pipeline import Pipeline
 from drd.state.saved import Moment, Saved

@@ -6,9 +6,9 @@ import pytest
 from sensors import NO_BIAS, T0, S, drive, feed, make
 
 from drd.estimation.agreement import Agreement
-from drd.estimation.filter import HEADING_UNKNOWN_RAD2
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
+from drd.estimation.state import HEADING_UNKNOWN_RAD2
 from drd.samples import GyroSample, WheelSample
 
 

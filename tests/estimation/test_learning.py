@@ -18,23 +18,11 @@ from drd.effects.compensation import Compensation
 from drd.effects.model import make_model
 from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, estimate_of
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import (
-    GYRO_HEADING,
-    HEADING,
-    LEAST_LAG_S,
-    SCALE_L,
-    SCALE_R,
-    TREAD,
-    WHEEL_LAG,
-    Filter,
-    N,
-    Sigmas,
-    X,
-    Y,
-)
+from drd.estimation.filter import LEAST_LAG_S, Filter
 from drd.estimation.learned_values import LEARNED, NOT_YET, OUTSIDE, learned_values
 from drd.estimation.learning import BLOCK_S, GUARD_S, Drive, RestNoise, VarianceFactor
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import GYRO_HEADING, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, N, Sigmas, X, Y
 from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_DEG, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 
