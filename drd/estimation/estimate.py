@@ -143,11 +143,6 @@ def check_covariance(P: Matrix) -> None:
         raise ValueError(f"P: expected {found[0]}, got {found[1]}")
 
 
-def put_into(kf: Filter, estimate: Estimate) -> None:
-    """Let the filter go on from the estimate."""
-    kf.put(estimate.nominal, estimate.P)
-
-
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
     """Wheel scales and tread start anew, the rest stays."""
     n = kf.nominal

@@ -89,6 +89,11 @@ class Track:
                     return True
         return False
 
+    def heading_rad(self, t_ns: int) -> float:
+        """The wheels' heading at another time, near enough."""
+        turned_rad = self.rate_rad_s * (t_ns - self.t_ns) * S_PER_NS
+        return self.kf.nominal.heading_rad + turned_rad if self.t_ns else 0.0
+
     @property
     def lag_ns(self) -> int:
         """The wheels' lag behind the gyro, as estimated: the gyro's rates wait so long for the wheels' travel. (30)"""
