@@ -172,7 +172,7 @@ class Estimator:
         elif stuck.repeats == 0:
             agreement.parted_rad = 0.0
         elif stuck.repeats == 1:
-            track.hindsight.mark(track.kf)
+            agreement.gyro_repeats(track)
 
     def _watch(self, now_ns: int) -> None:
         """Turn silence and a bias that is not known into reasons."""
