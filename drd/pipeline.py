@@ -258,7 +258,7 @@ class Pipeline:
             "fog_rate_hz": self.fog.rate_hz if self.fog is not None else None,
             "fog_temperature_c": self.fog.temperature_c if self.fog is not None else None,
             "bias_measurement": self.estimator.bias.state.value,
-            "drive": steering_text(self.estimator.steering.drive),
+            "drive": steering_text(self.estimator.knowledge.steering.drive),
             "learned": learned_values(self.estimator, self._config),
             "counters": self.counters(),
         }

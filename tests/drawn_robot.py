@@ -5,8 +5,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from drd.estimation.filter import Filter, N, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import N, Sigmas
 
 TREAD_M = 0.588
 STEP_S = 0.05

@@ -5,6 +5,7 @@ import math
 from drd.estimation.drift import Drift
 from drd.estimation.filter import USUAL2, Outcome
 from drd.estimation.health import Reasons
+from drd.estimation.hindsight import Memory
 from drd.estimation.learning import Drive
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import OneSided
@@ -26,11 +27,14 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
+        self._before_repeats: Memory | None = None
         self.parted_rad = 0.0
 
     def anew(self) -> "Agreement":
         """One that knows of no disagreement yet: of a filter that starts again."""
-        return Agreement(self._limit, self._reasons, self._counters)
+        anew = Agreement(self._limit, self._reasons, self._counters)
+        anew._before_repeats = self._before_repeats  # the gyro does not start again
+        return anew
 
     def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
         """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""
@@ -67,7 +71,6 @@ class Agreement:
             self._reasons.clear("agreement")
             self._is_slip = False
             self._slipped_m.forget()
-            self._drift.is_over()
         return True
 
     def slip(self, track: Track, t_ns: int, parted_rad: float) -> None:
@@ -78,17 +81,28 @@ class Agreement:
         kf, slipped_m = track.kf, track.hindsight.slipped_m
         self._is_slip = True
         self._counters["released"] += 1
-        track.hindsight.take_back(kf, t_ns)
+        track.hindsight.take_back(kf, track.hindsight.before, t_ns)
         kf.add_heading_variance(parted_rad * parted_rad)
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
+    def gyro_repeats(self, track: Track) -> None:
+        """It has said the same twice: what is known now may have to be gone back to."""
+        self._before_repeats = track.hindsight.now(track.kf)
+
+    def gyro_is_stuck(self, track: Track) -> None:
+        """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
+        if (then := self._before_repeats) is not None:
+            parted_rad = track.hindsight.apart_rad(then)
+            track.hindsight.take_back(track.kf, then, track.t_ns)
+            track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
+
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
-        kf, drift, text = track.kf, self._drift, None
-        if drive is not Drive.UNKNOWN and not self._is_slip:
-            drift.watch(kf, t_ns, drive)
+        drift, seen, text = self._drift, track.hindsight, None
+        if not self._is_slip:
+            drift.watch(track, t_ns, drive)
             text = drift.text
-        elif parted_rad := drift.parted_rad(kf):  # P has what tread and lag may be: no other ground is needed for it
-            self.slip(track, t_ns, parted_rad)
+        elif drift.is_found(track.kf, drive) and (then := seen.before) is not None:
+            self.slip(track, t_ns, seen.apart_rad(then))
             text = "wheels and gyro drift apart: a wheel slips, or the gyro is wrong"
         if text is not None:
             self._reasons.set("agreement", text, t_ns)

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix, N
+from drd.estimation.filter import Filter
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix, N
 from drd.estimation.track import Track
 from drd.units import RAD_PER_DEG
 

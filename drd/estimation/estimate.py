@@ -11,20 +11,19 @@ from msgspec import Meta
 
 from drd.config.keys import Config
 from drd.estimation.covariance import unfit
-from drd.estimation.filter import (
+from drd.estimation.filter import LEAST_LAG_S, MOST_LAG_S, Filter
+from drd.estimation.learning import Drive, Learned
+from drd.estimation.state import (
     GYRO_BIAS,
     GYRO_HEADING,
     GYRO_SCALE,
     HEADING,
     HEADING_UNKNOWN_RAD2,
-    LEAST_LAG_S,
-    MOST_LAG_S,
     POSITION_UNKNOWN_M2,
     SCALE_L,
     SCALE_R,
     SLIP,
     TREAD,
-    Filter,
     Matrix,
     N,
     Nominal,
@@ -32,7 +31,6 @@ from drd.estimation.filter import (
     X,
     Y,
 )
-from drd.estimation.learning import Drive, Learned
 from drd.units import RAD_PER_DEG
 
 # What a computed quantity can be at all: beyond 1e7 m doubles no longer resolve a step of the robot, and the rest is
@@ -143,11 +141,6 @@ def check_covariance(P: Matrix) -> None:
         raise ValueError(f"P: expected finite numbers up to {LARGEST_VARIANCE:g}")
     if (found := unfit(P)) is not None:
         raise ValueError(f"P: expected {found[0]}, got {found[1]}")
-
-
-def put_into(kf: Filter, estimate: Estimate) -> None:
-    """Let the filter go on from the estimate."""
-    kf.put(estimate.nominal, estimate.P)
 
 
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:

@@ -4,31 +4,46 @@ It knows no clock, no sensor and no logger, never raises on data, and returns a 
 """
 
 import math
-from collections.abc import Callable, Mapping, MutableSequence, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum
 from math import cos, sin
-from operator import itemgetter
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import (
+    BB,
+    DD,
+    GG,
+    GYRO_BIAS,
+    GYRO_HEADING,
+    GYRO_SCALE,
+    HEADING,
+    HH,
+    LL,
+    RR,
+    SCALE_L,
+    SCALE_R,
+    SLIP,
+    SS,
+    TREAD,
+    TT,
+    VV,
+    WHEEL_LAG,
+    XX,
+    XY,
+    YY,
+    Matrix,
+    N,
+    Sigmas,
+    State,
+    X,
+    Y,
+    elements,
+)  # fmt: skip
 
-# The error state x, computed minus true (8), in the order of (13), then (30) and (33); REP-103 axes.
-X: Final = 0  # m, forward at heading 0
-Y: Final = 1  # m, left at heading 0
-HEADING: Final = 2  # rad, from the wheels
-SCALE_R: Final = 3  # 1, right wheel
-SCALE_L: Final = 4  # 1, left wheel
-TREAD: Final = 5  # m
-GYRO_HEADING: Final = 6  # rad, from the gyro
-GYRO_SCALE: Final = 7  # 1
-GYRO_BIAS: Final = 8  # rad/s
-WHEEL_LAG: Final = 9  # s
-SLIP: Final = 10  # s, sideways
-N: Final = 11
 # Flat positions in an N x N matrix, made once: the elements of F and Q that change with each step. F is kept
 # transposed, since F P and (F P) F^T are then a fifth faster.
 (X_HEADING, X_SCALE_R, X_SCALE_L, X_TREAD) = (i * N + X for i in (HEADING, SCALE_R, SCALE_L, TREAD))
@@ -38,11 +53,8 @@ N: Final = 11
 X_SLIP, Y_SLIP = SLIP * N + X, SLIP * N + Y
 (H_SCALE_R, H_SCALE_L, H_TREAD, H_LAG) = (i * N + HEADING for i in (SCALE_R, SCALE_L, TREAD, WHEEL_LAG))
 (G_SCALE, G_BIAS, G_LAG) = (i * N + GYRO_HEADING for i in (GYRO_SCALE, GYRO_BIAS, WHEEL_LAG))
-(XX, YY, HH, RR, LL, DD, GG, SS, BB, TT, VV) = (i * (N + 1) for i in range(N))
-XY, XH, YH = X * N + Y, X * N + HEADING, Y * N + HEADING
+XH, YH = X * N + HEADING, Y * N + HEADING
 YX, HX, HY = Y * N + X, HEADING * N + X, HEADING * N + Y
-RL = SCALE_R * N + SCALE_L
-HG, GH = HEADING * N + GYRO_HEADING, GYRO_HEADING * N + HEADING
 GT, TG = GYRO_HEADING * N + WHEEL_LAG, WHEEL_LAG * N + GYRO_HEADING
 # A slowly varying rate error of this correlation time acts on the heading as white noise does. (26)
 RATE_ERROR_CORRELATION_S: Final = 20.0
@@ -59,19 +71,6 @@ LEAST_TREAD: Final = 0.25
 USUAL2: Final = 9.0
 # Rounding makes P asymmetric by about 1e-16 of its size in each step; it is made symmetric this often.
 UPDATES_PER_SYMMETRISATION: Final = 50
-# Variances that say "unknown". Without a limit a long blindness leaves P with numbers beside which R is rounding noise.
-HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
-POSITION_UNKNOWN_M2: Final = 1e8
-
-Matrix = npt.NDArray[np.float64]
-Four = tuple[float, float, float, float]
-Six = tuple[float, float, float, float, float, float]
-
-
-def _elements(matrix: Matrix) -> MutableSequence[float]:
-    """Flat access to a matrix in plain floats: a memoryview is several times faster than numpy's scalars."""
-    # A float64 array's buffer holds floats; typeshed knows memoryviews of bytes only.
-    return cast(MutableSequence[float], matrix.reshape(-1).data)
 
 
 class Outcome(Enum):
@@ -82,41 +81,7 @@ class Outcome(Enum):
     NOT_FINITE = "not finite"
 
 
-@dataclass(slots=True)
-class Nominal:
-    """The computed quantities that the error state corrects."""
-
-    tread_m: float
-    x_m: float = 0.0
-    y_m: float = 0.0
-    heading_rad: float = 0.0
-    scale_right: float = 0.0
-    scale_left: float = 0.0
-    gyro_heading_rad: float = 0.0
-    gyro_scale: float = 1.0
-    gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
-    wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro; negative: the gyro is late
-    slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
-    origin_x_m: float = 0.0  # where the way began that the position is due to
-    origin_y_m: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Sigmas:
-    """Standard deviations of the error state at the start, in its units."""
-
-    position_m: float
-    heading_rad: float
-    wheel_scale: float
-    tread_m: float
-    gyro_scale: float  # 0 leaves the gyro's scale out: the paper's variant for a calibrated gyro
-    gyro_bias_rad_s: float
-    wheel_lag_s: float = 0.0  # 0 leaves the lag out: a robot without a gyro cannot tell it
-    slip_s: float = 0.0  # no sensor tells it: considered in P, never corrected
-    scale_difference: float = 0.0  # right less left, beyond what `wheel_scale` has of it
-
-
-class Filter:
+class Filter(State):
     """Predict with wheel travel and gyro rate; update with the difference of the two headings.
 
     All of it is at the time that the wheels report: the gyro's rates are to be handed in later by the estimated lag.
@@ -132,21 +97,16 @@ class Filter:
         along_gyro: bool = True,
     ):
         """`along_gyro`: the way goes along the gyro's heading wherever there is one; else, as printed, the wheels'."""
-        self.P: Matrix = np.zeros((N, N))
         self.z = 0.0  # last innovation, rad
         self.S = 0.0  # and its variance, rad^2
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
         self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
         self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (25)
-        self.rate_rad_s = 0.0  # yaw rate of the last step, from both sensors
-        self._along_gyro = along_gyro
-        self.pose_heading = GYRO_HEADING if along_gyro else HEADING  # which of the two headings is the pose's
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
         self._estimate_lag = 1.0 if sigmas.wheel_lag_s > 0.0 else 0.0
         self._updates = 0
-        self.given = 0  # how often constants or their variances have come from elsewhere than a comparison
         # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q.
         self._FT_and_I: Matrix = np.zeros((2 * N, N))
         self._PFT_and_Q: Matrix = np.zeros((2 * N, N))
@@ -154,49 +114,28 @@ class Filter:
         self._PH: Matrix = np.zeros(N)
         self._sigma: Matrix = np.zeros(())  # sqrt(S); numpy takes an array's element faster than a float
         self._gate2 = gate_sigma**2
+        super().__init__(tread_m, sigmas, along_gyro)
         # Views, made once.
         self._FT, self._F_and_I = self._FT_and_I[:N], self._FT_and_I.T
         self._PFT, self._Q = self._PFT_and_Q[:N], self._PFT_and_Q[N:]
         self._F, self._PT = self._FT.T, self.P.T
         self._P_wheels, self._P_gyro = self.P[HEADING], self.P[GYRO_HEADING]
         self._PH_column, self._PH_row = self._PH.reshape(N, 1), self._PH.reshape(1, N)
-        self._ones = np.ones(N * N)
-        self._P_vector = self.P.reshape(-1)
-        self._f, self._q, self._p = (_elements(m) for m in (self._FT, self._Q, self.P))
-        self.flat_P: Sequence[float] = self._p
-        h, lag = self.pose_heading, WHEEL_LAG * N
-        self._take_pose: Callable[[Sequence[float]], Six] = itemgetter(XX, XY, X * N + h, YY, Y * N + h, h * (N + 1))
-        self._take_lag: Callable[[Sequence[float]], Four] = itemgetter(lag + X, lag + Y, lag + h, TT)
-        self.restart(tread_m, sigmas)
+        self._f, self._q = elements(self._FT), elements(self._Q)
 
     def restart(self, tread_m: float, s: Sigmas) -> None:
         """Begin at the origin with these standard deviations; both headings share their error."""
-        self.given += 1
-        self.nominal = Nominal(tread_m)
-        self._last_tread_m, self._least_tread_m = tread_m, LEAST_TREAD * tread_m
+        super().restart(tread_m, s)
+        self._least_tread_m = LEAST_TREAD * tread_m
         # What stays in F from step to step.
         self._FT_and_I[:N] = self._FT_and_I[N:] = np.eye(N)
         self._F_along_gyro = self._F_has_gyro = self._F_has_lag = False
-        self.P.fill(0.0)
-        diagonal = (s.position_m, s.position_m, s.heading_rad, s.wheel_scale, s.wheel_scale, s.tread_m,
-                    s.heading_rad, s.gyro_scale, s.gyro_bias_rad_s, s.wheel_lag_s, s.slip_s)  # fmt: skip
-        for i, sigma in enumerate(diagonal):
-            self.P[i, i] = sigma**2
-        self.P[HEADING, GYRO_HEADING] = self.P[GYRO_HEADING, HEADING] = s.heading_rad**2
-        self.add_scale_variance(0.0, s.scale_difference)
 
     def copy_from(self, other: "Filter") -> None:
         """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
-        a, b = self.nominal, other.nominal
-        a.tread_m, a.x_m, a.y_m, a.heading_rad = b.tread_m, b.x_m, b.y_m, b.heading_rad
-        a.scale_right, a.scale_left = b.scale_right, b.scale_left
-        a.gyro_heading_rad, a.gyro_scale, a.gyro_bias_rad_s = b.gyro_heading_rad, b.gyro_scale, b.gyro_bias_rad_s
-        a.wheel_lag_s, a.slip_s = b.wheel_lag_s, b.slip_s
-        a.origin_x_m, a.origin_y_m = b.origin_x_m, b.origin_y_m
-        self._last_tread_m, self.given = other._last_tread_m, other.given
+        self._copy_state(other)
         self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
-        self.rate_rad_s, self._left_m_s, self._right_m_s = other.rate_rad_s, other._left_m_s, other._right_m_s
-        np.copyto(self.P, other.P)
+        self._left_m_s, self._right_m_s = other._left_m_s, other._right_m_s
 
     def predict(
         self,
@@ -420,36 +359,30 @@ class Filter:
         n, P, PH, T = self.nominal, self.P, self._PH, self._T
         z = n.heading_rad - n.gyro_heading_rad  # (14)
         np.subtract(self._P_wheels, self._P_gyro, PH)  # P H^T, from rows since P is symmetric
-        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = ph = PH.tolist()
+        ph: list[float] = PH.tolist()
         R = self.noise.comparison_rad2 + self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
-        S = heading - gyro_heading + R  # (17)
+        S = ph[HEADING] - ph[GYRO_HEADING] + R  # (17)
         self.z, self.S = z, S
         if not (S > 0.0 and math.isfinite(S + z + sum(ph))):
             return Outcome.NOT_FINITE
         k = z / S
         # No evidence for a robot almost without a tread is believed, however wide the gate: it would break F and Q.
-        if z * z > self._gate2 * S or n.tread_m - tread * k < self._least_tread_m:  # (18)
+        if z * z > self._gate2 * S or n.tread_m - ph[TREAD] * k < self._least_tread_m:  # (18)
             return Outcome.REJECTED
         if z * z > USUAL2 * S and not self.stands:
             # Slip, if by less than the gate: what is too much is the wheels' heading's, and teaches little else. (18)
             before = self._p[HH]
             self.add_heading_variance(z * z / USUAL2 - S)
             excess = self._p[HH] - before
-            heading, S = heading + excess, S + excess
-            PH[HEADING] = heading
+            S += excess
+            PH[HEADING] = ph[HEADING] = ph[HEADING] + excess
             k = z / S
-        n.x_m -= x * k  # (20)
-        n.y_m -= y * k
-        n.heading_rad -= heading * k
-        n.scale_right += scale_right * k
-        n.scale_left += scale_left * k
-        n.tread_m -= tread * k
-        n.gyro_heading_rad -= gyro_heading * k
-        n.gyro_scale -= gyro_scale * k
-        n.gyro_bias_rad_s -= gyro_bias * k
-        n.wheel_lag_s -= lag * k
+        self._correct(ph, k)
         if not LEAST_LAG_S <= n.wheel_lag_s <= MOST_LAG_S:
-            self._limit_lag()
+            # In place of a lag that cannot be, the likeliest state with the nearest that can. (30)
+            column, nearest_s = P[WHEEL_LAG].tolist(), min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
+            self._correct(column, (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG])
+            n.wheel_lag_s = nearest_s
         self._sigma[()] = math.sqrt(S)
         PH /= self._sigma
         self._PH_column.dot(self._PH_row, T)
@@ -460,186 +393,27 @@ class Filter:
             np.multiply(T, 0.5, P)
         return Outcome.ACCEPTED
 
-    def _limit_lag(self) -> None:
-        """In place of a lag that cannot be, the likeliest state with the nearest that can. (30)"""
-        n, column = self.nominal, self.P[WHEEL_LAG].tolist()
-        nearest_s = min(max(n.wheel_lag_s, LEAST_LAG_S), MOST_LAG_S)
-        k = (n.wheel_lag_s - nearest_s) / column[WHEEL_LAG]
-        n.x_m -= column[X] * k
-        n.y_m -= column[Y] * k
-        n.heading_rad -= column[HEADING] * k
-        n.scale_right += column[SCALE_R] * k
-        n.scale_left += column[SCALE_L] * k
-        n.tread_m -= column[TREAD] * k
-        n.gyro_heading_rad -= column[GYRO_HEADING] * k
-        n.gyro_scale -= column[GYRO_SCALE] * k
-        n.gyro_bias_rad_s -= column[GYRO_BIAS] * k
-        n.wheel_lag_s = nearest_s
+    def _correct(self, column: Sequence[float], k: float) -> None:
+        """Each computed quantity loses its error, that of `column` times k. (20)"""
+        n = self.nominal
+        x, y, heading, scale_right, scale_left, tread, gyro_heading, gyro_scale, gyro_bias, lag, _ = column
+        n.x_m -= x * k
+        n.y_m -= y * k
+        n.heading_rad -= heading * k
+        n.scale_right += scale_right * k
+        n.scale_left += scale_left * k
+        n.tread_m -= tread * k
+        n.gyro_heading_rad -= gyro_heading * k
+        n.gyro_scale -= gyro_scale * k
+        n.gyro_bias_rad_s -= gyro_bias * k
+        n.wheel_lag_s -= lag * k
 
     @property
     def gain(self) -> Matrix:
         """Kalman gain of the last accepted comparison, shape (N,)."""
         return self._PH / self._sigma
 
-    def anchor_gyro(self) -> None:
-        """The gyro was not there: its heading continues from the wheels' and shares their error. (35)"""
-        self.nominal.gyro_heading_rad = self.nominal.heading_rad
-        self._copy_error(HEADING, GYRO_HEADING)
-
-    def anchor_wheels(self) -> None:
-        """The wheels were not there: their heading continues from the gyro's and shares its error. (35)"""
-        self.nominal.heading_rad = self.nominal.gyro_heading_rad
-        self._copy_error(GYRO_HEADING, HEADING)
-
-    def _copy_error(self, source: int, target: int) -> None:
-        self.P[target, :] = self.P[source, :]
-        self.P[:, target] = self.P[:, source]
-
     @property
     def stands(self) -> bool:
         """The wheels did not move in the last step."""
         return self._left_m_s == 0.0 == self._right_m_s
-
-    def turn_by_gyro_alone(self, turn_rad: float) -> None:
-        """Where the wheels stood, or were not there, F was taken at no turn: what the gyro's scale made of it. (15)"""
-        self.spread_error(GYRO_SCALE, {GYRO_HEADING: turn_rad / self.nominal.gyro_scale})
-
-    def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """Each state's error grows by its share of that of `source`; a share of its own is what is left of it."""
-        T = np.eye(N)
-        for i, share in shares.items():
-            T[i, source] = share
-        np.copyto(self.P, T @ self.P @ T.T)
-
-    def add_position_variance(self, variance_m2: float) -> None:
-        """Widen the position by motion that was not seen, up to where it means "anywhere". (36)"""
-        for i in (XX, YY):
-            self._p[i] += min(variance_m2, max(0.0, POSITION_UNKNOWN_M2 - self._p[i]))
-
-    def add_heading_variance(self, variance_rad2: float, both: bool = False) -> None:
-        """Widen the wheels' heading (slip, unseen motion); `both`: the gyro's heading shares that error. (36)"""
-        added = min(variance_rad2, max(0.0, HEADING_UNKNOWN_RAD2 - self._p[HH]))
-        for i in (HH, GG, HG, GH) if both else (HH,):
-            self._p[i] += added
-
-    def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
-        """The gyro was away and may have come back with another bias."""
-        self._p[BB] += variance_rad2_s2
-
-    def add_scale_variance(self, common: float, difference: float) -> None:
-        """The wheels' scales are known less well than was assumed: both alike, with which position and tread go, and
-        one against the other. (34)
-        """
-        self.given += 1
-        n, g = self.nominal, np.zeros(N)
-        g[X], g[Y] = n.x_m - n.origin_x_m, n.y_m - n.origin_y_m
-        g[SCALE_R], g[SCALE_L], g[TREAD] = 1.0, 1.0, n.tread_m
-        self.P += common**2 * np.outer(g, g)
-        g.fill(0.0)
-        g[SCALE_R], g[SCALE_L] = 0.5, -0.5
-        self.P += difference**2 * np.outer(g, g)
-
-    def add_tread_variance(self, variance_m2: float) -> None:
-        """The effective tread may be another from now on."""
-        self.given += 1
-        self._p[DD] += variance_m2
-
-    def add_lag_variance(self, variance_s2: float) -> None:
-        """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (30)"""
-        self.given += 1
-        g = np.zeros(N)
-        g[WHEEL_LAG], g[GYRO_HEADING], g[HEADING] = 1.0, -self.rate_rad_s, -self.rate_rad_s
-        self.P += variance_s2 * np.outer(g, g)
-
-    def add_slip_variance(self, variance_s2: float) -> None:
-        """The robot may slip sideways from now on. (33)"""
-        self.P[SLIP, SLIP] += variance_s2
-
-    def forget_slip(self) -> None:
-        """The robot does not slip sideways, nor has it done so: P given that this error is none. (33)"""
-        column = self.P[SLIP].tolist()
-        if (variance := column[SLIP]) > 0.0:
-            self.spread_error(SLIP, {i: 0.0 if i == SLIP else -column[i] / variance for i in range(N)})
-
-    def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
-        """Take a pose from outside, with its 3x3 covariance (m^2, m rad, rad^2); what was learned stays."""
-        n = self.nominal
-        n.x_m, n.y_m, n.heading_rad, n.gyro_heading_rad = x_m, y_m, heading_rad, heading_rad
-        n.origin_x_m, n.origin_y_m = x_m, y_m
-        for i in (X, Y, HEADING):
-            self.P[i, :] = 0.0
-            self.P[:, i] = 0.0
-        self.P[GYRO_HEADING, :] = self.P[:, GYRO_HEADING] = 0.0
-        self.P[:3, :3] = covariance
-        self._copy_error(HEADING, GYRO_HEADING)
-
-    def lead_to_pose(self, speed_m_s: float, rate_rad_s: float) -> None:
-        """The pose that was set is ahead of the filter's own by the lag, whose error is in both from now on. (30)"""
-        n = self.nominal
-        dx, dy = -speed_m_s * cos(n.heading_rad), -speed_m_s * sin(n.heading_rad)
-        self.spread_error(WHEEL_LAG, {X: dx, Y: dy, HEADING: -rate_rad_s, GYRO_HEADING: -rate_rad_s})
-
-    def move(self, there: tuple[float, float, float], here: tuple[float, float, float]) -> None:
-        """Turn and shift the plane a little, so that a pose (x, y in m, heading in rad) `there` comes to be `here`."""
-        n, turned = self.nominal, here[2] - there[2]
-        c, s, dx_m, dy_m = cos(turned), sin(turned), n.x_m - there[0], n.y_m - there[1]
-        n.x_m, n.y_m = here[0] + c * dx_m - s * dy_m, here[1] + s * dx_m + c * dy_m
-        n.heading_rad += turned
-        n.gyro_heading_rad += turned
-
-    def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
-        """Take a bias measured at standstill: `bias_rad_s` is added to readings, as in (11)."""
-        self.nominal.gyro_bias_rad_s = bias_rad_s
-        self.P[GYRO_BIAS, :] = 0.0
-        self.P[:, GYRO_BIAS] = 0.0
-        self.P[GYRO_BIAS, GYRO_BIAS] = sigma_rad_s**2
-
-    def set_tread(self, tread_m: float) -> None:
-        """Take a tread that no comparison has changed: its error in metres stays what P has."""
-        self.nominal.tread_m = self._last_tread_m = tread_m
-
-    def put(self, nominal: Nominal, P: Matrix) -> None:
-        """Take an estimate from elsewhere."""
-        self.given += 1
-        self.nominal = replace(nominal)
-        self.set_tread(nominal.tread_m)
-        np.copyto(self.P, P)
-
-    def forget(self, state: int, sigma: float) -> None:
-        """Nothing is known of a state any more but this standard deviation."""
-        self.given += 1
-        self.P[state, :] = self.P[:, state] = 0.0
-        self.P[state, state] = sigma**2
-
-    def set_covariance(self, states: Sequence[int], covariance: Matrix) -> None:
-        """Set the covariance of some states, uncorrelated with the others."""
-        for state in states:
-            self.P[state, :] = self.P[:, state] = 0.0
-        self.P[np.ix_(states, states)] = covariance
-
-    def sigma(self, state: int) -> float:
-        """Standard deviation of one state."""
-        return math.sqrt(max(self._p[state * (N + 1)], 0.0))
-
-    def is_finite(self) -> bool:
-        """True while pose and covariance are numbers."""
-        n = self.nominal
-        return math.isfinite(n.x_m + n.y_m + n.heading_rad) and math.isfinite(self._P_vector.dot(self._ones))
-
-    def pose_covariance(self) -> Six:
-        """Upper triangle of the pose's covariance: xx, xy, xh, yy, yh, hh."""
-        return self._take_pose(self._p)
-
-    @property
-    def heading_variance_rad2(self) -> float:
-        """The variance of the pose's heading."""
-        return self._p[self.pose_heading * (N + 1)]
-
-    def lag_covariance(self) -> Four:
-        """Covariance of the wheels' lag with the pose's x, y and heading, and its variance."""
-        return self._take_lag(self._p)
-
-    @property
-    def heading_rad(self) -> float:
-        """The pose's heading."""
-        return self.nominal.gyro_heading_rad if self._along_gyro else self.nominal.heading_rad

@@ -1,21 +1,23 @@
-"""Constants of the wheels as known some seconds ago, to go back to where slip has taught others since. (18)"""
+"""Constants as known before, to go back to where slip, or a gyro that is stuck, has taught others since. (18)"""
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from drd.estimation.filter import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Matrix
+from drd.estimation.filter import Filter
+from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix
 from drd.units import NS_PER_S
 
 # Slip is found later than it begins: as long as agreement takes to end the report of it.
 SPAN_NS: Final = 2 * NS_PER_S
 TAUGHT: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, WHEEL_LAG)
+TREAD_OF_TAUGHT: Final = TAUGHT.index(TREAD)
 BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
 
 
 @dataclass(slots=True)
-class _Memory:
+class Memory:
     """The constants at a time, their part of P, and ways and turn until then."""
 
     scale_right: float
@@ -28,6 +30,11 @@ class _Memory:
     right_m: float
     turn_rad: float
 
+    @property
+    def tread_m2(self) -> float:
+        """The tread's variance."""
+        return float(self.P[TREAD_OF_TAUGHT, TREAD_OF_TAUGHT])
+
 
 class Hindsight:
     """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the ways of
@@ -35,8 +42,8 @@ class Hindsight:
     """
 
     def __init__(self) -> None:
-        self._then: _Memory | None = None
-        self._since: _Memory | None = None
+        self._then: Memory | None = None
+        self._since: Memory | None = None
         self._since_ns = self._given = 0
         self._left_m = self._right_m = self._turn_rad = 0.0
 
@@ -50,34 +57,45 @@ class Hindsight:
         if kf.given != self._given:
             self.begin(kf, t_ns)
         elif t_ns - self._since_ns > SPAN_NS:
-            self._then, self._since, self._since_ns = self._since, self._now(kf), t_ns
+            self._then, self._since, self._since_ns = self._since, self.now(kf), t_ns
 
     def begin(self, kf: Filter, t_ns: int) -> None:
         """Forget what was before, which is accounted for."""
-        self._then, self._since, self._since_ns, self._given = None, self._now(kf), t_ns, kf.given
+        self._then, self._since, self._since_ns, self._given = None, self.now(kf), t_ns, kf.given
 
-    def _now(self, kf: Filter) -> _Memory:
+    def now(self, kf: Filter) -> Memory:
+        """What is known, before something may teach what is wrong."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
-        return _Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
+        return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
+
+    @property
+    def before(self) -> Memory | None:
+        """What was known some seconds ago."""
+        return self._then or self._since
 
     def lag_doubt_s(self, kf: Filter) -> float:
         """By how much the lag has changed meanwhile."""
-        then = self._then or self._since
-        return kf.nominal.wheel_lag_s - then.lag_s if then is not None else 0.0
+        return kf.nominal.wheel_lag_s - then.lag_s if (then := self.before) is not None else 0.0
 
     @property
     def slipped_m(self) -> float:
         """By how much the middle's way is wrong if one wheel has gone meanwhile what the turn does not explain."""
-        if (then := self._then or self._since) is None:
-            return 0.0
+        return 0.5 * self.apart_m(then) if (then := self.before) is not None else 0.0
+
+    def apart_m(self, then: Memory) -> float:
+        """What the right wheel has gone since then, less the left one's way and the turn's."""
         left_m = (1.0 - then.scale_left) * (self._left_m - then.left_m)
         right_m = (1.0 - then.scale_right) * (self._right_m - then.right_m)
-        return 0.5 * (right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad))
+        return right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad)
 
-    def take_back(self, kf: Filter, t_ns: int) -> None:
-        """The constants are as known as they were: the wheels have slipped, and that has passed for one of them."""
-        if (then := self._then or self._since) is None:
+    def apart_rad(self, then: Memory) -> float:
+        """By how much wheels and gyro have turned apart since then."""
+        return self.apart_m(then) / then.tread_m
+
+    def take_back(self, kf: Filter, then: Memory | None, t_ns: int) -> None:
+        """The constants are as known as they were then: what was taught since is wrong."""
+        if then is None:
             return
         n, lag_s, rate = kf.nominal, kf.nominal.wheel_lag_s, kf.rate_rad_s
         n.scale_right, n.scale_left, n.gyro_scale = then.scale_right, then.scale_left, then.gyro_scale

@@ -5,8 +5,8 @@ from typing import Any, Final
 
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG
 from drd.estimation.learning import Drive
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, WHEEL_LAG
 from drd.estimation.steering import TAPE_PART
 
 # A drive has taught a value where its standard deviation is at most this part of the one at the start.
@@ -41,11 +41,11 @@ def learned_values(estimator: Estimator, config: Config) -> dict[str, dict[str, 
 
 
 def _noise(estimator: Estimator) -> dict[str, dict[str, Any]]:
-    rest, k = estimator.rest_noise, estimator.filter.noise
+    rest, k = estimator.knowledge.rest_noise, estimator.filter.noise
     gyro = math.sqrt(rest.variance_rad2_per_s)
     sigma = gyro * rest.relative_sigma if rest.differences else None
     is_outside = rest.variance_rad2_per_s > rest.stated_rad2_per_s
-    wheels = LEARNED if estimator.wheel_noise.is_known else NOT_YET
+    wheels = LEARNED if estimator.knowledge.wheel_noise.is_known else NOT_YET
     return {
         "gyro_noise_rad_per_sqrt_s": {
             "value": gyro,

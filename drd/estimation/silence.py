@@ -27,6 +27,11 @@ class Silence:
         """Something was heard or time passed: waiting counts from the first such moment."""
         self._first_ns = self._first_ns or now_ns
 
+    def take_over(self, other: "Silence", now_ns: int) -> None:
+        """Go on in another's place, of which the last tick was `now_ns`."""
+        self.begin(1 if other.gyro(now_ns) else now_ns)
+        self.wheels_ns, self.gyro_ns, self.was_lost = other.wheels_ns, other.gyro_ns, other.was_lost
+
     def wheels(self, now_ns: int) -> bool:
         """True while the wheels are silent."""
         return now_ns - (self.wheels_ns or self._first_ns) >= self._wheels_limit_ns

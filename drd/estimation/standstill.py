@@ -5,8 +5,9 @@ from collections import deque
 from enum import Enum
 
 from drd.config.keys import StaticBias
+from drd.estimation.health import Reasons
 from drd.estimation.learning import RestNoise
-from drd.samples import CalibratedRate, WheelSample
+from drd.samples import CalibratedRate, Validity, WheelSample
 from drd.units import NS_PER_S, RAD_PER_DEG
 
 # The chassis rocks before the counters see the first count: the last moments before a motion are not averaged.
@@ -56,7 +57,7 @@ class BiasMeasurement:
     """Averages calibrated rates that the encoders have confirmed as standstill. (28)
 
     `active`: the gyro's samples are needed here. `is_settled`: there is nothing to tell of it any more. `turned`: the
-    gyro turned while the wheels stood.
+    gyro turned while the wheels stood. `is_known`: a bias was measured, or known from before a restart.
     """
 
     def __init__(self, static_bias: StaticBias, rest_noise: RestNoise):
@@ -65,6 +66,7 @@ class BiasMeasurement:
         self.duration_s = static_bias.duration_s or DEFAULT_DURATION_S
         self.state = BiasState.WAITING
         self.bias_rad_s = self.sigma_rad_s = self.averaged_s = 0.0
+        self.is_known = False
         self.restart()
         if static_bias.duration_s == 0.0:
             self.state = BiasState.SKIPPED
@@ -125,12 +127,38 @@ class BiasMeasurement:
         self.state, self.averaged_s = state, self._sum_s
         self.rest_noise.interrupt()
         if state is BiasState.DONE:
-            self.bias_rad_s = self._sum_rad / self._sum_s
+            self.bias_rad_s, self.is_known = self._sum_rad / self._sum_s, True
             self.sigma_rad_s = self.sigma_after_rad_s(self._sum_s)
 
     def sigma_after_rad_s(self, averaged_s: float) -> float:
         """Standard deviation of a mean over `averaged_s` seconds of a gyro with angle random walk N: N/sqrt(T). (28)"""
         return math.sqrt(self.rest_noise.variance_rad2_per_s / averaged_s)
+
+    def tell(self, reasons: Reasons, t_ns: int) -> None:
+        """What the measurement is worth to the pose."""
+        if self.active:
+            severity = Validity.DEGRADED if self.is_known else Validity.INITIALISING
+            reasons.set("bias", self.state.value, t_ns, severity)
+            return
+        reasons.clear("bias")
+        if not self.is_known:
+            text = f"gyro bias not measured: the robot moved after {self.averaged_s:.1f} s of standstill"
+            reasons.set("bias", text, t_ns)
+
+    def watch(self, reasons: Reasons, sigma_rad_s: float, now_ns: int) -> None:
+        """Between two samples of the wheels. `sigma_rad_s`: how well the filter knows the bias."""
+        if not reasons.has("bias"):
+            if self.active:
+                self.tell(reasons, now_ns)
+        elif self.state is BiasState.SHORT and sigma_rad_s < 2.0 * self.sigma_after_rad_s(self._config.minimum_s):
+            reasons.clear("bias")
+
+    def take_over(self, other: "BiasMeasurement", rest_noise: RestNoise) -> None:
+        """Go on with another's result; one that is under way begins anew."""
+        self.rest_noise, self.is_known = rest_noise, other.is_known
+        if not other.active:
+            self.state, self.averaged_s = other.state, other.averaged_s
+            self.bias_rad_s, self.sigma_rad_s = other.bias_rad_s, other.sigma_rad_s
 
     def take_pending(self) -> list[CalibratedRate]:
         """The readings that were not averaged: the filter's first ones."""

@@ -7,10 +7,11 @@ from typing import Final
 from drd.config.keys import Config
 from drd.effects.compensation import Compensation
 from drd.estimation.estimate import MEASURED_TREAD, SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, is_stated_skid
-from drd.estimation.filter import LL, RL, RR, SLIP, TREAD, Filter
+from drd.estimation.filter import Filter
 from drd.estimation.lead import Place, seen_from
 from drd.estimation.learning import Drive, Learned, WheelNoise
 from drd.estimation.noise import SKID_LATERAL_M_PER_SQRT_M, SKID_TURN_M_PER_SQRT_RAD
+from drd.estimation.state import LL, RL, RR, SLIP, TREAD
 
 # A tread that is so many standard deviations off is no tread of two wheels: of the estimate, and of what a tape says,
 # whose standard deviation is so large a part of it, since tyres are wide.

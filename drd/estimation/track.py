@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from math import cos, sin
 
 from drd.config.keys import Config
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.hindsight import Hindsight
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas
 from drd.estimation.timeline import Piece, Segment, Stream, pieces
 from drd.estimation.uncertainty import (
     HEADING_DOUBTFUL_RAD,
@@ -87,6 +88,11 @@ class Track:
                     self.lag_changed(regained_s)
                     return True
         return False
+
+    def heading_rad(self, t_ns: int) -> float:
+        """The wheels' heading at another time, near enough."""
+        turned_rad = self.rate_rad_s * (t_ns - self.t_ns) * S_PER_NS
+        return self.kf.nominal.heading_rad + turned_rad if self.t_ns else 0.0
 
     @property
     def lag_ns(self) -> int:

@@ -2,9 +2,10 @@
 
 import math
 
-from drd.estimation.filter import BB, DD, LL, RL, RR, SS, Filter
+from drd.estimation.filter import Filter
 from drd.estimation.lead import Lead
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import BB, DD, LL, RL, RR, SS
 
 # How much a robot that is not seen may accelerate and turn. (36)
 UNSEEN_ACCELERATION_M_S2 = 1.0

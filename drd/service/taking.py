@@ -25,7 +25,7 @@ class Taking:
         """Off: all that was taken is given back."""
         self._is_on = is_on
         if not is_on:
-            for name in list(self._pipeline.estimator.applied.taken):
+            for name in list(self._pipeline.estimator.knowledge.applied.taken):
                 self._change(name, None, "monitor.apply is off")
 
     def want(self, wanted: Mapping[str, Constant | None]) -> None:
@@ -33,7 +33,7 @@ class Taking:
         if not self._is_on:
             return
         for name, constant in wanted.items():
-            if self._pipeline.estimator.applied.taken.get(name) != constant:
+            if self._pipeline.estimator.knowledge.applied.taken.get(name) != constant:
                 self._change(name, constant, "the monitor does not find it any more")
 
     def _change(self, name: str, constant: Constant | None, why: str) -> None:
@@ -45,14 +45,14 @@ class Taking:
         elif constant is None:
             log.info("monitor: %s given back: %s", name, why)
         else:
-            before = self._pipeline.estimator.applied.before[name].value
+            before = self._pipeline.estimator.knowledge.applied.before[name].value
             log.info("monitor: %s taken: %.5g, sigma %.2g; before %.5g", name, constant.value, constant.sigma, before)
 
     def health(self) -> dict[str, Any] | None:
         """Constants that are in force and what was there before, by name; None where it is off."""
         if not self._is_on:
             return None
-        applied = self._pipeline.estimator.applied
+        applied = self._pipeline.estimator.knowledge.applied
         return {
             name: {**msgspec.to_builtins(taken), "before": applied.before[name].value}
             for name, taken in applied.taken.items()

@@ -10,9 +10,10 @@ import numpy as np
 from drd.config.keys import Config
 from drd.effects.effect import Effect
 from drd.estimation.basis import changes, learned_anew
-from drd.estimation.estimate import Estimate, forget_gyro, forget_wheels, put_into
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD, Filter
+from drd.estimation.estimate import Estimate, forget_gyro, forget_wheels
+from drd.estimation.filter import Filter
 from drd.estimation.learning import Learned
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
 from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, UNSEEN_TURN_RAD_S2, unseen_growth
 from drd.pipeline import Pipeline
 from drd.state.saved import Moment, Saved
@@ -68,7 +69,7 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     estimator, settings = pipeline.estimator, config.state
     off_s = time_off_s(saved.moment, now, clock_chip)
     kf = Filter(config.robot.tread_m, estimator.sigmas, estimator.noise)
-    put_into(kf, saved.estimate)
+    kf.put(saved.estimate.nominal, saved.estimate.P)
     kf.anchor_gyro()
     other_wheels = changes(saved.basis.wheels, pipeline.basis.wheels)
     other_gyro = changes(saved.basis.gyro, pipeline.basis.gyro)

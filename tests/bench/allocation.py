@@ -12,8 +12,9 @@ from bench.report import Figure, Report
 from bench.robot import Circle, config_text, replay
 from drd.config.keys import Config, Noise
 from drd.config.schema import loads
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.noise import make_noise
+from drd.estimation.state import Sigmas
 from drd.pipeline import Pipeline
 from drd.samples import Pose
 

@@ -11,21 +11,9 @@ from filterpy.kalman import KalmanFilter
 from bench.report import Figure, Refused, Report
 from bench.timing import compare
 from drd.config.keys import Noise
-from drd.estimation.filter import (
-    BB,
-    DD,
-    GYRO_BIAS,
-    GYRO_HEADING,
-    HEADING,
-    TREAD,
-    Filter,
-    Matrix,
-    N,
-    Nominal,
-    Outcome,
-    Sigmas,
-)
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.noise import make_noise
+from drd.estimation.state import BB, DD, GYRO_BIAS, GYRO_HEADING, HEADING, TREAD, Matrix, N, Nominal, Sigmas
 
 TREAD_M: Final = 0.6
 STEP_S: Final = 0.05

@@ -6,10 +6,12 @@ import pytest
 from sensors import NO_BIAS, T0, S, drive, feed, make
 
 from drd.estimation.agreement import Agreement
-from drd.estimation.filter import HEADING_UNKNOWN_RAD2
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
+from drd.estimation.state import HEADING_UNKNOWN_RAD2
 from drd.samples import GyroSample, WheelSample
+
+STEPS = ((3.0, 20.0, 23.0), (2.0, 20.0, 27.0), (3.0, 10.0, 16.0))
 
 
 @pytest.mark.parametrize("unseen_rad2", [0.0, 10.0 * HEADING_UNKNOWN_RAD2], ids=["known", "unknown"])
@@ -45,24 +47,31 @@ def test_the_way_that_one_wrong_wheel_took_is_in_the_bound_when_the_pose_is_vali
     assert poses[-1].position_bound_m < 10.0 * off_m[-1]
 
 
-def test_a_gyro_that_drifts_within_the_gate_is_told_and_the_bound_holds() -> None:
+@pytest.mark.parametrize(
+    ("step_deg_s", "from_s", "told_by_s"), [(3.0, 20.0, 22.0), (2.0, 20.0, 26.5), (3.0, 10.0, 15.5)]
+)
+def test_a_gyro_that_drifts_within_the_gate_is_told_and_the_bound_holds(
+    step_deg_s: float, from_s: float, told_by_s: float
+) -> None:
+    """For 15 s. The earlier, the less is known of tread and lag, which it teaches; the smaller, the longer it takes."""
     truth = {pose.t_ns: pose for pose in feed(make(NO_BIAS), drive(60.0))}
-    step_rad_s = math.radians(3.0)
-    wrong = (
-        (t_s, s._replace(rate_rad_s=s.rate_rad_s + step_rad_s) if isinstance(s, GyroSample) and 20 < t_s <= 35 else s)
-        for t_s, s in drive(60.0)
-    )
+    step_rad_s = math.radians(step_deg_s)
+
+    def stepped(t_s: float, s: GyroSample) -> GyroSample:
+        return s._replace(rate_rad_s=s.rate_rad_s + step_rad_s) if from_s < t_s <= from_s + 15.0 else s
+
+    wrong = ((t_s, stepped(t_s, s) if isinstance(s, GyroSample) else s) for t_s, s in drive(60.0))
     estimator = make(NO_BIAS)
     poses = feed(estimator, wrong)
     told = [p for p in poses if any("drift apart" in r.text for r in p.reasons)]
-    assert T0 + 20 * S < told[0].t_ns < T0 + 26 * S
+    assert T0 + from_s * S < told[0].t_ns < T0 + told_by_s * S
     assert estimator.counters["rejected"] == 0
     off_m = [math.dist((p.x_m, p.y_m), (truth[p.t_ns].x_m, truth[p.t_ns].y_m)) for p in poses]
     assert max(off_m) > 0.5
     # Before it is told nobody can know; afterwards what is valid holds.
     since = [(off, p) for off, p in zip(off_m, poses, strict=True) if p.t_ns >= told[0].t_ns]
     assert all(off <= p.position_bound_m for off, p in since if p.validity.value == "valid")
-    assert sum(off <= p.position_bound_m for off, p in since) > 0.9 * len(since)
+    assert sum(off <= p.position_bound_m for off, p in since) > 0.85 * len(since)
 
 
 @pytest.mark.parametrize("tread_m", [0.5, 0.51])

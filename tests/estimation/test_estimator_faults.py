@@ -8,7 +8,7 @@ import pytest
 from sensors import KNOWN, NO_BIAS, ROBOT, T0, S, drive, feed, make
 
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import GYRO_BIAS
+from drd.estimation.state import GYRO_BIAS
 from drd.samples import GyroSample, Pose, Validity, WheelSample
 from drd.units import DEG_PER_RAD
 

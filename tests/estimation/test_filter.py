@@ -11,19 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drd.config.keys import Noise
-from drd.estimation.filter import (
-    GYRO_BIAS,
-    GYRO_HEADING,
-    GYRO_SCALE,
-    HEADING,
-    WHEEL_LAG,
-    Filter,
-    N,
-    Nominal,
-    Outcome,
-    Sigmas,
-)
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.noise import NoiseProfile, make_noise, paper
+from drd.estimation.state import GYRO_BIAS, GYRO_HEADING, GYRO_SCALE, HEADING, WHEEL_LAG, N, Nominal, Sigmas
 
 TREAD_M = 0.6
 SIGMAS = Sigmas(position_m=0.1, heading_rad=0.05, wheel_scale=0.01, tread_m=0.02, gyro_scale=0.01, gyro_bias_rad_s=1e-3)

@@ -8,8 +8,9 @@ from drawn_robot import STATES, STEP_S, TREAD_M, Truth
 from scipy.stats import chi2
 
 from drd.config.keys import Noise
-from drd.estimation.filter import GYRO_SCALE, Filter, Outcome, Sigmas
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.noise import make_noise
+from drd.estimation.state import GYRO_SCALE, Sigmas
 
 SEEDS = 60
 

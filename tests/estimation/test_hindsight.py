@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drd.config.keys import Noise
-from drd.estimation.filter import GYRO_HEADING, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.hindsight import SPAN_NS, Hindsight
 from drd.estimation.noise import make_noise
+from drd.estimation.state import GYRO_HEADING, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Sigmas
 
 TREAD_M = 0.5
 STATES = (SCALE_R, SCALE_L, TREAD, WHEEL_LAG)
@@ -32,7 +33,7 @@ def test_what_slip_has_taught_is_taken_back() -> None:
     known = n.scale_right, n.scale_left, n.tread_m, n.wheel_lag_s
     learn(kf, slip=0.05)
     assert n.tread_m != pytest.approx(known[2], abs=0.02)
-    seen.take_back(kf, 2)
+    seen.take_back(kf, seen.before, 2)
     assert (n.scale_right, n.scale_left, n.tread_m, n.wheel_lag_s) == known
     np.testing.assert_array_equal(kf.P[np.ix_(STATES, STATES)], before)
     # As late as the lag says both headings are, the robot turns at 0.4 rad/s.
@@ -47,7 +48,7 @@ def test_taken_back_again_and_again_the_headings_are_not_known_worse_each_time()
     seen.watch(kf, 1)
     sigmas = []
     for i in range(20):
-        seen.take_back(kf, 2 + i)
+        seen.take_back(kf, seen.before, 2 + i)
         sigmas.append(kf.sigma(GYRO_HEADING))
     assert sigmas[-1] == pytest.approx(sigmas[0], rel=1e-6)
 
@@ -78,5 +79,23 @@ def test_what_is_given_from_elsewhere_is_not_taken_back() -> None:
     kf.add_tread_variance(0.2**2)
     seen.watch(kf, 2)
     given_m = kf.sigma(TREAD)
-    seen.take_back(kf, 3)
+    seen.take_back(kf, seen.before, 3)
     assert kf.sigma(TREAD) == given_m > math.sqrt(SIGMAS.tread_m**2)
+
+
+def test_what_was_learned_is_taken_back_however_long_ago_that_was() -> None:
+    kf, seen = make(), Hindsight()
+    learn(kf)
+    seen.watch(kf, 1)
+    then = seen.now(kf)
+    n, known_m, sigma_m = kf.nominal, kf.nominal.tread_m, kf.sigma(TREAD)
+    apart_m = (1.0 - n.scale_right) * 0.09 - (1.0 - n.scale_left) * 0.08 - known_m * 0.01
+    for i in range(1, 5):
+        learn(kf, slip=0.05)
+        seen.moved(0.08, 0.09, 0.01)
+        seen.watch(kf, 1 + i * (SPAN_NS + 1))
+    assert n.tread_m != pytest.approx(known_m, abs=0.02)
+    assert seen.apart_rad(then) == pytest.approx(4.0 * apart_m / known_m)
+    seen.take_back(kf, then, 2)
+    assert n.tread_m == known_m
+    assert kf.sigma(TREAD) == pytest.approx(sigma_m)

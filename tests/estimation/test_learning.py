@@ -18,23 +18,11 @@ from drd.effects.compensation import Compensation
 from drd.effects.model import make_model
 from drd.estimation.estimate import SKID_SCALE, SKID_SLIP_S, WHEEL_SCALE, estimate_of
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import (
-    GYRO_HEADING,
-    HEADING,
-    LEAST_LAG_S,
-    SCALE_L,
-    SCALE_R,
-    TREAD,
-    WHEEL_LAG,
-    Filter,
-    N,
-    Sigmas,
-    X,
-    Y,
-)
+from drd.estimation.filter import LEAST_LAG_S, Filter
 from drd.estimation.learned_values import LEARNED, NOT_YET, OUTSIDE, learned_values
 from drd.estimation.learning import BLOCK_S, GUARD_S, Drive, RestNoise, VarianceFactor
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import GYRO_HEADING, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, N, Sigmas, X, Y
 from drd.samples import GyroSample, WheelSample
 from drd.units import RAD_PER_DEG, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 
@@ -183,9 +171,9 @@ def test_a_walking_lag_leaves_nothing_in_the_heading_once_the_robot_goes_straigh
 @pytest.mark.parametrize(("tread_m", "drive_kind"), [(0.5, Drive.DIFFERENTIAL), (0.85, Drive.SKID)])
 def test_the_effective_tread_tells_how_the_robot_steers(tread_m: float, drive_kind: Drive) -> None:
     e = make()
-    assert e.steering.drive.value == "unknown"
+    assert e.knowledge.steering.drive.value == "unknown"
     feed(e, drive(40.0, tread_m=tread_m))
-    assert e.steering.drive == drive_kind
+    assert e.knowledge.steering.drive == drive_kind
     assert e.filter.nominal.tread_m == pytest.approx(tread_m, rel=0.02)
     told = learned_values(e, loads(NO_BIAS, Config).value)
     assert told["tread_m"]["verdict"] == (OUTSIDE if drive_kind is Drive.SKID else LEARNED)
@@ -203,7 +191,7 @@ def test_what_it_may_have_slipped_is_gone_once_it_is_known_not_to_slip() -> None
     assert np.trace(free.filter.P[:2, :2]) > 1.5 * np.trace(bound.filter.P[:2, :2])
     feed(free, samples[len(first) :])
     feed(bound, samples[len(first) :])
-    assert free.steering.drive is Drive.DIFFERENTIAL
+    assert free.knowledge.steering.drive is Drive.DIFFERENTIAL
     assert free.filter.P[:2, :2] == pytest.approx(bound.filter.P[:2, :2], rel=1e-6)
     assert free.filter.nominal == bound.filter.nominal
 
@@ -212,11 +200,11 @@ def test_a_tread_between_those_of_both_drives_is_not_decided_yet() -> None:
     e = make()
     e.filter.set_tread(1.12 * e.filter.nominal.tread_m)
     e.filter.forget(TREAD, 0.03 * e.filter.nominal.tread_m)
-    e.steering.watch(e.filter)
-    assert e.steering.drive.value == "unknown"
+    e.knowledge.steering.watch(e.filter)
+    assert e.knowledge.steering.drive.value == "unknown"
     e.filter.forget(TREAD, 0.005 * e.filter.nominal.tread_m)
-    e.steering.watch(e.filter)
-    assert e.steering.drive is Drive.DIFFERENTIAL
+    e.knowledge.steering.watch(e.filter)
+    assert e.knowledge.steering.drive is Drive.DIFFERENTIAL
 
 
 def test_a_straight_line_does_not_tell_it_and_the_bound_covers_both() -> None:
@@ -226,7 +214,7 @@ def test_a_straight_line_does_not_tell_it_and_the_bound_covers_both() -> None:
     ]
     e = make()
     poses = feed(e, straight)
-    assert e.steering.drive is Drive.UNKNOWN
+    assert e.knowledge.steering.drive is Drive.UNKNOWN
     assert poses[-1].position_bound_m > 3.0 * SKID_SCALE * 20.0
     assert learned_values(e, loads(NO_BIAS, Config).value)["tread_m"]["verdict"] == NOT_YET
 
@@ -302,9 +290,11 @@ def test_what_was_learned_is_kept_in_the_state() -> None:
     assert saved is not None
     again: Estimator = make()
     again.resume(estimate_of(json.loads(json.dumps(saved.plain()))), bias_known=True)
-    assert again.steering.drive is e.steering.drive
-    assert again.rest_noise.known
-    assert again.rest_noise.variance_rad2_per_s == pytest.approx(e.rest_noise.variance_rad2_per_s, rel=0.2)
+    assert again.knowledge.steering.drive is e.knowledge.steering.drive
+    assert again.knowledge.rest_noise.known
+    assert again.knowledge.rest_noise.variance_rad2_per_s == pytest.approx(
+        e.knowledge.rest_noise.variance_rad2_per_s, rel=0.2
+    )
     assert again.filter.noise.turn_rad2_per_rad == pytest.approx(e.filter.noise.turn_rad2_per_rad, rel=1e-9)
     assert again.filter.nominal.wheel_lag_s == e.filter.nominal.wheel_lag_s
     assert again.filter.P[HEADING, HEADING] == saved.P[HEADING, HEADING]
@@ -337,7 +327,7 @@ def test_a_models_effective_tread_tells_how_the_robot_steers(k: float, drive_kin
     removal = Compensation(tread.terms, config.robot, has_gyro=True)
     e = Estimator(config, compensation=removal)
     assert removal.relative_tread == pytest.approx(1.0 + k)
-    assert e.steering.drive is drive_kind
+    assert e.knowledge.steering.drive is drive_kind
     feed(e, drive(40.0, tread_m=0.5 * (1.0 + k)))
     # Taken off, the tread is the nominal one: nothing on the way would tell.
-    assert e.steering.drive is (Drive.SKID if drive_kind is Drive.SKID else Drive.DIFFERENTIAL)
+    assert e.knowledge.steering.drive is (Drive.SKID if drive_kind is Drive.SKID else Drive.DIFFERENTIAL)

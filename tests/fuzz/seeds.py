@@ -23,7 +23,7 @@ from fuzz.web_targets import PAUSE, TOKEN  # noqa: E402
 from drd.encoders.stream import EncoderStream  # noqa: E402
 from drd.estimation.basis import basis_of  # noqa: E402
 from drd.estimation.estimate import Estimate  # noqa: E402
-from drd.estimation.filter import N, Nominal  # noqa: E402
+from drd.estimation.state import N, Nominal  # noqa: E402
 from drd.output.messages import pose_json  # noqa: E402
 from drd.recording.in_force import IN_FORCE  # noqa: E402
 from drd.state.saved import Moment, Saved, encoded  # noqa: E402

@@ -171,10 +171,10 @@ def test_the_pose_never_steps_and_the_covariance_stays_one(driving: Drive, taken
         assert estimator.newest() == pytest.approx(before, abs=1e-9)
         assert unfit(estimator.filter.P) is None
     assert estimator.filter.pose_covariance() == pytest.approx(six, rel=1e-9, abs=1e-15)
-    for name in list(estimator.applied.taken):
+    for name in list(estimator.knowledge.applied.taken):
         assert estimator.apply(name, None) is None
     assert estimator.newest() == pytest.approx(before, abs=1e-9)
-    assert not estimator.applied.taken
+    assert not estimator.knowledge.applied.taken
 
 
 @pytest.mark.parametrize(
@@ -225,14 +225,14 @@ def test_a_reload_keeps_what_was_taken_and_one_with_it_off_gives_it_back(tmp_pat
     def reload(pipeline: Pipeline, now_ns: int) -> None:
         text = (tmp_path / "robot.yaml").read_text()
         pipeline.reload(now_ns, Pipeline(loads(text, Config).value, tmp_path, lambda *_: None), {})
-        found.append(dict(pipeline.estimator.applied.taken))
+        found.append(dict(pipeline.estimator.knowledge.applied.taken))
         taking = Taking(pipeline, lambda: now_ns)
         taking.put_in_force(True)
         taking.want({RADII: TYRE, LAG: Constant(LAG, 9.0, 0.1)})
         assert taking.health() is not None
         taking.put_in_force(False)
         taking.want({RADII: TYRE})
-        found.append(dict(pipeline.estimator.applied.taken))
+        found.append(dict(pipeline.estimator.knowledge.applied.taken))
 
     circles(tmp_path, {TICK: take(TYRE), TICK + 1: reload})
     assert found == [{RADII: TYRE}, {}]

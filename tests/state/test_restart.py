@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.estimation.estimate import Estimate, check_covariance
-from drd.estimation.filter import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, X, Y
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, X, Y
 from drd.pipeline import Pipeline
 from drd.state.restart import Restart, duration, time_off_s, warm_restart
 from drd.state.saved import Moment, Saved

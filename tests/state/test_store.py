@@ -9,8 +9,9 @@ import pytest
 
 from drd.estimation.basis import Basis
 from drd.estimation.estimate import Estimate
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas
 from drd.state import store as store_module
 from drd.state.saved import Moment, Saved, decoded, encoded
 from drd.state.sealed import StateError

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from drd.arrays import Array
 from drd.config.keys import Noise
-from drd.estimation.filter import GYRO_HEADING, HEADING, TREAD, Filter, N, Outcome, Sigmas, X, Y
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.noise import NoiseProfile, make_noise
+from drd.estimation.state import GYRO_HEADING, HEADING, TREAD, N, Sigmas, X, Y
 from drd.estimation.track import Track
 from drd_tools.explain.budget import Budget
 from drd_tools.explain.interval import Interval

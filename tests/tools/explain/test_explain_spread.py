@@ -10,8 +10,9 @@ from scipy.stats import chi2
 
 from drd.arrays import Array
 from drd.config.keys import Noise
-from drd.estimation.filter import GYRO_HEADING, Filter, Outcome, Sigmas, X, Y
+from drd.estimation.filter import Filter, Outcome
 from drd.estimation.noise import make_noise
+from drd.estimation.state import GYRO_HEADING, Sigmas, X, Y
 from drd.estimation.track import Track
 from drd_tools.explain.interval import Interval
 from drd_tools.explain.tap import TappedFilter

@@ -13,8 +13,9 @@ from replay_folders import STANDING, write_perfect
 from drd.arrays import Array
 from drd.batch.logs import EncoderLog
 from drd.cli import main
-from drd.estimation.filter import GYRO_BIAS, GYRO_HEADING, HEADING, Filter, N, Sigmas, X, Y
+from drd.estimation.filter import Filter
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import GYRO_BIAS, GYRO_HEADING, HEADING, N, Sigmas, X, Y
 from drd.units import RAD_PER_DEG
 from drd.units import RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H as PER_SQRT_H
 from drd_tools.evaluate.results import Evaluation

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd.estimation.filter import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
+from drd.estimation.state import GYRO_HEADING, HEADING, WHEEL_LAG, Matrix, N, X, Y
 from drd_tools.explain.parts import Parts
 from drd_tools.limit.causes import CAUSES
 

@@ -7,8 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.estimation.filter import TT, WHEEL_LAG, Filter, Matrix, N, X, Y
+from drd.estimation.filter import Filter
 from drd.estimation.hindsight import Hindsight
+from drd.estimation.state import TT, WHEEL_LAG, Matrix, N, X, Y
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, lead_moments

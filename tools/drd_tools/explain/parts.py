@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
-from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N
+from drd.estimation.state import GYRO_HEADING, HEADING, Matrix, N
 from drd_tools.limit.causes import CAUSES, GROUPS
 
 COUNT: Final = len(GROUPS)

@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 
 from drd.config.keys import Config
-from drd.estimation.filter import (
+from drd.estimation.filter import Filter, Outcome
+from drd.estimation.learning import Drive, WheelNoise
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import (
     GYRO_BIAS,
     GYRO_HEADING,
     GYRO_SCALE,
@@ -19,17 +22,13 @@ from drd.estimation.filter import (
     WHEEL_LAG,
     XX,
     YY,
-    Filter,
     Matrix,
     N,
     Nominal,
-    Outcome,
     Sigmas,
     X,
     Y,
 )
-from drd.estimation.learning import Drive, WheelNoise
-from drd.estimation.noise import NoiseProfile
 from drd.estimation.steering import Steering
 from drd.estimation.track import Track, make_track
 from drd_tools.explain.budget import COUNT

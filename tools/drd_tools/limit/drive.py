@@ -7,8 +7,9 @@ from drd.batch.run import filter_logs
 from drd.batch.samples import resolution_m
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
-from drd.estimation.filter import Filter, Sigmas
+from drd.estimation.filter import Filter
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas
 from drd.estimation.track import Track, make_track
 from drd_tools.recordings.folder import Recording
 

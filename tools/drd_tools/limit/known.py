@@ -8,8 +8,8 @@ import numpy as np
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import initial_sigmas
-from drd.estimation.filter import Sigmas
 from drd.estimation.noise import NoiseProfile, make_noise
+from drd.estimation.state import Sigmas
 from drd.units import RAD_PER_DEG
 from drd_tools.limit.drive import Drive
 from drd_tools.recordings.folder import Recording

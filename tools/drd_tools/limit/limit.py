@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from drd.config.keys import Config
-from drd.estimation.filter import (
+from drd.estimation.state import (
     GYRO_BIAS,
     GYRO_HEADING,
     GYRO_SCALE,

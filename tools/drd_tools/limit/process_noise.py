@@ -5,32 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drd.estimation.filter import (
-    BB,
-    DD,
-    GG,
-    GT,
-    HH,
-    HX,
-    HY,
-    LL,
-    RATE_ERROR_CORRELATION_S,
-    RR,
-    SS,
-    TG,
-    TT,
-    XH,
-    XX,
-    XY,
-    YH,
-    YX,
-    YY,
-    Filter,
-    Matrix,
-    N,
-    _elements,
-)
+from drd.estimation.filter import GT, HX, HY, RATE_ERROR_CORRELATION_S, TG, XH, YH, YX, Filter
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import BB, DD, GG, HH, LL, RR, SS, TT, XX, XY, YY, Matrix, N, elements
 from drd_tools.limit import causes
 
 SIZE = N * N
@@ -41,7 +18,7 @@ class FilterByCause(Filter):
 
     def __init__(self, *args: Any, **kwargs: Any):
         self.Q_causes: Matrix = np.zeros((len(causes.CAUSES), N, N))
-        self._q_causes = _elements(self.Q_causes)
+        self._q_causes = elements(self.Q_causes)
         super().__init__(*args, **kwargs)
 
     @property

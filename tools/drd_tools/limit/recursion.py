@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
-from drd.estimation.filter import GYRO_HEADING, HEADING, Matrix, N, Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import GYRO_HEADING, HEADING, Matrix, N, Sigmas, X, Y
 from drd_tools.limit import causes
 from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive

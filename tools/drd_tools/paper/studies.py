@@ -11,8 +11,8 @@ from drd.arrays import Array
 from drd.batch.run import run
 from drd.config.keys import Config
 from drd.estimation.estimator import Estimator
-from drd.estimation.filter import Sigmas, X, Y
 from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas, X, Y
 from drd.estimation.track import Track, make_track
 from drd_tools.paper import physics as p
 from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, informed, path

@@ -88,7 +88,7 @@ def driven(recording: Recording, is_on: bool) -> Driven:
             now_s = monitor.now_s
             applying.look(monitor, monitor.findings())
             for name, constant in applying.wanted.items():
-                if estimator.applied.taken.get(name) != constant:
+                if estimator.knowledge.applied.taken.get(name) != constant:
                     before = estimator.newest()
                     estimator.apply(name, constant)
                     step = tuple(b - a for a, b in zip(before, estimator.newest(), strict=True))

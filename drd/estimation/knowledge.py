@@ -1,0 +1,130 @@
+"""What is known beside the filter's state: noise, how the robot steers, whether the headings agree."""
+
+from drd.config.keys import Config
+from drd.estimation.agreement import Agreement
+from drd.estimation.applied import Applied
+from drd.estimation.estimate import forget_gyro, forget_wheels
+from drd.estimation.health import Reasons
+from drd.estimation.learning import Learned, RestNoise, WheelNoise
+from drd.estimation.noise import NoiseProfile
+from drd.estimation.state import Sigmas
+from drd.estimation.steering import Steering
+from drd.estimation.timeline import Segment
+from drd.estimation.track import Track
+from drd.estimation.uncertainty import OneSided
+from drd.samples import Validity
+from drd.units import S_PER_NS
+
+
+class Knowledge:
+    """Learned from the comparisons of a track's headings, which `compare` makes. `counters` are the estimator's."""
+
+    def __init__(
+        self,
+        config: Config,
+        sigmas: Sigmas,
+        noise: NoiseProfile,
+        track: Track,
+        reasons: Reasons,
+        counters: dict[str, int],
+    ):
+        self._config, self._sigmas, self._stated, self._track = config, sigmas, noise, track
+        self._reasons, self._counters = reasons, counters
+        is_learned = config.estimation.profile == "physical"  # the printed Q and R are what they are
+        self.rest_noise = RestNoise(noise.gyro_rad2_per_s, is_learned)
+        self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
+        self.wheel_noise = WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential")
+        self.agreement = Agreement(config.estimation.rejections_before_release, reasons, counters)
+        self.applied = Applied()
+        self._begin_wheels()
+
+    def _begin_wheels(self) -> None:
+        self.steering = Steering(self._config, self.wheel_noise)
+        self.steering.begin(self._track.kf)
+        self.wheel_noise.put_into(self._track.kf.noise)
+
+    def compare(self, t_ns: int, wheels: Segment, gyro: Segment) -> None:
+        """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
+        track, kf = self._track, self._track.kf
+        if wheels.a == wheels.b == 0.0:
+            self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
+            kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+            if not self.rest_noise.known:
+                # Robot and heading stand; if they do not, since the wheels are late or slip, both are wrong by this.
+                part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
+                kf.add_heading_variance(self._unbelieved_rad.growth(part_rad), both=True)
+                kf.anchor_gyro()
+                return
+        else:
+            self.rest_noise.interrupt()
+            self._unbelieved_rad.forget()
+            if track.gyro_heading:
+                return
+        if not self.agreement.update(track, t_ns, self.steering.drive):
+            self.recover(t_ns)
+        else:
+            # Slip that the gate found is no noise, and must not pass for it.
+            self.wheel_noise.take(kf, is_usual=not self._reasons.has("agreement"))
+            if not self.steering.watch(kf):
+                self.agreement.slip(track, t_ns, 0.0)
+
+    def begin_anew(self) -> None:
+        """The filter starts again, and only the gyro's noise is known."""
+        self.agreement = self.agreement.anew()
+        self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
+        self.applied = Applied()
+        self.wheel_noise = self.wheel_noise.anew()
+        self._begin_wheels()
+
+    def recover(self, t_ns: int) -> None:
+        """The covariance or the state is not finite: start again where the robot is not known to be."""
+        self._counters["resets"] += 1
+        self.begin_anew()
+        self._reasons.set("filter", "the estimate was not finite and was reset", t_ns, Validity.INVALID)
+
+    @property
+    def learned(self) -> Learned:
+        """Noise and drive, as far as they were learned."""
+        k, rest = self._track.kf.noise, self.rest_noise
+        wheels = (k.wheel_m2_per_m, k.turn_rad2_per_rad, k.jitter_s2) if self.wheel_noise.is_known else (0.0, 0.0, 0.0)
+        return Learned(self.steering.drive.value, rest.differences, rest.variance_rad2_per_s, *wheels)
+
+    def recall(self, learned: Learned) -> None:
+        """Go on with what was learned before a restart."""
+        self._recall_wheels(learned)
+        self._recall_gyro(learned)
+
+    def _recall_wheels(self, learned: Learned) -> None:
+        self.steering.recall(learned)
+        self.steering.begin(self._track.kf)
+        self.wheel_noise.recall(learned)
+        self.wheel_noise.put_into(self._track.kf.noise)
+
+    def _recall_gyro(self, learned: Learned) -> None:
+        self.rest_noise.recall(learned)
+        self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+
+    def take_over(self, other: "Knowledge", same_wheels: bool, same_gyro: bool) -> None:
+        """Go on with what another knows, and the track has taken over, as far as it is about the same sensors."""
+        kf, same_noise = self._track.kf, self._stated == other._stated
+        if same_wheels and same_gyro:
+            self.applied = other.applied
+        if not same_wheels:
+            forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
+            kf.add_position_variance(other.steering.wander_m2)
+            self.steering.begin(kf)
+        elif same_noise and self._config.robot.drive == other._config.robot.drive:
+            self.wheel_noise, self.steering = other.wheel_noise, other.steering
+            self.wheel_noise.put_into(kf.noise)
+        else:
+            self._recall_wheels(other.learned)
+            if self.steering.scale < other.steering.scale:  # nothing will tell any more
+                kf.add_scale_variance(other.steering.scale, 0.0)
+            kf.add_position_variance(other.steering.wander_m2)
+        if not same_gyro:
+            forget_gyro(kf, self._sigmas)
+        elif same_noise:
+            self.rest_noise = other.rest_noise
+            kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
+        else:
+            self._recall_gyro(other.learned)

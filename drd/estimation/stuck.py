@@ -1,0 +1,30 @@
+"""Whether a gyro repeats itself while the wheels do not: it is stuck then, and as good as silent. (18)"""
+
+import math
+from typing import Final
+
+# A gyro that works does not say the same so often in a row: its noise is about its last digit, or more.
+STUCK_READINGS: Final = 10
+
+
+class Stuck:
+    """`repeats`: how often the last reading has come again. `found`: that it is stuck, until it says something else."""
+
+    def __init__(self) -> None:
+        self._rate_rad_s = self._angle_rad = math.nan
+        self.repeats, self.found = 0, False
+
+    def take(self, rate_rad_s: float, interval_s: float, disagrees: bool) -> bool:
+        """Take note of a reading, and whether wheels and gyro disagree. True where this one shows that it is stuck."""
+        # It says rates or angles; the other one has the error of the interval's length.
+        angle_rad = rate_rad_s * interval_s
+        again = _is_same(rate_rad_s, self._rate_rad_s) or _is_same(angle_rad, self._angle_rad)
+        self._rate_rad_s, self._angle_rad = rate_rad_s, angle_rad
+        before, self.repeats = self.found, self.repeats + 1 if again else 0
+        self.found = again and (before or (self.repeats >= STUCK_READINGS and disagrees))
+        return self.found and not before
+
+
+def _is_same(reading: float, before: float) -> bool:
+    """Whether two readings have the same digits."""
+    return math.isclose(reading, before, rel_tol=1e-9)
