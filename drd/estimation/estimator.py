@@ -164,7 +164,7 @@ class Estimator:
         self._progress.is_stalled = True
 
     def _watch_repeats(self, sample: GyroSample) -> None:
-        """What a gyro that is stuck has taught since it repeats itself is taken back. (18)"""
+        """Take back the constants that a stuck gyro has taught since it repeats itself. (18)"""
         stuck, agreement, track = self._stuck, self.knowledge.agreement, self._track
         disagrees = agreement.parted_rad > 0.0 or self.reasons.has("agreement")
         if stuck.take(sample.rate_rad_s, sample.interval_s, disagrees):

@@ -64,14 +64,14 @@ class Hindsight:
         self._then, self._since, self._since_ns, self._given = None, self.now(kf), t_ns, kf.given
 
     def now(self, kf: Filter) -> Memory:
-        """What is known, before something may teach what is wrong."""
+        """The constants as known now, before something may teach wrong ones."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
         return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
 
     @property
     def before(self) -> Memory | None:
-        """What was known some seconds ago."""
+        """The constants as known some seconds ago."""
         return self._then or self._since
 
     def lag_doubt_s(self, kf: Filter) -> float:
@@ -84,7 +84,7 @@ class Hindsight:
         return 0.5 * self.apart_m(then) if (then := self.before) is not None else 0.0
 
     def apart_m(self, then: Memory) -> float:
-        """What the right wheel has gone since then, less the left one's way and the turn's."""
+        """Way of the right wheel since then, less the left one's and the turn's, m."""
         left_m = (1.0 - then.scale_left) * (self._left_m - then.left_m)
         right_m = (1.0 - then.scale_right) * (self._right_m - then.right_m)
         return right_m - left_m - then.tread_m * (self._turn_rad - then.turn_rad)

@@ -1,4 +1,4 @@
-"""What is known beside the filter's state: noise, how the robot steers, whether the headings agree."""
+"""Knowledge beside the filter's state: noise, how the robot steers, whether the headings agree."""
 
 from drd.config.keys import Config
 from drd.estimation.agreement import Agreement

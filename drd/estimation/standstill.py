@@ -135,7 +135,7 @@ class BiasMeasurement:
         return math.sqrt(self.rest_noise.variance_rad2_per_s / averaged_s)
 
     def tell(self, reasons: Reasons, t_ns: int) -> None:
-        """What the measurement is worth to the pose."""
+        """Turn the state of the measurement into the reason of a pose."""
         if self.active:
             severity = Validity.DEGRADED if self.is_known else Validity.INITIALISING
             reasons.set("bias", self.state.value, t_ns, severity)

@@ -1,4 +1,4 @@
-"""What the filter knows: quantities, the covariance of their errors, and changes of both outside of its steps."""
+"""The filter's state: quantities, the covariance of their errors, and changes of both outside of its steps."""
 
 import math
 from collections.abc import Callable, Mapping, MutableSequence, Sequence

@@ -376,5 +376,5 @@ def _columns(rows: Sequence[Array], length: int) -> Array:
 
 
 def factors_of(selected: Selected) -> list[float]:
-    """What each unit of an effect's rows is multiplied by."""
+    """Factor of each unit of an effect's rows."""
     return [selected.number(name) for name in linear_names(selected.effect, selected.values)] or [1.0]
