@@ -29,7 +29,7 @@ class Start(NamedTuple):
 def started(audited: Audit, measured: Constants) -> Start:
     """The constants where they explain so much that nothing can be seen before they are off; else none. (79)"""
     problem = Problem(audited.evidence)
-    # What was seen as an event must also be of the right sign and size.
+    # An event of the wrong sign or size is none.
     known = [c for c in refine(problem, [event.selected for event in audited.events]).selection if is_plausible(c)]
     constants = list(measured.selection)
     if not constants or _explained_nats(problem, known, constants) <= STRONG_NATS:

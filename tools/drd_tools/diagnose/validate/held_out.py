@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, Protocol, TypeVar
 
@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from drd.effects.model import Term
 from drd_tools.diagnose.error_model.ranges import within
+from drd_tools.diagnose.observe.audit import Audit
 from drd_tools.diagnose.observe.constants import Constants, constants, observe
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
@@ -40,10 +41,15 @@ class Map(Protocol):
 
 @dataclass(frozen=True)
 class Prepared:
-    """A held-out recording, and what of it depends on no model: its constants, and errors of the nominal poses."""
+    """A held-out recording, and all of it that depends on no model.
+
+    `measured`: its constants; `audited`: its evidence, which tells whether the robot is far from robot.yaml; `nominal`:
+    errors of the nominal poses.
+    """
 
     recording: Recording
     measured: Constants
+    audited: Audit
     nominal: Figures
 
 
@@ -51,8 +57,10 @@ def prepared(recording: Recording) -> Prepared:
     """Measure what no model changes, once for all models."""
     with threadpool_limits(limits=1):
         measured = constants(recording)
+        again, audited = observe(recording, measured)
+        audited = replace(audited, evidence=started(audited, again).problem.evidence)
         # A reference that is late is no error of the pose.
-        return Prepared(recording, measured, judged(measured.recording, None)[0])
+        return Prepared(recording, measured, audited, judged(measured.recording, None)[0])
 
 
 def held_out_nats(terms: Iterable[Term], held_out: Sequence[Prepared], each: Map = map) -> dict[str, float]:
@@ -88,9 +96,8 @@ class _HeldOut:
     """A held-out recording, its noise fitted beside the selected effects as they are."""
 
     def __init__(self, held_out: Prepared, selection: Sequence[Selected]):
-        measured, audited = observe(held_out.recording, held_out.measured)
-        fixed = [Selected(c.effect, c.values, ()) for c in selection]
-        problem = started(audited, measured).problem
+        audited, fixed = held_out.audited, [Selected(c.effect, c.values, ()) for c in selection]
+        problem = Problem(audited.evidence)
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
