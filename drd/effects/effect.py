@@ -151,10 +151,12 @@ class Chance(NamedTuple):
 class Effect:
     """One physical effect. Its class docstring says in one sentence what it is.
 
-    `covariate` is the variable that it depends on, `manoeuvre` the drive that shows it best. `remainder` is the largest
-    share of itself that its removal leaves behind on samples at 10 and 20 Hz; `irreversible` says why it cannot be
-    undone, or is empty. `lasting`: its parameters still hold in the next run. `beside`: an effect of one parameter, up
-    to which alone its form is known. `essential`: the linear parameter without which it is another effect.
+    `covariate` is the variable that it depends on; `proportional`: to which it is by geometry, so that what was seen
+    over a range holds beyond it and with the other sign, as no slip does, which saturates. `manoeuvre` is the drive
+    that shows it best. `remainder` is the largest share of itself that its removal leaves behind on samples at 10 and
+    20 Hz; `irreversible` says why it cannot be undone, or is empty. `lasting`: its parameters still hold in the next
+    run. `beside`: an effect of one parameter, up to which alone its form is known. `essential`: the linear parameter
+    without which it is another effect.
 
     For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression looks for it besides.
     `geometry`: it makes other speeds of the wheels, and what acts on the wheels besides acts on those.
@@ -172,6 +174,7 @@ class Effect:
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     covariate: ClassVar[str]
+    proportional: ClassVar[bool] = False
     manoeuvre: ClassVar[str]
     remainder: ClassVar[float] = 0.05
     irreversible: ClassVar[str] = ""

@@ -13,6 +13,7 @@ class GyroScaleError(Effect):
     source = "IEEE Std 952-1997; paper, section 2"
     parameters = (Parameter("k", "1", "relative error of the scale factor", 1e-5, 0.05, initial="gyro_scale"),)
     covariate = "yaw_rate"
+    proportional = True
     manoeuvre = "many turns the same way"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -13,6 +13,7 @@ class RotationCentreOffset(Effect):
     source = "kinematics of a rigid body; Mandow et al., IROS 2007: instantaneous centres of rotation"
     parameters = (Parameter("a", "m", "how far the reported centre is ahead of the turn's", 1e-4, 1.0),)
     covariate = "yaw_rate"
+    proportional = True
     needs_position = "no sensor of the robot tells its way to the side"
     manoeuvre = "turns on the spot, with a position reference; a lengthwise lever arm of the reference looks the same"
     caveat = "A reference that is mounted so much ahead of the believed point looks the same."

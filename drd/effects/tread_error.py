@@ -13,6 +13,7 @@ class TreadError(Effect):
     source = "Borenstein and Feng, UMBmark (1996): E_b"
     parameters = (Parameter("k", "1", "relative error of the effective tread", 1e-4, 0.3, initial="tread"),)
     covariate = "yaw_rate"
+    proportional = True
     manoeuvre = "turns on the spot, both ways"
     geometry = True
 

@@ -16,6 +16,7 @@ class WheelRadiusError(Effect):
         Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1, initial="wheel_scale"),
     )
     covariate = "speed"
+    proportional = True
     manoeuvre = "long straight lines, with a position reference"
     geometry = True
     opposed = True

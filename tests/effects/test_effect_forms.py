@@ -315,3 +315,16 @@ def test_other_shapes_are_by_default_those_of_the_middle_variant(effect: Effect)
     assert len(default) == len(middle)
     for a, b in zip(default, middle, strict=True):
         assert np.array_equal(channels(a, m), channels(b, m))
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS.values() if e.proportional], ids=lambda effect: effect.id)
+@given(seed=st.integers(0, 2**32 - 1), scale=st.floats(-3.0, 3.0))
+def test_what_is_proportional_holds_at_any_speed_and_for_turns_either_way(
+    effect: Effect, seed: int, scale: float
+) -> None:
+    rng, m = np.random.default_rng(seed), motion(10.0, 30.0, seed)
+    speeds = ("rate_rad_s", "speed_m_s", "left_m_s", "right_m_s")
+    scaled = replace(m, **{name: scale * getattr(m, name) for name in speeds})
+    p = some_values(effect, m, rng)
+    found, wanted = channels(effect.error(scaled, p), m), scale * channels(effect.error(m, p), m)
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-12 * np.max(np.abs(wanted)) + 1e-300)

@@ -15,7 +15,9 @@ SLOWEST_M_S: Final = 1e-3  # slower, speed is a divisor of noise
 
 
 def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
-    """The range of a lasting effect's covariate in a recording, in its file's unit; empty where it has none."""
+    """The range of its covariate that a lasting effect is held to, in its file's unit; empty where there is none."""
+    if not selected.effect.lasting or selected.effect.proportional:
+        return {}
     turning = np.abs(m.rate_rad_s) > TURNING_RAD_S
     lag_s = selected.effect.lag_s(selected.values)
     values = {
@@ -28,7 +30,7 @@ def seen(m: Motion, selected: Selected) -> dict[str, tuple[float, float]]:
         "temperature": m.temperature_c,
         "temperature_rate": m.temperature_rate_c_s(lag_s) if lag_s else np.zeros(0),
     }.get(selected.effect.covariate, np.zeros(0))
-    if not selected.effect.lasting or not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
+    if not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0.0:
         return {}
     si = COVARIATES[selected.effect.covariate].si
     return {selected.effect.covariate: (float(values.min()) / si, float(values.max()) / si)}
