@@ -8,7 +8,10 @@ import pytest
 from diagnosis_drives import recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.regression.noise_fit import long_run, ratios, tails
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.noise_fit import fitted, long_run, ratios, tails
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial.overlay import planted
@@ -103,3 +106,28 @@ def test_noise_does_not_take_the_place_of_slip_where_no_gyro_tells_it() -> None:
     assert cause.selected is not None
     assert cause.selected.number("left") == pytest.approx(0.17, abs=3.0 * cause.selected.sigma("left"))
     assert (ratios(found.found.problem)["slip"] or 0.0) < 2.0
+
+
+@pytest.mark.parametrize(("share", "ahead"), [(0.25, True), (0.65, True), (0.75, False), (1.0, False)])
+def test_a_reference_that_scatters_by_less_than_it_states_is_off_by_the_rest(share: float, ahead: bool) -> None:
+    """Of 10 mm that are stated and 2.5 mm of noise a lever arm of some 9.7 mm is nobody's physics."""
+    recording = recorded(("slalom", 120.0), 1)
+    stated_m = gather(recording).datasheet.position_m / share
+    problem = Problem(
+        gather(replace(recording, nominal=replace(recording.nominal, reference_position_sigma_m=stated_m)))
+    )
+    noise, _ = fitted(problem, refine(problem, ()), searched=True)
+    found = {name: sigma for name, sigma, _ in Problem(problem.evidence, noise=noise).nuisances}
+    assert found.get("reference_ahead") == (
+        pytest.approx(stated_m * (1.0 - share**2) ** 0.5, rel=0.1) if ahead else None
+    )
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize("name", ["square_231220200029_run-05", "square_230620202258_run-05"])
+def test_what_a_motion_capture_may_be_off_by_itself_is_no_finding(name: str) -> None:
+    """Its marker is a millimetre off the axle, which is its stated deviation, and its clock drifts by 500 ppm."""
+    analysis = analyse(read_recording(SHARED / f"optiodom_{name}"))
+    assert analysis.conclusion.causes == []
+    assert set(analysis.reference) == {"drift"}
+    assert abs(analysis.reference["drift"].value) < 2000.0

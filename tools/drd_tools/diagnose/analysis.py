@@ -9,7 +9,7 @@ import numpy as np
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.audit import Event
-from drd_tools.diagnose.observe.constants import observe
+from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
@@ -23,6 +23,7 @@ from drd_tools.recordings.folder import Recording
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
+FAULTS: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
@@ -63,10 +64,20 @@ def analyse(recording: Recording) -> Analysis:
         release(problem)
     conclusion = conclude(found, audited.events, {c.id for c in start.constants})
     release(found.problem)
+    return Analysis(measured.recording, _faults(measured, conclusion), audited.events, problem, null.left, conclusion)
+
+
+def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
+    """Faults of the reference, or what is as well its own."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
     if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
         faults["drift"] = drift
-    return Analysis(measured.recording, faults, audited.events, problem, null.left, conclusion)
+    for selected in conclusion.of_the_reference:
+        for q in (selected.parameter(name) for name in selected.free):
+            name, before = FAULTS[q.unit], faults.get(FAULTS[q.unit])
+            value = selected.number(q.name) / q.si + (0.0 if before is None else before.value)
+            faults[name] = Amount(value, selected.sigma(q.name) / q.si, q.unit)
+    return faults
 
 
 def _first_problems(start: Start) -> Iterator[Problem]:

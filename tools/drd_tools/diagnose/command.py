@@ -12,7 +12,7 @@ from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.report.page import write_report
-from drd_tools.diagnose.report.text import in_words
+from drd_tools.diagnose.report.text import in_words, reference_faults
 from drd_tools.diagnose.results import Verdict
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
@@ -100,6 +100,8 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
         print(f"    {in_words(finding)}")
     for noise in result.scatter:
         print(f"  noise: {noise.sentence}")
+    for fault in reference_faults(result):
+        print(f"  reference: {fault}")
     if result.next_drive:
         print(f"  {result.next_drive.sentence}".rstrip())
     if result.cut:

@@ -18,7 +18,7 @@ from drd_tools.diagnose.conclude.confirm import (
 )
 from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
 from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
-from drd_tools.diagnose.conclude.uncertainty import reported_estimates
+from drd_tools.diagnose.conclude.uncertainty import is_the_references, reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
@@ -47,7 +47,10 @@ CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decis
 
 @dataclass(frozen=True)
 class Conclusion:
-    """Causes, the best first, and what was not found."""
+    """Causes, the best first, and what was not found.
+
+    `of_the_reference`: delays and clock rates that it may well have by itself, where no gyro tells whose they are.
+    """
 
     causes: list[Cause]
     found: Found
@@ -55,6 +58,7 @@ class Conclusion:
     detectable: dict[str, Smallest]
     classes: list[list[str]]
     unexplained: float
+    of_the_reference: tuple[Selected, ...] = ()
 
 
 def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
@@ -78,8 +82,11 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     estimates = reported_estimates(
         found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
     )
+    of_the_reference = tuple(c for c in estimates if is_the_references(found.problem, c))
     for test, reported in zip(tests, estimates, strict=True):
         name = test.selected.id
+        if reported in of_the_reference:
+            continue
         event = by_logic.get(name)
         if event is not None:
             findings.append(_event_finding(test.selected, event))
@@ -102,7 +109,9 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
     ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
-    return Conclusion(findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained)
+    return Conclusion(
+        findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained, of_the_reference
+    )
 
 
 def _merged(findings: Sequence[Cause]) -> list[Cause]:

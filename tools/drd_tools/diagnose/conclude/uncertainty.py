@@ -67,6 +67,14 @@ def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
     return REFERENCE.get(selected.parameter(name).unit, 0.0) if is_timing else 0.0
 
 
+def is_the_references(problem: Problem, selected: Selected) -> bool:
+    """Whether a delay or a clock's rate, as estimated, is no more than a reference often has by itself. (87)"""
+    names = selected.free
+    return bool(names) and all(
+        abs(selected.number(name)) < _of_the_reference(problem, selected, name) for name in names
+    )
+
+
 def shrunk(
     selection: Sequence[Selected], covariance: Array, cost_nats: float, known: Collection[str] = ()
 ) -> tuple[Selected, ...]:

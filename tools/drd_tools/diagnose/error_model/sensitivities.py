@@ -162,8 +162,11 @@ class Sensitivities:
         return Sensitivity(*(summed(rate) for rate in errors))
 
 
-def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
-    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)"""
+def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float, Sensitivity]]:
+    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)
+
+    `ahead_m`: deviation of its lever arm ahead, where the robot is near.
+    """
     if not len(e.fix):
         return []
     k = e.fix_step
@@ -183,11 +186,11 @@ def nuisances(e: Evidence, path: Path) -> list[tuple[str, float, Sensitivity]]:
     if e.gyro_rad is None or e.is_far:
         since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
         found.append((DRIFT, DRIFT_S_PER_S, Sensitivity(fix=-dp * since_s)))
+    if e.is_far or ahead_m:
+        ahead_m = AHEAD_M if e.is_far else ahead_m
+        found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
         passed = np.cumsum(moved, axis=0)
         mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
-        found += [
-            ("reference_ahead", AHEAD_M, Sensitivity(fix=np.column_stack([c, s, zero]))),
-            ("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])),
-        ]
+        found.append(("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found

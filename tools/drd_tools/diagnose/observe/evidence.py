@@ -53,6 +53,7 @@ class Noise:
     position_m: float
     heading_rad: float
     jitter_s: float = 0.0  # of the wheels' time from one change of speed to the next (25)
+    ahead_m: float = 0.0  # of the reference's lever arm ahead (70)
 
     def wheels(self, e: "Evidence", turn_rad: Array) -> Array:
         """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""

@@ -172,15 +172,18 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     inflation = np.maximum(1.0, np.mean(scaled**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
     if not searched and len(fixes) < FEWEST_ROWS:
         inflation = np.ones(len(inflation))
+    position_m = max(noise.position_m * position, LEAST_M)
+    systematic_m2 = e.datasheet.position_m**2 - position_m**2
     before = problem.fix_inflation if problem.fix_inflation is not None else np.ones(len(inflation))
     return (
         replace(
             driving(noise, way),
             slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
             walk_rad_per_sqrt_s=walk if walk > BELIEVED * stated else stated,
-            position_m=max(noise.position_m * position, LEAST_M),
+            position_m=position_m,
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
             jitter_s=jitter_s,
+            ahead_m=math.sqrt(systematic_m2) if systematic_m2 > position_m**2 else 0.0,
         ),
         np.maximum(inflation * before, 1.0),
     )

@@ -81,7 +81,7 @@ class Problem:
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
         self._chain = tuple(chain)
-        self.nuisances = nuisances(evidence, self.path)
+        self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
         self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]

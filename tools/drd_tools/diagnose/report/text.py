@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
+from msgspec import UnsetType
+
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.results import Array, Finding, Gain, HeldOut, Mismatch, NextDrive, Result, Series
 
@@ -42,6 +44,11 @@ CHANNELS: Final = {
     "gyro": "gyro at rest",
     "position": "reference's positions",
     "heading": "reference's headings",
+}
+FAULTS: Final = {
+    "lag": "the reference is late by {}, which was taken off",
+    "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
+    "delay": "the wheels are {} later than the reference, and nothing tells which of them is off",
 }
 SEGMENT_HEADER: Final = ("manoeuvre", "times", "minutes")
 SETTLED_HEADER: Final = ("question", "probability that it is settled", "nats expected")
@@ -165,6 +172,14 @@ def noise_sentence(s: Series) -> str:
 def scatter_sentences(d: Result) -> list[str]:
     """Sentences on noise that is much larger than stated."""
     return [f"{n.sentence[0].upper()}{n.sentence[1:]}." for n in d.scatter]
+
+
+def reference_faults(d: Result) -> list[str]:
+    """Words for the reference's own faults, and for what is as well its own."""
+    if isinstance(d.reference, UnsetType):
+        return []
+    shown = {name: with_sigma(fault.value, fault.std, fault.unit) for name, fault in d.reference.items()}
+    return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 
 def next_drive_sentences(d: Result) -> list[str]:

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import Final
 
-from msgspec import UnsetType
-
 from drd_tools.diagnose.conclude.scatter import ROBOT
 from drd_tools.diagnose.report.text import (
     FIXED,
@@ -14,17 +12,13 @@ from drd_tools.diagnose.report.text import (
     named_quantity,
     parameters,
     percent,
+    reference_faults,
     rms,
-    with_sigma,
 )
 from drd_tools.diagnose.results import Finding, Result, Series, Verdict
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest
-FAULTS: Final = {
-    "lag": "the reference is late by {}, which was taken off",
-    "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
-}
 ALL: Final = 0.005  # less than this share is left
 
 TITLES: Final = {
@@ -58,7 +52,7 @@ def _nothing(d: Result, s: Series) -> list[str]:
         first = f"Over {drive} something is left that the noise does not bring, but nothing could be named."
     size = rms(s.residual.before)
     second = "" if size is None else f"Its residual is {size:.3g} times what the noise alone gives."
-    if noise := "; ".join(_noise(d)):
+    if noise := "; ".join(_noise(d) + reference_faults(d)):
         second = f"{noise[0].upper()}{noise[1:]}."
     if all(r.path.reference is None for r in s.recordings):
         third = (
@@ -127,7 +121,7 @@ def _what_is_left(d: Result, s: Series) -> str:
         goes = "goes" if row.after < row.before else "does not fall: it goes"
         parts.append(f"on unseen data the {name} {goes} from {row.before:.3g} to {row.after:.3g} {unit}".rstrip())
         break
-    parts += _noise(d) + _reference(d)
+    parts += _noise(d) + reference_faults(d)
     text = "; ".join(parts) or "how much of the mismatch that explains is not known"
     return f"{text[0].upper()}{text[1:]}."
 
@@ -149,14 +143,6 @@ def _outside(d: Result) -> list[str]:
 def _noise(d: Result) -> list[str]:
     """Words for noise that is much larger than stated, of the sensors: it may be physics, too."""
     return [f"{noise.sentence}, which the model takes for noise" for noise in d.scatter if noise.channel in ROBOT]
-
-
-def _reference(d: Result) -> list[str]:
-    """Words for the reference's own faults."""
-    if isinstance(d.reference, UnsetType):
-        return []
-    shown = {name: with_sigma(fault.value, fault.std, fault.unit) for name, fault in d.reference.items()}
-    return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 
 def _share(d: Result) -> str:
