@@ -30,6 +30,7 @@ FASTEST_M_S2: Final = 3.0
 SLOPES: Final = (-0.9, 9.0)
 
 Errors = tuple[float, ...]
+NO_ERROR: Final[Errors] = (0.0, 0.0)
 
 
 class LiveTerm:
@@ -39,7 +40,7 @@ class LiveTerm:
         self.effect: Effect = term.effect
         self.values: Values = term.values()
         self.clip = Clip(m, term)
-        self.error: Errors = (0.0, 0.0)
+        self.error = NO_ERROR
         self._m = m
         stds = term.stds()
         self._further: list[Values] = [{**self.values, q: float(self.values[q]) + std} for q, std in stds.items()]
@@ -145,12 +146,15 @@ class Compensation:
         """Speeds from which the effects make the reading; the body's speed and acceleration are their mean's."""
         m, left, right = self._m, *reading
         x, old_x, old_off = 0.5 * (left + right), 0.0, 0.0
+        for term in self._wheels:
+            term.error = NO_ERROR
         for i in range(PASSES):
             m.rate_rad_s[0] = (right - left) / m.tread_m if rate is None else rate
             self._ahead(interval_s, x)
             left, right = reading
             for term in self._wheels:
-                left, right = self._solve(term, term.wheels, (m.left_m_s, m.right_m_s), (left, right))
+                # From the error of the pass before, which is nearly the same.
+                left, right = self._solve(term, term.wheels, (m.left_m_s, m.right_m_s), (left, right), term.error)
             # Falls at least as fast as x grows: the more acceleration, the more slip to take off. So the root is near.
             off = 0.5 * (left + right) - x
             if abs(off) < SPEED_SOLVED_M_S:
@@ -188,10 +192,19 @@ class Compensation:
         return end
 
     def _solve(
-        self, term: LiveTerm, errors: Callable[[], Errors], channels: tuple[Array, ...], reading: Errors
+        self,
+        term: LiveTerm,
+        errors: Callable[[], Errors],
+        channels: tuple[Array, ...],
+        reading: Errors,
+        likely: Errors = NO_ERROR,
     ) -> Errors:
-        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (39)"""
-        x, off, old_x, old_off = reading, reading, reading, reading
+        """x with x + error(x) = reading, by the secant in each channel: exact where the error is linear. (39)
+
+        `likely`: the error from which it sets out.
+        """
+        x = tuple(c - b for c, b in zip(reading, likely, strict=False))
+        off = old_x = old_off = x
         for i in range(ROUNDS + 1):
             for channel, value in zip(channels, x, strict=True):
                 channel[0] = value

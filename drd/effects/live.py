@@ -106,38 +106,55 @@ class Clip:
         self._arrays = (m.time_s, m.rate_rad_s, m.speed_m_s, m.acceleration_m_s2, m.left_m_s, m.right_m_s,
                         m.temperature_c)  # fmt: skip
         self._kept = [0.0] * len(self._arrays)
-        self._rate_ends = self._ends.pop("temperature_rate", (-math.inf, math.inf))
+        self._is_kept = False
+        self._rate_ends = self._ends.pop("temperature_rate", None)
         self.is_bounded = bool(term.seen)
 
     def apply(self) -> bool:
         """Clip; True where a covariate was outside. `undo` must follow."""
-        for i, array in enumerate(self._arrays):
-            self._kept[i] = array[0]
-        self._m.limit_temperature_rate(*self._rate_ends)
-        # Not `any`: each one is to be clipped.
-        return sum(self._clip(name, low, high) for name, (low, high) in self._ends.items()) > 0
+        if self._rate_ends is not None:
+            self._m.limit_temperature_rate(*self._rate_ends)
+        is_outside = False
+        for name, (low, high) in self._ends.items():
+            is_outside |= self._clip(name, low, high)
+        return is_outside
 
     def undo(self) -> bool:
         """The motion as it was; True where the rate of temperature was outside."""
+        if self._is_kept:
+            for array, value in zip(self._arrays, self._kept, strict=True):
+                array[0] = value
+            self._is_kept = False
+        if self._rate_ends is None:
+            return False
         outside = self._m.temperature_rate_outside
-        for array, value in zip(self._arrays, self._kept, strict=True):
-            array[0] = value
         self._m.limit_temperature_rate(-math.inf, math.inf)
         return outside
+
+    def _keep(self) -> None:
+        """Keep the motion before the first of its covariates is clipped: hardly ever is one."""
+        if not self._is_kept:
+            for i, array in enumerate(self._arrays):
+                self._kept[i] = array[0]
+            self._is_kept = True
 
     def _clip(self, name: str, low: float, high: float) -> bool:
         m = self._m
         if name in ("time", "acceleration", "temperature"):
             array = {"time": m.time_s, "acceleration": m.acceleration_m_s2, "temperature": m.temperature_c}[name]
             value = array[0]
+            if low <= value <= high:
+                return False  # an unknown temperature is outside, too
+            self._keep()
             array[0] = min(max(value, low), high)
-            return not low <= value <= high  # an unknown temperature is outside, too
+            return True
         v, w = float(m.speed_m_s[0]), float(m.rate_rad_s[0])
         bend = abs(w) / max(abs(v), 1e-9)
         value = {"speed": v, "yaw_rate": w, "lateral_acceleration": v * w, "curvature": bend}[name]
         clipped = min(max(value, low), high)
         if clipped == value:
             return False
+        self._keep()
         ahead, half_turn = 0.0, 0.0  # what is to be added to the wheels' speeds
         if name == "curvature":
             m.speed_m_s[0] = math.copysign(abs(w) / max(clipped, 1e-9), v)

@@ -105,3 +105,12 @@ def test_without_held_out_recordings_nothing_is_said_of_them(treaded: tuple[Term
     assert proof.model.terms == (true,)
     assert proof.findings[0].held_out is UNSET
     assert in_words(proof.findings[0]) == "It is so."
+
+
+def test_a_model_without_terms_is_as_good_as_none(treaded: tuple[Term, Recording], tmp_path: Path) -> None:
+    _, other = treaded
+    wrong = term("gyro_scale_error", k=(0.01, 1e-4))
+    proof = proven(tmp_path, (wrong,), [other])
+    assert proof.model.terms == ()
+    assert proof.bars
+    assert all(bar.before == bar.after for bar in proof.bars)

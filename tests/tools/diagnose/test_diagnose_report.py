@@ -99,6 +99,19 @@ def test_several_findings_of_two_recordings(tmp_path: Path) -> None:
         assert text in page.text
 
 
+@pytest.mark.parametrize(("count", "is_table"), [(12, False), (13, True), (1000, True)])
+def test_of_many_held_out_recordings_a_table_has_the_numbers(tmp_path: Path, count: int, is_table: bool) -> None:
+    diagnosis, series = diagnosis_files.one_finding()
+    row = {"quantity": "position rms", "unit": "m", "before": 1.25}
+    after = [None, 0.75, *(2.0 + i for i in range(count - 2))]
+    series["held_out"] = [{**row, "name": f"run_{i}", "after": after[i]} for i in range(count)]
+    page, files = report(tmp_path, (diagnosis, series))
+    assert "held_out.png" in files
+    assert (f"on {count} recordings" in page.text) == is_table
+    for text in ("run_0positionrmsm1.25-", "run_1positionrmsm1.250.75", "run_9positionrmsm1.259"):
+        assert (text in "".join(page.text.split())) == is_table
+
+
 def test_nothing_missing_without_reference(tmp_path: Path) -> None:
     page, files = report(tmp_path, diagnosis_files.nothing_missing())
     assert files == ["report.html", "path.png", "residual.png"]

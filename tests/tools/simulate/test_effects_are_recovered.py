@@ -8,7 +8,7 @@ import pytest
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.effects.model import make_model, save_model
-from drd_tools.diagnose.validate.trajectory import evaluated
+from drd_tools.diagnose.validate.trajectory import judged
 from drd_tools.recordings.folder import read_recording
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive
@@ -43,9 +43,11 @@ def value(effect: Effect, q: Parameter) -> float | str:
 
 def errors(folder: Path, model: Path | None) -> tuple[float, float]:
     """Rms position error, m, and heading error, deg."""
-    run, _ = evaluated(read_recording(folder), model)
-    assert run is not None
-    return run.absolute.position_rmse_m, run.absolute.heading_rmse_deg
+    figures, _ = judged(read_recording(folder), model)
+    position_m, heading_deg = figures["position_rms_m"], figures["heading_rms_deg"]
+    assert position_m is not None
+    assert heading_deg is not None
+    return position_m, heading_deg
 
 
 @pytest.fixture(scope="module")

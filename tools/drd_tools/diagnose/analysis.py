@@ -90,13 +90,13 @@ def _first_problems(start: Start) -> Iterator[Problem]:
         # Beside constants that are off, what hangs together is noise until an effect is found. What the body does, and
         # only the reference tells, is larger than that.
         inflation = Inflation(inflated(near, fit.left, noise).wheels) if start.constants else problem.inflation
-        problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+        problem = problem.with_noise(noise, fix_inflation, inflation)
     yield problem
     stated = problem.evidence.datasheet.slip_m_per_sqrt_m
     # With a gyro each row of the wheels tells the slip by itself, and few of them an effect of some seconds.
     if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > stated:
         noise = slipping(noise, stated / noise.slip_m_per_sqrt_m)
-        yield Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+        yield problem.with_noise(noise, fix_inflation, inflation)
 
 
 def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
@@ -112,7 +112,7 @@ def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
         inflation = inflated(found.problem, found.fit.left, noise)
         if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
             break
-        problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+        problem = problem.with_noise(noise, fix_inflation, inflation)
         problem = problem if constants else converged(problem, known)
         found = coarse_search(problem, known, constants, found)
     return problem, full_search(found, start.held)

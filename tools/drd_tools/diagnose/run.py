@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -20,7 +21,6 @@ from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
-from drd_tools.diagnose.observe.constants import constants
 from drd_tools.diagnose.observe.parts import cut_off
 from drd_tools.diagnose.results import (
     Bar,
@@ -151,12 +151,17 @@ def _with_common_model(
     """Figures of each recording by its name, with the model of all: its own has told of itself alone."""
     if model is None:
         return {r.name: d.result.fit.train.before for r, d in zip(recordings, made, strict=True)}
-    figures = each(partial(_figures, model=model), recordings)
+    in_time = [_in_time(r, d.result) for r, d in zip(recordings, made, strict=True)]
+    figures = each(partial(figures_of, model=model), in_time)
     return {r.name: f for r, f in zip(recordings, figures, strict=True)}
 
 
-def _figures(recording: Recording, model: Path) -> Figures:
-    return figures_of(constants(recording), model)
+def _in_time(recording: Recording, result: Result) -> Recording:
+    """The recording with its reference's stamps put right by the lag that was found."""
+    lag = result.reference.get("lag") if result.reference else None
+    if recording.reference is None or lag is None:
+        return recording
+    return replace(recording, reference=replace(recording.reference, time_s=recording.reference.time_s - lag.value))
 
 
 def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:

@@ -27,7 +27,8 @@ TOGETHER_S: Final = (0.3, 0.5, 1.0, 2.0, 4.0)  # of slip: from a row or two to t
 SHARES: Final = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)  # of the variance
 LEAST_COLOUR: Final = 1.15  # less is taken for the scatter of the estimate
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
-SLIPS: Final = (0.3, 0.55, 1.0, 1.8, 3.3)  # times what it was; the rounds go further
+# Times what it was, then down and up from there while that is likelier; the rounds go further.
+SLIPS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
 SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
 # A reference that repeats itself has no noise at all; a filter has to divide by it.
 LEAST_M, LEAST_RAD = 1e-5, 1e-5
@@ -200,12 +201,15 @@ def _most_likely(
         return 1.0, fixes
     sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
     best, most = (1.0, fixes), -math.inf
-    for factor in SLIPS:
-        linear = Linear(problem.evidence, problem.path, scaled(problem.noise, factor), problem.fix_inflation)
-        rows = linear.whiten(sensitivities)[1]
-        left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
-        nats = _nats(linear, left)
-        if nats > most:
+    for factors in SLIPS:
+        for factor in factors:
+            noise = scaled(problem.noise, factor)
+            linear = Linear(problem.evidence, problem.path, noise, problem.fix_inflation, problem.linear)
+            rows = linear.whiten(sensitivities)[1]
+            left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
+            nats = _nats(linear, left)
+            if nats <= most:
+                break
             best, most = (factor, left), nats
     return best
 

@@ -136,6 +136,10 @@ class Problem:
         one_sided = sum(not c.parameter(name).signed and c.parameter(name).linear for c in selection for name in c.free)
         return sum(len(c.free) * self.per_parameter + self.per_effect for c in selection) - math.log(2.0) * one_sided
 
+    def with_noise(self, noise: Noise, fix_inflation: Array | None, inflation: Inflation) -> "Problem":
+        """The problem around the same path, its data as they are, with noise of other sizes."""
+        return Problem(self.evidence, self.path, noise, fix_inflation, inflation=inflation, near=self)
+
     def around(self, selection: Sequence[Selected]) -> "Problem":
         """Relinearise around the path, and along the motion, that the sensors give once the effects are taken off."""
         cleared = self._cleared(selection)

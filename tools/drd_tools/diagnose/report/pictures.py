@@ -14,6 +14,7 @@ WIDTH_IN: Final = 10.0  # a page's, inches
 MOST_PATHS: Final = 6  # more would hide each other
 MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
 ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: one wild bin would flatten all else
+MOST_BARRED: Final = 12  # recordings, whose bars a reader takes in; those of a hundred are taller than a PNG may be
 LONGEST_BAR: Final = 1.6  # of what it was before; a longer one is cut, its number stands beside it
 ALONE: Final[dict[str, Any]] = {"color": BLUE, "linewidth": 1.6, "zorder": 3}  # the nominal path, if it is the only one
 FEW: Final = 4  # labels of an axis, which fit beside each other
@@ -196,8 +197,14 @@ def scatter_picture(file: Path, noise: Scatter, spread: Spread) -> None:
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
-    """Draw for each quantity a bar before and one after, as shares of what it was before. Raises OSError."""
+    """Draw for each quantity a bar before and one after, as shares of what it was before. Raises OSError.
+
+    Of more than MOST_BARRED recordings, a dot for each in place of the bars.
+    """
     names = list(dict.fromkeys(row.name for row in rows))
+    if len(names) > MOST_BARRED:
+        _dots_picture(file, rows)
+        return
     ordered = sorted(rows, key=lambda row: names.index(row.name))
     places: list[float] = []
     for k, row in enumerate(ordered):
@@ -220,6 +227,30 @@ def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
         axes.spines["left"].set_visible(False)
         keys = dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
         figure.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=3)
+
+
+def _dots_picture(file: Path, rows: Sequence[Bar]) -> None:
+    kinds = list(dict.fromkeys((row.quantity, row.unit) for row in rows))
+    with picture(file, WIDTH_IN, 1.5 + 0.62 * len(kinds)) as figure:
+        axes: Any = figure.subplots()
+        for place, kind in enumerate(kinds):
+            pairs = [(r.before, r.after) for r in rows if (r.quantity, r.unit) == kind]
+            shares = np.array([after / before for before, after in pairs if before and after is not None])
+            is_worse = shares > WORSE
+            for which, color, label in ((~is_worse, GREEN, "after"), (is_worse, VERMILION, "after, worse")):
+                shown = np.minimum(shares[which], LONGEST_BAR)
+                axes.plot(shown, np.full(len(shown), place), "o", color=color, alpha=0.4, label=label)
+            text = f"{int(is_worse.sum())} of {len(shares)} worse"
+            axes.text(LONGEST_BAR + 0.03, place, text, va="center", fontsize=9.5)
+        axes.axvline(1.0, color=GREY, linewidth=0.8, dashes=(4, 2))
+        axes.set_xlim(0.0, LONGEST_BAR + 0.25)
+        axes.set_ylim(len(kinds) - 0.4, -0.6)
+        axes.set_xlabel("share of what it was before")
+        tidy(axes, "On data that the fit has not seen: a dot for each recording", 6)
+        axes.set_yticks(range(len(kinds)), [named_quantity(*kind)[0] for kind in kinds])
+        axes.grid(visible=False, axis="y")
+        keys = dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
+        figure.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=2)
 
 
 def _bars(axes: Any, place: float, row: Bar) -> None:

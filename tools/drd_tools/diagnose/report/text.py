@@ -7,7 +7,7 @@ from typing import Final
 from msgspec import UnsetType
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Finding, Gain, HeldOut, Mismatch, NextDrive, Result, Series
+from drd_tools.diagnose.results import Array, Bar, Finding, Gain, HeldOut, Mismatch, NextDrive, Result, Series
 
 WHAT_HEADER: Final = ("found", "what it is", "parameters (± 1 sigma)")
 EVIDENCE_HEADER: Final = (
@@ -37,6 +37,7 @@ SPEAKS: Final = {
 RULED_OUT_HEADER: Final = ("effect", "acts on", "why")
 DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible sizes", "note")
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
+HELD_OUT_HEADER: Final = ("recording", *FIT_HEADER)
 MOST: Final = 1e100  # a larger e-value is shown as more than this
 UNITS: Final = ("m", "deg", "percent", "s")
 CHANNELS: Final = {
@@ -229,9 +230,17 @@ def fit_rows(d: Result) -> list[tuple[str, ...]]:
     for key, value in before.items():
         name, _, unit = key.rpartition("_")
         unit = unit if unit in UNITS else ""
-        values = ["-" if v is None else f"{v:.3g}" for v in (value, after.get(key))]
-        rows.append((*named_quantity(name if unit else key, unit), *values))
+        rows.append((*named_quantity(name if unit else key, unit), *_numbers(value, after.get(key))))
     return rows
+
+
+def held_out_rows(bars: Iterable[Bar]) -> list[tuple[str, ...]]:
+    """Rows under HELD_OUT_HEADER."""
+    return [(b.name, *named_quantity(b.quantity, b.unit), *_numbers(b.before, b.after)) for b in bars]
+
+
+def _numbers(*values: float | None) -> list[str]:
+    return ["-" if v is None else f"{v:.3g}" for v in values]
 
 
 def named_quantity(name: str, unit: str) -> tuple[str, str]:

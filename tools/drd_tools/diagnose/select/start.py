@@ -34,7 +34,8 @@ def started(audited: Audit, measured: Constants) -> Start:
     constants = list(measured.selection)
     if not constants or _explained_nats(problem, known, constants) <= STRONG_NATS:
         return Start(problem, known, [])
-    return Start(Problem(replace(problem.evidence, is_far=True), problem.path), known, constants)
+    far = replace(problem.evidence, is_far=True)
+    return Start(Problem(far, problem.path, near=problem), known, constants)
 
 
 def _explained_nats(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> float:

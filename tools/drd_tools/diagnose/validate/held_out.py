@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from drd.effects.model import Term
+from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.ranges import within
 from drd_tools.diagnose.observe.audit import Audit
 from drd_tools.diagnose.observe.constants import Constants, constants, observe
@@ -43,13 +44,14 @@ class Map(Protocol):
 class Prepared:
     """A held-out recording, and all of it that depends on no model.
 
-    `measured`: its constants; `audited`: its evidence, which tells whether the robot is far from robot.yaml; `nominal`:
-    errors of the nominal poses.
+    `measured`: its constants; `audited`: its evidence, which tells whether the robot is far from robot.yaml; `path`:
+    its path before any effect; `nominal`: errors of the nominal poses.
     """
 
     recording: Recording
     measured: Constants
     audited: Audit
+    path: Path
     nominal: Figures
 
 
@@ -58,9 +60,10 @@ def prepared(recording: Recording) -> Prepared:
     with threadpool_limits(limits=1):
         measured = constants(recording)
         again, audited = observe(recording, measured)
-        audited = replace(audited, evidence=started(audited, again).problem.evidence)
+        problem = started(audited, again).problem
+        audited = replace(audited, evidence=problem.evidence)
         # A reference that is late is no error of the pose.
-        return Prepared(recording, measured, audited, judged(measured.recording, None)[0])
+        return Prepared(recording, measured, audited, problem.path, judged(measured.recording, None)[0])
 
 
 def held_out_nats(terms: Iterable[Term], held_out: Sequence[Prepared], each: Map = map) -> dict[str, float]:
@@ -97,13 +100,13 @@ class _HeldOut:
 
     def __init__(self, held_out: Prepared, selection: Sequence[Selected]):
         audited, fixed = held_out.audited, [Selected(c.effect, c.values, ()) for c in selection]
-        problem = Problem(audited.evidence)
+        problem = Problem(audited.evidence, held_out.path)
         for _ in range(NOISE_ROUNDS):
             near = problem.around(fixed)
             fit = refine(near, [*fixed, *(event.selected for event in audited.events)])
             noise, fix_inflation = fitted(near, fit, searched=True)
             inflation = inflated(near, fit.left, noise)
-            problem = Problem(problem.evidence, problem.path, noise, fix_inflation, inflation=inflation)
+            problem = problem.with_noise(noise, fix_inflation, inflation)
         self._problem = problem
         self._events = list(refine(problem, [event.selected for event in audited.events]).selection)
         self._known: dict[tuple[str, ...], float] = {}

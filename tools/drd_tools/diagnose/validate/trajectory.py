@@ -10,14 +10,16 @@ from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.results import Array, Figures, Finding, Line, Paths, Verdict
 from drd_tools.diagnose.validate.heading_only import heading_figures
-from drd_tools.evaluate.judge import judge
-from drd_tools.evaluate.results import Run
-from drd_tools.evaluate.trajectory import Poses, reference_of
+from drd_tools.evaluate.alignment import align
+from drd_tools.evaluate.consistency import consistency
+from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift
+from drd_tools.evaluate.trajectory import Poses, associate, reference_of
 from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
 from drd_tools.replay.result import table
 
+MAX_GAP_S: Final = 1.0  # of a reference between whose rows errors are judged, as `drd evaluate` has it
 DRAWN_ROWS: Final = 2000  # more than a picture has pixels across
 OUTSIDE: Final = "outside_bound_percent"  # of the poses, beyond the 99 % bound that comes with each
 MOST_OUTSIDE_PERCENT: Final = 10.0  # 1 is expected; errors hang together, so that one long excursion is no exception
@@ -28,35 +30,32 @@ def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
     """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
     if recording.wheels is None:
         return heading_figures(recording, model), NO_POSES
-    run, rows = evaluated(recording, model)
-    return _figures(run), rows
-
-
-def evaluated(recording: Recording, model: Path | None) -> tuple[Run | None, Array]:
-    """The estimator's poses (n, columns) with a model or without, and how far they are from the reference."""
     rows = table(replay_folder(recording if model is None else with_model(recording, model)))
+    return _figures(recording, rows), rows
+
+
+def _figures(recording: Recording, rows: Array) -> Figures:
+    """How far poses (n, columns) are from the reference; nothing where that has too little in common with them."""
     if recording.reference is None or len(recording.reference.time_s) < 2 or len(rows) < 2:
-        return None, rows
-    covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
-    poses = Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance)
-    try:
-        return judge(poses, reference_of(recording)), rows
-    except ConfigError:
-        return None, rows  # start and end only, the start before the first pose
-
-
-def _figures(run: Run | None) -> Figures:
-    if run is None:
         return {}
+    covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
+    reference = reference_of(recording)
+    try:
+        pairs = associate(Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance), reference, MAX_GAP_S)
+    except ConfigError:
+        return {}  # start and end only, the start before the first pose
+    aligned, alignment = align(pairs, "start")
+    absolute, drift = absolute_error(aligned), kitti_drift(pairs)[0]
+    inside_99 = consistency(aligned, alignment, reference).inside_99
     found: Figures = {
-        "end_error_m": run.end.position_m,
-        "position_rms_m": run.absolute.position_rmse_m,
-        "heading_rms_deg": run.absolute.heading_rmse_deg,
+        "end_error_m": end_error(aligned, None).position_m,
+        "position_rms_m": absolute.position_rmse_m,
+        "heading_rms_deg": absolute.heading_rmse_deg,
     }
-    if run.drift is not None:
-        found["drift_percent"] = run.drift.percent
-    if run.consistency.inside_99 is not None:
-        found[OUTSIDE] = 100.0 * (1.0 - run.consistency.inside_99)
+    if drift is not None:
+        found["drift_percent"] = drift.percent
+    if inside_99 is not None:
+        found[OUTSIDE] = 100.0 * (1.0 - inside_99)
     return found
 
 

@@ -13,10 +13,10 @@ import msgspec
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E
-from drd_tools.diagnose.observe.constants import Constants
 from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Map, Prepared, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
+from drd_tools.recordings.folder import Recording
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
 SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
@@ -48,12 +48,15 @@ def validate(
     refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
     findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
 
+    before = [other.nominal for other in held_out]
+
     def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
         model = build([t for t in (*terms, *more) if t.effect not in refused])
         save_model(file, model)
-        return model, list(each(partial(figures_of, model=file), [other.measured for other in held_out]))
+        if not model.terms:
+            return model, before
+        return model, list(each(partial(figures_of, model=file), [other.measured.recording for other in held_out]))
 
-    before = [other.nominal for other in held_out]
     model, after = saved(())
     near = [msgspec.structs.replace(f.surrogate, why=SURROGATE) for f in findings if f.surrogate]
     if near and held_out:
@@ -65,9 +68,9 @@ def validate(
     return _validated(model, findings, held_out, before, after)
 
 
-def figures_of(measured: Constants, model: Path) -> Figures:
+def figures_of(recording: Recording, model: Path) -> Figures:
     """Errors of the poses that a model gives."""
-    return judged(measured.recording, model)[0]
+    return judged(recording, model)[0]
 
 
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
