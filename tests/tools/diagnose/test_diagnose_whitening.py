@@ -171,3 +171,11 @@ def test_noise_of_other_sizes_whitens_as_if_it_had_been_there_from_the_start(fac
     np.testing.assert_array_equal(again.data, fresh.data)
     np.testing.assert_array_equal(again.around([delayed]).data, fresh.around([delayed]).data)
     assert np.array_equal(again.data, p.data) == (factor == 1.0)
+
+
+def test_causes_are_whitened_beside_each_other_as_alone() -> None:
+    p = problem(SLALOM, 0)
+    of_effects = [p.sensitivity(c.effect, c.values) for c, _ in LINEAR]
+    causes = [*(s for _, _, s in p.nuisances), *of_effects, p.linear.data()]
+    alone = np.column_stack([p.whiten([s]) for s in causes])
+    np.testing.assert_allclose(p.whiten(causes), alone, rtol=0.0, atol=1e-9 * np.abs(alone).max())

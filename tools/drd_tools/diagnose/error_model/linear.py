@@ -177,10 +177,9 @@ class Linear:
         return u
 
     def _channels(self, sensitivities: Sequence[Sensitivity]) -> Array:
-        """Inputs of each event, (q, p, events): the four channels, and the fixes' three where there are any."""
+        """Inputs of each event, (q, p, events): of the channels, the last three the fixes', up to the last in use."""
         v = self._events
-        has_fix = any(isinstance(s.fix, np.ndarray) for s in sensitivities)
-        inputs = np.zeros((INPUTS if has_fix else 4, len(sensitivities), len(v.A)))
+        inputs = np.zeros((max(map(_used, sensitivities)), len(sensitivities), len(v.A)))
         for j, sensitivity in enumerate(sensitivities):
             for i in range(4):
                 if isinstance(channel := sensitivity.channels[i], np.ndarray):
@@ -195,9 +194,10 @@ class Linear:
         """
         v, n = self._events, len(self.evidence.step_s)
         rows: Array = np.empty((len(sensitivities), n + 3 * len(self.evidence.fix)), dtype)
+        order = sorted(range(len(sensitivities)), key=lambda j: _used(sensitivities[j]))
         for i in range(0, len(sensitivities), COLUMNS):
-            some = slice(i, i + COLUMNS)
-            y = self._filter.outputs(self._channels(sensitivities[some]))
+            some = order[i : i + COLUMNS]
+            y = self._filter.outputs(self._channels([sensitivities[j] for j in some]))
             rows[some, :n] = y[:, v.of_step, 0]
             rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
         return rows.T
@@ -239,6 +239,13 @@ class Linear:
         v = before - np.einsum("nij,nj->ni", G, after)
         states, first = Recursion(G[::-1]).states(v[::-1, :, None], last)
         return Path(self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
+
+
+def _used(sensitivity: Sensitivity) -> int:
+    """Inputs up to the last that is in use."""
+    if isinstance(sensitivity.fix, np.ndarray):
+        return INPUTS
+    return max((i for i, channel in enumerate(sensitivity.channels, 1) if isinstance(channel, np.ndarray)), default=1)
 
 
 @dataclass(frozen=True)

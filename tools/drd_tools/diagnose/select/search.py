@@ -24,6 +24,7 @@ RELINEARISATIONS: Final = 3  # at most; it ends before where it converges
 PATHS: Final = 6  # at most: each leaves a third of the noise in the one before
 CONVERGED_NATS: Final = 1.0  # less does not change which name is best: CLASS_NATS is more
 ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
+MOVED: Final = 0.05  # sigmas: less changes no linearisation
 LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
 NEXT_TO_NOTHING: Final = 0.003
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
@@ -167,14 +168,22 @@ def linearised(problem: Problem, fit: Fit, null: float) -> Found:
     """Linearise around the selected effects, fit them again, and so on while that helps."""
     best: Found | None = None
     for _ in range(RELINEARISATIONS):
-        problem = problem.around(fit.selection)
-        fit = refine(problem, fit.selection)
+        before = fit.selection
+        problem = problem.around(before)
+        fit = refine(problem, before)
         score = -fit.cost - problem.penalty(fit.selection)
         if best is not None and score < best.score + CONVERGED_NATS:
             break
         best = Found(problem, fit, score, null)
+        if not any(map(_has_moved, before, fit.selection)):
+            break
     assert best is not None
     return best
+
+
+def _has_moved(before: Selected, after: Selected) -> bool:
+    """Whether a parameter has moved by more than a small part of its deviation."""
+    return any(abs(after.number(n) - before.number(n)) > MOVED * after.sigma(n) for n in after.free)
 
 
 def converged(problem: Problem, known: Sequence[Selected]) -> Problem:
