@@ -8,6 +8,7 @@ import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.conclude.rivals import FAR_NATS, near_sets
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.select.library import is_possible
 from drd_tools.diagnose.select.search import (
@@ -185,3 +186,14 @@ def test_what_explains_less_than_nothing_did_before_is_no_error() -> None:
     found = _other_set(Search(late), Found(late, fit, score, score + 1e6))
     assert found is not None
     assert [c.id for c in found.fit.selection] == ["encoder_latency"]
+
+
+def test_of_the_fits_of_the_same_names_the_best_one_stands_for_them() -> None:
+    """An edge in time has several optima, next to each other."""
+    found = analyse(recorded(WAREHOUSE, 1, selected("gyro_bias_step", b=2e-4, t0=60.0))).conclusion.found
+    search = Search(found.problem)
+    near = near_sets(found, search)
+    assert near[0].fit is found.fit
+    best = {one.names: search.score(one.fit) for one in near}
+    for fit in search.near(found.fit, found.score - FAR_NATS):
+        assert search.score(fit) <= best[frozenset(c.id for c in fit.selection)]

@@ -63,8 +63,10 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
 
 
 def near_sets(found: Found, search: Search) -> list[Near]:
-    """The sets of names that may be true, what was found first."""
-    fits = {_names(fit): fit for fit in (found.fit, *search.near(found.fit, found.score - FAR_NATS))}
+    """The sets of names that may be true, each with its best fit, what was found first."""
+    fits: dict[frozenset[str], Fit] = {}
+    for fit in (found.fit, *search.near(found.fit, found.score - FAR_NATS)):  # best first
+        fits.setdefault(_names(fit), fit)
     return [Near(names, fit, search.averaged_score(fit)) for names, fit in fits.items()]
 
 
