@@ -21,6 +21,7 @@ START_S: Final = 60.0  # a start is worth so many seconds more of it
 WINDOW_S: Final = 120.0  # mean length of what comes and goes
 INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
 SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
+UNLIKELY: Final = 1e-3  # of an onset: sizes since then are not looked at
 HIDDEN: Final = 0.02  # share of its information that what robots do anyway must leave of an effect
 
 
@@ -142,21 +143,31 @@ class Bank:
         gain = gain * prior / (1.0 + prior) + further
         return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
 
-    def estimate(self, form: Form) -> Estimate:
-        """Sizes of a form, with its noise as its segments scatter."""
-        h, place = self.hypotheses[form.hypothesis], self._places[form.hypothesis]
-        last = len(self._score) - 1
-        v, score = self._v[:, form.begin, place] - 0.0, self._score[form.begin, place] - 0.0
-        full = self._products(place, form.begin)
-        if form.end < last:
-            v, score = v - self._v[:, form.end, place], score - self._score[form.end, place]
-            full = full - self._products(place, form.end)
+    def estimate(self, form: Form, onsets: Array) -> Estimate:
+        """Sizes of a form, over all onsets that may be its own, of the probabilities `onsets`."""
+        p = onsets[: form.end].copy()
+        p[form.begin] = max(float(p[form.begin]), UNLIKELY)
+        likely = np.flatnonzero(p >= UNLIKELY)
+        p = p[likely] / p[likely].sum()
+        each = [self._sizes(form.hypothesis, int(b), form.end) for b in likely]
+        sizes = np.array([z for z, _ in each])
+        mean = p @ sizes
+        covariance = np.tensordot(p, [c for _, c in each], 1) + (sizes - mean).T * p @ (sizes - mean)
+        return Estimate(self.hypotheses[form.hypothesis], form.begin, form.end, form.nats, mean, covariance)
+
+    def _sizes(self, hypothesis: int, begin: int, end: int) -> tuple[Array, Array]:
+        """Sizes (k,) and their covariance (k, k), with its noise as its segments scatter."""
+        h, place = self.hypotheses[hypothesis], self._places[hypothesis]
+        v, score = self._v[:, begin, place], self._score[begin, place]
+        full = self._products(place, begin)
+        if end < len(self._score) - 1:
+            v, score = v - self._v[:, end, place], score - self._score[end, place]
+            full = full - self._products(place, end)
         # The prior: where the data say nothing, the largest plausible size.
         covariance = np.linalg.inv(full - v.T @ v + np.diag(1.0 / np.square(h.limits)))
-        gain, j = float(score @ covariance @ score), self._j[form.hypothesis]
-        rest = max(self._q[form.hypothesis] - gain, 0.0)
-        inflation = max(1.0, (rest + SHEET_SEGMENTS) / (j + SHEET_SEGMENTS))
-        return Estimate(h, form.begin, form.end, form.nats, covariance @ score, inflation * covariance)
+        gain, j = float(score @ covariance @ score), self._j[hypothesis]
+        rest = max(self._q[hypothesis] - gain, 0.0)
+        return covariance @ score, max(1.0, (rest + SHEET_SEGMENTS) / (j + SHEET_SEGMENTS)) * covariance
 
     def _products(self, place: slice, at: int) -> Array:
         c, g, old, full = self._at[place], self._grows[place], self._old[at, place], self.sums.since[at]
@@ -167,11 +178,11 @@ class Bank:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Nats of each name over nothing, its prior in it; the likeliest form of each, and nats of each onset."""
+    """Nats of each name over nothing, its prior in it; the likeliest form of each, and probabilities of its onsets."""
 
     nats: dict[str, float]
     best: dict[str, Form]
-    begins: dict[str, Array]
+    onsets: dict[str, Array]
 
     @property
     def odds_nats(self) -> float:
@@ -220,7 +231,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
         if math.isfinite(most.nats):
             at = at - math.log(len(forms))
             found.nats[name], found.best[name] = float(np.logaddexp.reduce(at)), most
-            found.begins[name] = at
+            found.onsets[name] = np.exp(at - found.nats[name])
     return found
 
 

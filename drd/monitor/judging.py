@@ -52,7 +52,7 @@ class Judge:
             self._looks += 1
             # Another name for what is known already may explain this, too.
             if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
-                self._name(self._bank.estimate(found.best[found.first]), found)
+                self._name(self._bank.estimate(found.best[found.first], found.onsets[found.first]), found)
             return
         self._looks = 0
         if self.known:  # one at a time, in turn
@@ -99,14 +99,14 @@ class Judge:
         if name not in found.best:
             return False
         before = k.hypothesis, k.end_s
-        estimate = bank.estimate(found.best[name])
+        estimate = bank.estimate(found.best[name], found.onsets[name])
         if k.rivalry >= PATIENCE or self._now_s - k.named_s < SETTLES_S or k.end_s != self._end(estimate):
             self._place(k, estimate, found)
         else:
             begins = sums.begins_s.tolist()
             b = begins.index(k.begin_s) if k.begin_s in begins else 0
             e = begins.index(k.end_s) if k.end_s in begins else len(begins)
-            k.estimate = bank.estimate(Form(k.hypothesis, b, e, found.nats[name]))
+            k.estimate = bank.estimate(Form(k.hypothesis, b, e, found.nats[name]), found.onsets[name])
         return before != (k.hypothesis, k.end_s)
 
     def _end(self, estimate: Estimate) -> float | None:
@@ -119,10 +119,8 @@ class Judge:
         k.estimate, k.rivalry = estimate, 0
         k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
         k.begin_m = segments[estimate.begin].way_m
-        at = found.begins[estimate.hypothesis.id]
-        p = np.exp(at - at.max())
+        p = found.onsets[estimate.hypothesis.id]
         middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
-        p /= p.sum()
         mean = float(p @ middle)
         k.begin_std_s = math.sqrt(
             float(p @ (middle - mean) ** 2) + (segments[estimate.begin].end_s - k.begin_s) ** 2 / 12.0

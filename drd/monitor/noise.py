@@ -55,8 +55,11 @@ class RowNoise:
         own = x[:, :OWN] * w[:, None]
         gram = own.T @ own
         ridge = 1e-3 * np.diag(np.diagonal(gram)) + 1e-12 * np.eye(OWN)
-        r = rest * w - own @ np.linalg.solve(gram + ridge, own.T @ (rest * w))
-        weight = np.minimum(1.0, (TAIL_SIGMAS / np.maximum(np.abs(r), 1e-9)) ** 2)
+        fit = np.linalg.solve(gram + ridge, own.T)
+        r = rest * w - own @ (fit @ (rest * w))
+        # A row that a column has nearly to itself, as one that turns, would take it along: seen over what it leaves.
+        left = np.sqrt(1.0 - (own * fit.T).sum(1))
+        weight = np.minimum(1.0, (TAIL_SIGMAS * left / np.maximum(np.abs(r), 1e-9)) ** 2)
         found = good * weight / sigma**2
         for k in range(KINDS):
             mine = good & (kind == k)

@@ -37,7 +37,6 @@ class Known:
     begin_m: float
     others: Posterior | None = None
     doubts: int = 0
-    rival: str = ""
     rivalry: int = 0
     begin_std_s: float = 0.0
     probabilities: dict[str, float] = field(default_factory=dict)

@@ -177,6 +177,16 @@ def test_products_with_scatter_are_those_of_rows_whitened_with_it() -> None:
     assert scatter.white(z.T @ z) == pytest.approx(z.T @ np.linalg.solve(noise, z), rel=1e-6, abs=1e-6)
 
 
+def test_a_row_that_turns_nearly_alone_and_is_far_off_is_an_outlier_and_no_tread() -> None:
+    x, rest = np.zeros((20, OWN)), np.random.default_rng(6).normal(0.0, 1.0, 20)
+    x[:, 0], x[:4, TURN] = 0.1, (60.0, 35.0, 20.0, 10.0)
+    rest[0] = 12.0
+    weights = RowNoise().weights(x, rest, np.ones(20), np.ones(20, int), np.ones(20, bool))
+    assert weights[0] < 0.3
+    rest = 0.2 * x[:, TURN]
+    assert RowNoise().weights(x, rest, np.ones(20), np.ones(20, int), np.ones(20, bool)).tolist() == [1.0] * 20
+
+
 def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gyro_has_at_rest() -> None:
     random, before = np.random.default_rng(5), RowNoise()
     n = 60

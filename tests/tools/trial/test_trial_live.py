@@ -117,3 +117,9 @@ def test_a_floor_is_named_from_the_first_turn_on_it_and_nothing_beside_it(name: 
     told = live.judged(live_cases.Case(name, "floors", 0.0, seed))
     assert told.is_timely
     assert not any(s.is_wrong for s in told.said)
+
+
+def test_of_a_clock_that_drifts_the_interval_knows_that_its_onset_is_unsure() -> None:
+    told = live.judged(live_cases.Case("gyro_sample_clock-d12-000", "gyro_sample_clock", 12.0, 731))
+    assert len(told.sigmas) == 1
+    assert abs(told.sigmas[0]) < 2.5
