@@ -44,15 +44,15 @@ class FirstTurns:
         self._gyro += gyro_rad_s.tolist()
         gyro, wheels = np.array(self._gyro), np.array(self._wheels)
         turns = np.diff((np.abs(gyro) > CURVES_RAD_S).astype(int))
-        if np.abs(gyro).sum() * ROW_S < ENOUGH_RAD or np.abs(turns).sum() < ENOUGH_TURNS:
-            if len(gyro) > MOST_ROWS:
-                self._end()
+        few = np.abs(gyro).sum() * ROW_S < ENOUGH_RAD or np.abs(turns).sum() < ENOUGH_TURNS
+        if few and len(gyro) <= MOST_ROWS:
             return None
         shifts = np.arange(EARLIEST_ROWS, LATEST_ROWS + 1)
         inner = slice(-EARLIEST_ROWS, len(gyro) - LATEST_ROWS)
-        alike = np.array([np.corrcoef(gyro[inner], np.roll(wheels, -k)[inner])[0, 1] for k in shifts])
+        with np.errstate(invalid="ignore"):  # of a robot that has not moved
+            alike = np.array([np.corrcoef(gyro[inner], np.roll(wheels, -k)[inner])[0, 1] for k in shifts])
         best = int(alike.argmax())
-        if alike[best] < ALIKE:
+        if not alike[best] >= ALIKE:
             self._end()
             return None
         moved = np.roll(wheels, -int(shifts[best]))[inner]

@@ -10,6 +10,7 @@ from drd.batch.monitored import monitor_logs
 from drd.batch.samples import gyro_samples, wheel_samples, zero_of
 from drd.config.schema import ConfigError
 from drd.monitor.findings import Finding, Size
+from drd.monitor.first_turns import FirstTurns
 from drd.monitor.library import OWN, TURN
 from drd.monitor.monitor import Monitor
 from drd.monitor.noise import RowNoise
@@ -195,3 +196,14 @@ def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gy
     after = RowNoise(True, before)
     assert after.scale[0] == before.scale[0] > 2.0
     assert after.scale[1:].tolist() == [1.0, 1.0]
+
+
+def test_a_robot_that_creeps_through_its_first_two_minutes_shows_that_it_skids_and_one_that_stands_nothing() -> None:
+    creeps = 0.01 * np.sin(0.05 * np.arange(1300))
+    told = FirstTurns().add(1.8 * creeps, creeps)
+    assert told is not None
+    assert told.lag_s == 0.0
+    assert told.tread == pytest.approx(1.8, rel=0.01)
+    stands = FirstTurns()
+    assert stands.add(np.zeros(1300), np.zeros(1300)) is None
+    assert stands.is_over
