@@ -110,7 +110,7 @@ def test_noise_does_not_take_the_place_of_slip_where_no_gyro_tells_it() -> None:
 
 @pytest.mark.parametrize(("share", "ahead"), [(0.25, True), (0.65, True), (0.75, False), (1.0, False)])
 def test_a_reference_that_scatters_by_less_than_it_states_is_off_by_the_rest(share: float, ahead: bool) -> None:
-    """Of 10 mm that are stated and 2.5 mm of noise a lever arm of some 9.7 mm is nobody's physics."""
+    """Where 10 mm are stated and the fixes scatter by 2.5 mm, a lever arm of some 9.7 mm is nobody's physics."""
     recording = recorded(("slalom", 120.0), 1)
     stated_m = gather(recording).datasheet.position_m / share
     problem = Problem(
