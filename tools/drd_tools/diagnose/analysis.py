@@ -23,7 +23,7 @@ from drd_tools.recordings.folder import Recording
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
-FAULTS: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
+FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
@@ -74,9 +74,9 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
         faults["drift"] = drift
     for selected in conclusion.of_the_reference:
         for q in (selected.parameter(name) for name in selected.free):
-            name, before = FAULTS[q.unit], faults.get(FAULTS[q.unit])
-            value = selected.number(q.name) / q.si + (0.0 if before is None else before.value)
-            faults[name] = Amount(value, selected.sigma(q.name) / q.si, q.unit)
+            name = FAULT_OF_UNIT[q.unit]
+            before = faults[name].value if name in faults else 0.0
+            faults[name] = Amount(before + selected.number(q.name) / q.si, selected.sigma(q.name) / q.si, q.unit)
     return faults
 
 

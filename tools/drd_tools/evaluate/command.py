@@ -13,7 +13,7 @@ from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.limits import limit_for
 from drd_tools.evaluate.report import print_runs, write_report
 from drd_tools.evaluate.results import Evaluation, Run
-from drd_tools.evaluate.trajectory import Poses, Reference, read_poses, read_reference
+from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, Reference, read_poses, read_reference
 from drd_tools.options import kept, reference_sigma
 from drd_tools.report.saved import keep_and_show, tell_files
 
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     text = "none, start (default), first-metres M, or se2"
     add("--align", nargs="+", default=["start"], metavar="HOW", help=text)
     text = "no interpolation between poses further apart, s (default: 1)"
-    add("--max-gap", type=number(0.0, above=True), default=1.0, metavar="S", help=text)
+    add("--max-gap", type=number(0.0, above=True), default=MAX_GAP_S, metavar="S", help=text)
     text = "a path that ends so near to its start is closed, m (default: 5 %% of its length, at most 1 m)"
     add("--closed-within", type=number(0.0, above=True), metavar="M", help=text)
     add("--compare", nargs="+", type=Path, metavar="DIR", help="compare results that were saved")

@@ -11,7 +11,7 @@ from drd_tools.evaluate.growth import error_growth
 from drd_tools.evaluate.heading import heading_drift
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift, relative_by_time, turned
 from drd_tools.evaluate.results import Run, Series
-from drd_tools.evaluate.trajectory import Pairs, Poses, Reference, associate
+from drd_tools.evaluate.trajectory import MAX_GAP_S, Pairs, Poses, Reference, associate
 from drd_tools.limit.limit import Limit
 
 DRAWN_ROWS: Final = 2000
@@ -24,7 +24,7 @@ def judge(
     *,
     kind: str = "start",
     metres: float = 0.0,
-    max_gap_s: float = 1.0,
+    max_gap_s: float = MAX_GAP_S,
     closed_within_m: float | None = None,
     limit: Limit | None = None,
 ) -> Run:

@@ -18,6 +18,7 @@ COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2
 BOUND: Final = "position_bound_99_m"
 HEADERS: Final = tuple((*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,))))
 UPPER: Final = np.triu_indices(3)
+MAX_GAP_S: Final = 1.0  # between estimates that are interpolated: 20 poses, of which any may be lost
 DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself
 VERTEX_SIGMAS: Final = 10.0
 MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # of the length of a Gaussian vector in the plane

@@ -58,7 +58,7 @@ class Conclusion:
     detectable: dict[str, Smallest]
     classes: list[list[str]]
     unexplained: float
-    of_the_reference: tuple[Selected, ...] = ()
+    of_the_reference: Sequence[Selected] = ()
 
 
 def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
@@ -82,10 +82,11 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     estimates = reported_estimates(
         found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
     )
-    of_the_reference = tuple(c for c in estimates if is_the_references(found.problem, c))
+    of_the_reference: list[Selected] = []
     for test, reported in zip(tests, estimates, strict=True):
         name = test.selected.id
-        if reported in of_the_reference:
+        if is_the_references(found.problem, reported):
+            of_the_reference.append(reported)
             continue
         event = by_logic.get(name)
         if event is not None:

@@ -186,8 +186,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     if e.gyro_rad is None or e.is_far:
         since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
         found.append((DRIFT, DRIFT_S_PER_S, Sensitivity(fix=-dp * since_s)))
-    if e.is_far or ahead_m:
-        ahead_m = AHEAD_M if e.is_far else ahead_m
+    if ahead_m := AHEAD_M if e.is_far else ahead_m:
         found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
         passed = np.cumsum(moved, axis=0)
