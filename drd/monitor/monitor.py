@@ -70,7 +70,6 @@ class Monitor:
         self._bias_rad_s = 0.0
         self._judging = Judge(self._segments, self._library, self._constants.sigmas, self._skids)
         self._way_m = 0.0
-        self._symptom_m: dict[int, tuple[float, float]] = {}
         self.now_s = 0.0
         self._blocks = self._unfit = 0
 

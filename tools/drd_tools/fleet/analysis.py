@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,7 +77,7 @@ def _told(place: Path, recording: Recording) -> labels.Labels:
     start_s = float(reference.time_s[0]) if reference is not None and len(reference.time_s) else 0.0
     start = labels.start_of_run(place.name)
     if start is None and start_s > SINCE_START_S:
-        start = labels.since_1970(start_s)
+        start = datetime.fromtimestamp(start_s, UTC)
     return labels.Labels(robot=recording.nominal.name, start=start)
 
 

@@ -177,11 +177,6 @@ def _nats(score: Any, information: Any, jump: float) -> Any:
     return 0.5 * (score**2 / (information + jump**-2) - np.log1p(jump**2 * information))
 
 
-def with_step(p: Population, step: Step) -> Population:
-    """The population with one more step."""
-    return replace(p, steps=(*p.steps, step))
-
-
 def pruned(p: Population, jump: float) -> Population:
     """Without the steps that are no longer sure, now that the robots' own changes are known."""
     sure = [

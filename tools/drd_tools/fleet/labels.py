@@ -101,11 +101,6 @@ def start_of_run(name: str) -> datetime | None:
     return None if found is None else datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
 
 
-def since_1970(seconds: float) -> datetime:
-    """A time of seconds since 1970."""
-    return datetime.fromtimestamp(seconds, UTC)
-
-
 def _loaded(text: str) -> Any:
     """YAML in which what names something is text, even if it looks like a number: robot 7 is "7"."""
     return _typed(yaml.load(text, yaml.BaseLoader))

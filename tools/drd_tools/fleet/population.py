@@ -55,7 +55,7 @@ Apart = tuple[tuple[float, float], ...]
 class Population:
     """`spread`: of robots about their batch; `walk`: variance per day; `excess`: of recordings beyond their sigma.
 
-    `batch`, `place` with `batch_sigma`, `place_sigma`, and the `season` at `knots` (days): SI.
+    `batch`, `place` with `place_sigma`, and the `season` at `knots` (days): SI.
     """
 
     mean: float
@@ -63,7 +63,6 @@ class Population:
     excess: float
     walk: float
     batch: Array
-    batch_sigma: Array
     place: Array
     place_sigma: Array
     knots: Array
@@ -102,7 +101,7 @@ def first_guess(log: Log) -> Population:
     none, nowhere = np.zeros(len(log.batches)), np.zeros(len(log.places))
     spread, walk = max(spread, 0.1 * log.constant.spread), (WALK_PART * jump) ** 2
     return Population(
-        mean, spread, _excess(log), walk, none, none, nowhere, nowhere, knots, np.zeros(len(knots)), (),
+        mean, spread, _excess(log), walk, none, nowhere, nowhere, knots, np.zeros(len(knots)), (),
         (GROUP_PART * jump,) * 3,
     )  # fmt: skip
 
@@ -205,7 +204,6 @@ def _updated(log: Log, p: Population, beta: Array, covariance: Array, level: _Le
         mean=float(beta[0]),
         spread=float(np.sqrt(spread2)),
         batch=beta[1 : parts[1]],
-        batch_sigma=sigma[1 : parts[1]],
         place=beta[parts[1] : parts[2]],
         place_sigma=_about_their_mean(covariance[parts[1] : parts[2], parts[1] : parts[2]]),
         season=beta[at],

@@ -124,12 +124,6 @@ def date(day: float) -> str:
     return f"{when.day} {when:%B}"
 
 
-def events_by_robot(found: Statistics) -> dict[str, list[Event]]:
-    """The changes found, by robot, in time."""
-    every = sorted(found.found, key=lambda e: (e.robot, e.day))
-    return {robot: list(own) for robot, own in groupby(every, key=lambda e: e.robot)}
-
-
 def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
     """How much was looked at, and how much was found."""
     changed = {e.robot for e in found.found}

@@ -16,7 +16,7 @@ from drd_tools.fleet.calibration import inflation
 from drd_tools.fleet.changes import CREEP, ROOM, Changes, Prior, evidence, log_evidence, most_likely, posterior
 from drd_tools.fleet.discoveries import benjamini_hochberg, by_probability
 from drd_tools.fleet.events import Event, events, with_maintenance
-from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, stays_without_any, steps, with_step
+from drd_tools.fleet.groups import MOST_STEPS, ROBOT_DAYS, causes, pruned, stays_without_any, steps
 from drd_tools.fleet.levels import LEAST_SEEN, Segments, Series, Trend, series_of
 from drd_tools.fleet.population import LEAST_ROBOTS, Population, first_guess, fit
 from drd_tools.fleet.series import Integers, Log, Maintained, logs, maintained
@@ -53,12 +53,6 @@ class Fitted:
     trends: list[Trend]
     events: list[Event]
     offsets: list[Offset]
-
-    def deviation(self) -> Array:
-        """The distance of each robot's newest level from the others', in sigmas of these; NaN: never seen."""
-        expected, p = self.population.expected(self.log), self.population
-        last = np.array([t.level[-1] if len(t.level) else np.nan for t in self.trends])
-        return np.asarray((last - expected) / p.spread)
 
 
 @dataclass(frozen=True)
@@ -153,7 +147,7 @@ def _with_steps(log: Log, whole: list[Segments]) -> Population:
         step = steps(log, p, numbered[0], numbered[2], left)
         if step is None:
             break
-        p = fit(log, with_step(p, step), *numbered)
+        p = fit(log, replace(p, steps=(*p.steps, step)), *numbered)
     return p
 
 

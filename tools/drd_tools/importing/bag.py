@@ -10,9 +10,10 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
 from tqdm import tqdm
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
-from drd_tools.importing.streams import Array, Origin, Times
+from drd_tools.importing.streams import Origin, Times
 
 
 class Bag:

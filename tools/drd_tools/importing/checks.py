@@ -10,8 +10,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.units import DEG_PER_RAD
-from drd_tools.importing.matching import Array, Match, match
+from drd_tools.importing.matching import Match
 
 OK: Final = "ok"
 WRONG: Final = "wrong"
@@ -42,11 +43,6 @@ class Finding:
     numbers: dict[str, float] = field(default_factory=dict)
     proposal: dict[str, str] = field(default_factory=dict)
 
-    @property
-    def is_unknown(self) -> bool:
-        """Whether the data cannot tell."""
-        return self.verdict == UNKNOWN
-
 
 @dataclass(frozen=True)
 class Turning:
@@ -64,11 +60,6 @@ class Gravity:
     sign: int
     tilt_rad: float
     force_m_s2: float
-
-
-def against(truth: Turning, other: Turning, max_lag_s: float) -> Match | None:
-    """`other` as gain, lag and correlation of `truth`."""
-    return match(truth.time_s, truth.angle_rad, other.time_s, other.angle_rad, max_lag_s)
 
 
 def gravity(acceleration_m_s2: Array | None) -> Gravity | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
 from drd.commands import writing
 from drd.config.robot import Robot
@@ -19,7 +20,7 @@ from drd_tools.importing.examine import examine
 from drd_tools.importing.matching import Match, angle_of, match
 from drd_tools.importing.options import PROG, parser
 from drd_tools.importing.sources import open_source
-from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Wheels
+from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
 from drd_tools.importing.text_table import TextTable
 from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_robot, write_said

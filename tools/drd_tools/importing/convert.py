@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.importing.examine import GyroRates, WheelTravel
-from drd_tools.importing.streams import Array, Gyro, Reference, Times, Wheels
+from drd_tools.importing.streams import Gyro, Reference, Times, Wheels
 from drd_tools.recordings.folder import ReferenceLog
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 
+from drd.arrays import Array
 from drd.config.robot import MAX_SPEED_M_S
 from drd_tools.importing.checks import (
     WRONG,
     Finding,
     Turning,
-    against,
     check_offset,
     check_peak,
     check_speed,
@@ -16,7 +16,7 @@ from drd_tools.importing.checks import (
     gravity,
     most_turning,
 )
-from drd_tools.importing.matching import Array, Match, angle_of
+from drd_tools.importing.matching import Match, angle_of, match
 from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
 from drd_tools.recordings.folder import ReferenceLog
 
@@ -155,7 +155,10 @@ def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> floa
 
 
 def _match(truth: Turning | None, other: Turning | None, max_lag_s: float) -> Match | None:
-    return against(truth, other, max_lag_s) if truth is not None and other is not None else None
+    """`other` as gain, lag and correlation of `truth`, where there are both."""
+    if truth is None or other is None:
+        return None
+    return match(truth.time_s, truth.angle_rad, other.time_s, other.angle_rad, max_lag_s)
 
 
 def _turned_round(found: Match | None) -> Match | None:

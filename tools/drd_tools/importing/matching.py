@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
-Array = npt.NDArray[np.float64]
+from drd.arrays import Array
 
 # Rates are compared as means over cells no shorter than this: encoders' steps and vibration are averaged out.
 CELL_S: Final = 0.05
@@ -30,7 +30,6 @@ class Match:
 
     `lag_s`: how much later b shows the motion. `gain` is by least squares on a, whose noise makes it too small: it
     tells units apart and is no scale factor. `at_edge`: the largest correlation is at the end of the lags tried.
-    `rms_a`, `rms_b`: of the rates about their means, rad/s.
     """
 
     lag_s: float
@@ -40,8 +39,6 @@ class Match:
     correlation: float
     correlation_sigma: float
     at_edge: bool
-    rms_a: float
-    rms_b: float
     seconds: float
 
     @property
@@ -116,10 +113,10 @@ def _match(
     known = np.array([found[:3] for found in left_out if found is not None])
     # Block jackknife (Kuensch 1989): the noise of both sensors may be correlated within a block.
     sigma = np.sqrt((blocks - 1) / blocks * ((known - known.mean(axis=0)) ** 2).sum(axis=0))
-    lag_s, gain, correlation, rms_a, rms_b, at_edge = best
+    lag_s, gain, correlation, at_edge = best
     lag_sigma_s = math.hypot(float(sigma[0]), LAG_FLOOR * cell_s)
     r_sigma, seconds = float(sigma[2]), cells * cell_s
-    return Match(lag_s, lag_sigma_s, gain, float(sigma[1]), correlation, r_sigma, at_edge, rms_a, rms_b, seconds)
+    return Match(lag_s, lag_sigma_s, gain, float(sigma[1]), correlation, r_sigma, at_edge, seconds)
 
 
 def _rates(edges_s: Array, time_s: Array, angle: Array) -> Array:
@@ -131,8 +128,8 @@ def _sums(a: Array, b: Array, begins: npt.NDArray[np.int_]) -> Array:
     return np.array([np.add.reduceat(column, begins) for column in (np.ones_like(a), a, b, a * a, b * b, a * b)])
 
 
-def _best(sums: Array, lags_s: Array) -> tuple[float, float, float, float, float, bool] | None:
-    """Lag, gain, correlation, both rms and whether it is at the end, from sums of shape (lags, 6)."""
+def _best(sums: Array, lags_s: Array) -> tuple[float, float, float, bool] | None:
+    """Lag, gain, correlation and whether it is at the end, from sums of shape (lags, 6)."""
     n, a, b, aa, bb, ab = sums.T
     var_a, var_b, cov = aa / n - (a / n) ** 2, bb / n - (b / n) ** 2, ab / n - a * b / n**2
     # What rounding leaves of a constant rate is no motion.
@@ -147,5 +144,4 @@ def _best(sums: Array, lags_s: Array) -> tuple[float, float, float, float, float
         before, peak, after = np.abs(r[k - 1 : k + 2])
         bend = before - 2.0 * peak + after
         lag_s += 0.5 * float((before - after) / bend) * float(lags_s[1] - lags_s[0]) if bend < 0.0 else 0.0
-    rms_a, rms_b = math.sqrt(max(var_a[k], 0.0)), math.sqrt(max(var_b[k], 0.0))
-    return lag_s, float(cov[k] / var_a[k]) if rms_a > 0.0 else 0.0, float(r[k]), rms_a, rms_b, at_edge
+    return lag_s, float(cov[k] / var_a[k]) if var_a[k] > 0.0 else 0.0, float(r[k]), at_edge

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
 from drd_tools.importing.bag import Bag
@@ -23,7 +24,7 @@ from drd_tools.importing.ros_messages import (
     pose_of,
     proposal,
 )
-from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Source, Times, Wheels, in_order
+from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels, in_order
 from drd_tools.report.terminal import columns
 
 VECTORS: Final = {IMU: "angular_velocity", "geometry_msgs/msg/Vector3Stamped": "vector"}

@@ -7,8 +7,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
-from drd_tools.importing.streams import Array
 
 IMU: Final = "sensor_msgs/msg/Imu"
 JOINTS: Final = "sensor_msgs/msg/JointState"

@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd_tools.importing.checks import OK, UNKNOWN, WRONG, Finding
-from drd_tools.importing.matching import LEAST_CORRELATION, Array, Match
+from drd_tools.importing.matching import LEAST_CORRELATION, Match
 
 # The share of the travel along the reference's heading that must go one way, for a direction to be said.
 ONE_WAY: Final = 0.5

@@ -7,9 +7,9 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 
-Array = npt.NDArray[np.float64]
 Times = npt.NDArray[np.int64]
 
 # What a wheel's two columns can be. `twist` is forward speed in m/s and yaw rate in rad/s of the whole robot.

@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
-from drd_tools.importing.streams import Array, Gyro, Origin, Reference, Source, Times, Wheels, in_order
+from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels, in_order
 from drd_tools.report.terminal import columns
 
 SHOWN: Final = 40
