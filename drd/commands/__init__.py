@@ -1,8 +1,9 @@
 """Subcommands of the daemon, and what they share with the workshop's, which are in its own package."""
 
 import argparse
+import importlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,19 @@ def command(
     """A parser that prints description and epilog (examples, exit codes) as they are written."""
     form = argparse.RawDescriptionHelpFormatter
     return argparse.ArgumentParser(prog, description=description, epilog=epilog, parents=parents, formatter_class=form)
+
+
+def hand_over(prog: str, description: str, word: str, ways: Mapping[str, tuple[str, str]], argv: list[str]) -> int:
+    """Run the command that the first argument, a `word`, names; `ways`: module and summary of each."""
+    width = max(map(len, ways))
+    listed = "\n".join(f"  {name:{width}}  {summary}" for name, (_, summary) in ways.items())
+    epilog = f"{word}s:\n{listed}\n\n`{prog} {word.upper()} --help` explains each."
+    parser = command(prog, description, epilog)
+    parser.add_argument(word, choices=tuple(ways), metavar=word.upper(), help=f"one of the {word}s below")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help=f"the {word}'s own arguments")
+    chosen = parser.parse_args(argv)
+    call: Callable[[list[str]], int] = importlib.import_module(ways[getattr(chosen, word)][0]).main
+    return call(chosen.arguments)
 
 
 def config_argument() -> argparse.ArgumentParser:

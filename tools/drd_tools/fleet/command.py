@@ -1,12 +1,9 @@
 """`drd fleet`: what to do decides which command runs."""
 
-import argparse
-import importlib
 import logging
-from collections.abc import Callable
 from typing import Final
 
-from drd.commands import command
+from drd.commands import hand_over
 
 ACTIONS: Final = {
     "update": ("drd_tools.fleet.update_command", "analyse the recordings that are new or have changed"),
@@ -19,14 +16,7 @@ ACTIONS: Final = {
 
 def main(argv: list[str]) -> int:
     """Hand over to the action's own command; returns its exit code."""
-    width = max(map(len, ACTIONS))
-    actions = "\n".join(f"  {name:{width}}  {summary}" for name, (_, summary) in ACTIONS.items())
-    epilog = f"actions:\n{actions}\n\n`drd fleet ACTION --help` explains each."
-    parser = command("drd fleet", "Diagnose thousands of recordings, and keep what they say as tables.", epilog)
-    parser.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help="one of the actions below")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="the action's own arguments")
-    chosen = parser.parse_args(argv)
     # pandas, which pyarrow loads where it is there, announces its threads.
     logging.getLogger("numexpr").setLevel(logging.WARNING)
-    call: Callable[[list[str]], int] = importlib.import_module(ACTIONS[chosen.action][0]).main
-    return call(chosen.arguments)
+    description = "Diagnose thousands of recordings, and keep what they say as tables."
+    return hand_over("drd fleet", description, "action", ACTIONS, argv)
