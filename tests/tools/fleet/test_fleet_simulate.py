@@ -62,12 +62,11 @@ def test_summaries_are_a_store(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "left tyre" in capsys.readouterr().out
 
 
-def test_the_blind_trial_counts_what_was_found_and_what_is_not_there(tmp_path: Path) -> None:
+def test_the_blind_trial_counts_what_was_found_and_what_is_not_there() -> None:
     row = trial.judged(1, robots=6, days=30)
     assert [c.name for c in row.changes if c.after is None] == []
     assert all(c.is_own and abs(c.off or 0) <= 1 for c in row.changes)
     [found, rest] = trial.tables([row])
     assert found.rows[0][:3] == ["a radius by 0.5 %", "4", "1.000"]
     assert len(trial.lines([row])) >= len(row.false)
-    assert trial.save(tmp_path, [row]).stat().st_size > 500
     assert rest.rows[1][1].startswith(f"{len(row.false)}:")

@@ -11,11 +11,11 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
-from drd_tools.trial import baselines, contacts, distances, fleet, live, live_cases, plant, sbmi
+from drd_tools.trial import baselines, distances, fleet, live, live_cases, live_figures, plant, sbmi
 from drd_tools.trial.figures import Figures, Table
 from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
 from drd_tools.trial.planted import not_visible, planted_table, reported
-from drd_tools.trial.results import Head, Row, Store, read_answers
+from drd_tools.trial.results import Head, Row, Store, read_answers, save
 from drd_tools.trial.run import Others, calls
 from drd_tools.trial.text import PROGRAM, failures, text
 from drd_tools.trial.workers import completed
@@ -81,11 +81,16 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
-    if chosen.live:
-        return _live(parser, chosen)
-    if chosen.fleet:
-        return _fleet(parser, chosen)
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
+    if chosen.live or chosen.fleet:
+        option, run = ("--live", _live) if chosen.live else ("--fleet", _fleet)
+        if chosen.output is None or drawn or instead:
+            parser.error(
+                f"{option} goes with --output DIR, and without --each, --large, --folder, --plant and --distances"
+            )
+        with writing(chosen.output):
+            run(chosen)
+        return 0
     if chosen.output is None or not (drawn or instead):
         parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
     if instead and (drawn or (chosen.plant and chosen.distances)):
@@ -97,12 +102,7 @@ def main(argv: list[str]) -> int:
         return _drawn(chosen.output, chosen.quote)
 
 
-def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
-    others = chosen.folder or chosen.each or chosen.large or chosen.plant or chosen.distances
-    if chosen.output is None or others:
-        parser.error("--live goes with --output DIR, and without --each, --large, --folder, --plant and --distances")
-    from drd_tools.trial import live_figures  # noqa: PLC0415  # the page's template engine is slow
-
+def _live(chosen: argparse.Namespace) -> None:
     todo = [
         case
         for case in live_cases.cases(chosen.live, NULLS_TIMES * chosen.live, chosen.seed, chosen.remembers)
@@ -110,34 +110,38 @@ def _live(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
     ]
     if not todo:
         raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(chosen.only))
-    with writing(chosen.output):
-        rows = list(live.run(todo, chosen.jobs))
-        files = [live.save(chosen.output, rows), chosen.output / "live.html"]
-        options = f"{chosen.live}{' --remembers' * chosen.remembers}"
-        origin = f"Made by `drd trial --live {options}`, seed {chosen.seed}: {len(rows)} cases."
-        live_figures.write_page(rows, origin, files[1])
-    _tell(live_figures.tables(rows), live_figures.lines(rows), files)
-    return 0
+    rows = list(live.run(todo, chosen.jobs))
+    options = f"{chosen.live}{' --remembers' * chosen.remembers}"
+    origin = f"Made by `drd trial --live {options}`, seed {chosen.seed}: {len(rows)} cases."
+    tables, lines = live_figures.tables(rows), live_figures.lines(rows)
+    save(chosen.output / "live.jsonl", rows)
+    titles = "Trial of the monitor", origin, "Wrong, late or missed"
+    _tell(chosen.output / "live.html", titles, tables, lines)
 
 
-def _fleet(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> int:
-    others = chosen.folder or chosen.each or chosen.large or chosen.plant or chosen.distances
-    if chosen.output is None or others:
-        parser.error("--fleet goes with --output DIR, and without --each, --large, --folder, --plant and --distances")
+def _fleet(chosen: argparse.Namespace) -> None:
     seeds = range(chosen.seed, chosen.seed + chosen.fleet)
-    with writing(chosen.output):
-        rows = sorted(fleet.run(seeds, chosen.jobs), key=lambda row: row.seed)
-        files = [fleet.save(chosen.output, rows), chosen.output / "fleet.html"]
-        fleet.write_page(rows, f"Made by `drd trial --fleet {chosen.fleet}`, seed {chosen.seed}.", files[1])
-    _tell(fleet.tables(rows), fleet.lines(rows), files)
-    return 0
+    rows = sorted(fleet.run(seeds, chosen.jobs), key=lambda row: row.seed)
+    origin = f"Made by `drd trial --fleet {chosen.fleet}`, seed {chosen.seed}."
+    save(chosen.output / "fleet.jsonl", rows)
+    titles = "Trial of the fleet's statistics", origin, "Missed, late, misdated, and what is not there"
+    _tell(chosen.output / "fleet.html", titles, fleet.tables(rows), fleet.lines(rows))
 
 
-def _tell(tables: Sequence[Table], lines: Sequence[str], files: Sequence[Path]) -> None:
+def _tell(file: Path, titles: tuple[str, str, str], tables: Sequence[Table], lines: Sequence[str]) -> None:
+    """Print tables and lines, and write them as a page; `titles`: its own, its origin, and the lines'."""
+    from drd_tools.report.page import Page  # noqa: PLC0415  # its template engine is slow
+
+    page = Page(titles[0], [titles[1]])
     for table in tables:
+        page.heading(table.caption)
+        page.table(table.header, table.rows)
         print("\n".join([table.caption, *columns([table.header, *table.rows]), ""]))
+    page.heading(titles[2])
+    page.code("\n".join(lines) or "none")
+    page.save(file)
     print("\n".join(lines))
-    print(f"\nwrote {', '.join(str(f) for f in files)}")
+    print(f"\nwrote {file.with_suffix('.jsonl')}, {file}")
 
 
 def _run(chosen: argparse.Namespace) -> None:
@@ -150,7 +154,7 @@ def _run(chosen: argparse.Namespace) -> None:
         raise ConfigError("--minutes", "", "0.5 <= LOW <= HIGH <= 600", f"{low:g} {high:g}")
     plan = LARGE if chosen.large else Plan(*[chosen.each] * len(NONE))
     drawn = list(drawings(plan, chosen.seed, (low, high), chosen.reference, only))
-    if any(d.world == CONTACTS for d in drawn) and not contacts.is_there():
+    if any(d.world == CONTACTS for d in drawn) and not baselines.is_there("mujoco"):
         print("No drives of the MuJoCo world: mujoco is not installed (pip install 'drd[mujoco]').", file=sys.stderr)
         drawn = [d for d in drawn if d.world != CONTACTS]
     if not answers and not drawn:

@@ -1,10 +1,9 @@
 """Drives of the MuJoCo world with a nominal model that is calibrated to it."""
 
-import importlib.util
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,17 +23,11 @@ KNOTS: Final = 13
 STANDING: Final = 0.01  # m/s, rad/s
 
 
-@dataclass(frozen=True)
-class Driven:
+class Driven(NamedTuple):
     """A recording of the MuJoCo world, and the true motion, in terms of the calibrated nominal model, at 100 Hz."""
 
     recording: Recording
     motion: Motion
-
-
-def is_there() -> bool:
-    """Whether mujoco is installed."""
-    return importlib.util.find_spec("mujoco") is not None
 
 
 def drive(mission: str, seconds: float, seed: int, friction: float, reference: Reference, name: str) -> Driven:
@@ -93,11 +86,7 @@ def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Er
     half = 0.5 * tread_m * w
     # A body that rolls in turns makes its gyro read less than the heading turns.
     offs = (rate - w, left - v + half, right - v - half, m.lateral_m_s)
-    return Errors(*(_taken_off(own, off) for off in offs))
-
-
-def _taken_off(columns: Array, off: Array) -> Array:
-    return np.asarray(-columns @ np.linalg.lstsq(columns, off, rcond=None)[0])
+    return Errors(*(-own @ np.linalg.lstsq(own, off, rcond=None)[0] for off in offs))
 
 
 def _slip_m_per_sqrt_m(m: Motion) -> float:

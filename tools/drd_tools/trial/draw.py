@@ -73,7 +73,10 @@ def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
         names = (reversible()[int(random.integers(len(reversible())))],)
     run, other = (_run(drawing, names, random) for _ in range(2))
     other = msgspec.structs.replace(other, seconds=run.seconds)  # windows of time are in it, too
-    conditions, answer = Conditions(reference=Reference.parse(drawing.reference)), _answer(drawing, run)
+    conditions, answer = (
+        Conditions(reference=Reference.parse(drawing.reference)),
+        Answer(case=drawing.name, kind=drawing.kind, effects=[], drive=run),
+    )
     if drawing.kind == STRESSED:
         answer.stress = _stress(random)
         conditions = _stressed(conditions, answer.stress)
@@ -90,7 +93,7 @@ def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
     if not names:
         return Case(_turned(recording, answer.stress), (), answer, again)
     whitener = Whitener(Problem(gather(recording)), motion)
-    for effect in (_effect(name) for name in names):
+    for effect in (HIDDEN.get(name) or catalogue()[name] for name in names):
         d = drawing.detectability
         values = whitener.sized(effect, d, random) if d else eventful(motion, effect, random)
         if values is None:
@@ -107,14 +110,6 @@ def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
     if names[0] in HIDDEN and isinstance(margin, float) and margin < UNLIKE_NATS:
         return None  # on this drive a name says it all
     return Case(record(run, found, conditions)[0], found, answer, again)
-
-
-def _answer(drawing: Drawing, run: Run) -> Answer:
-    return Answer(case=drawing.name, kind=drawing.kind, effects=[], drive=run)
-
-
-def _effect(name: str) -> Effect:
-    return HIDDEN[name] if name in HIDDEN else catalogue()[name]
 
 
 def _run(drawing: Drawing, names: tuple[str, ...], random: Random) -> Run:
@@ -142,9 +137,8 @@ def _simulated(run: Run, effects: Effects, conditions: Conditions, name: str) ->
 
 def _in_contacts(run: Run, effects: Effects, conditions: Conditions, name: str) -> tuple[Recording, Motion]:
     reference = conditions.reference
-    driven = contacts.drive(run.mission, run.seconds, run.seed, run.friction, reference, name)
-    errors = [x.error(driven.motion, v) for x, v in effects]
-    return overlaid(driven.recording, driven.motion, errors), driven.motion
+    recording, motion = contacts.drive(run.mission, run.seconds, run.seed, run.friction, reference, name)
+    return overlaid(recording, motion, [x.error(motion, v) for x, v in effects]), motion
 
 
 def _stress(random: Random) -> Stress:

@@ -6,7 +6,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import msgspec
@@ -24,7 +23,6 @@ from drd_tools.trial.score import wilson
 from drd_tools.trial.workers import completed
 
 ROBOTS, DAYS = 40, 90
-RESULTS: Final = "fleet.jsonl"
 FIRST: Final = 5  # evening; before it there is no population
 REFITTED: Final = 7  # days between estimates of the population
 IN_TIME: Final = 3  # recordings
@@ -45,7 +43,6 @@ class Change(Struct, frozen=True, kw_only=True):
     day: float
     has_maintenance: bool
     after: int | None = None
-    first_off: int | None = None
     off: int | None = None
     is_own: bool | None = None
     sigmas: float | None = None
@@ -71,7 +68,6 @@ class Said:
 
     since: int
     event: Event
-    first: Event
 
 
 def run(seeds: Sequence[int], jobs: int, robots: int = ROBOTS, days: int = DAYS) -> Iterator[FleetRow]:
@@ -112,7 +108,7 @@ def _note(said: list[Said], found: Sequence[Event], evening: int) -> None:
                 old.event = event
                 break
         else:
-            said.append(Said(evening, event, event))
+            said.append(Said(evening, event))
 
 
 def _truths(fleet: Fleet, days: list[Drive]) -> Iterator[tuple[Happening, float, float]]:
@@ -184,10 +180,9 @@ def _change(
         full = day + (h.until - day) * min(1.0, 0.005 / abs(h.size))
         begin_k = int(np.searchsorted(times, full))
     after = int(np.searchsorted(times, s.since)) - begin_k
-    first_k = int(np.searchsorted(times, s.first.day - BEGIN_DAY - 1e-6))
     e = s.event
     return msgspec.structs.replace(
-        base, after=after, first_off=first_k - true_k, off=k - true_k, is_own=e.cause == "robot",
+        base, after=after, off=k - true_k, is_own=e.cause == "robot",
         sigmas=None if is_creep else float((e.size - size) / e.sigma),
         is_inside=bool(e.low - BEGIN_DAY <= times[true_k] + 1e-6 and times[true_k - 1] - 1e-6 <= e.high - BEGIN_DAY),
     )  # fmt: skip
@@ -274,24 +269,3 @@ def lines(rows: Sequence[FleetRow]) -> list[str]:
                 what = "MISSED" if c.after is None else f"after {c.after}, date off {c.off}, own {c.is_own}"
                 found.append(f"seed {r.seed}: {c.who} {c.name} {c.form} {c.kind} {c.size:+.4f} day {c.day:.1f}: {what}")
     return found
-
-
-def save(folder: Path, rows: Sequence[FleetRow]) -> Path:
-    """Write the rows, one JSON a line. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / RESULTS
-    file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
-    return file
-
-
-def write_page(rows: Sequence[FleetRow], origin: str, file: Path) -> None:
-    """The page of the figures. Raises OSError."""
-    from drd_tools.report.page import Page  # noqa: PLC0415  # its template engine is slow
-
-    page = Page("Trial of the fleet's statistics", [origin])
-    for one in tables(rows):
-        page.heading(one.caption)
-        page.table(one.header, one.rows)
-    page.heading("Missed, late, misdated, and what is not there")
-    page.code("\n".join(lines(rows)) or "none")
-    page.save(file)

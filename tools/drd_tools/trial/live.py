@@ -3,18 +3,15 @@
 `judged` simulates and monitors a case, blind; `run` all of them; `live_cases` draws them, `live_figures` counts.
 """
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 import msgspec
 from msgspec import Struct
 
 from drd.batch.monitored import monitor_logs
-from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
 from drd.monitor.constants import KNOWN_SIGMAS, Constants
@@ -27,7 +24,6 @@ from drd_tools.replay.nominal import configuration
 from drd_tools.trial.live_cases import TURN_S, Case, drawn
 from drd_tools.trial.workers import completed
 
-RESULTS: Final = "live.jsonl"
 REMEMBERED: Final = Constants(dict.fromkeys(KNOWN_SIGMAS, 0.0), KNOWN_SIGMAS)  # of a robot that has not changed
 # Names of one and the same thing where there is no reference: scale times tread, whenever and wherever it begins.
 ALIKE: Final = frozenset({"tread_error", "gyro_scale_error", "terrain_tread"})
@@ -158,20 +154,3 @@ def _sigmas(effect: Effect, values: Values, told: dict[str, Size | str]) -> list
         if isinstance(size, Size) and size.std > 0.0 and q.name in values and not (q.moment or q.is_angle):
             found.append((size.value - float(values[q.name]) / q.si) / size.std)
     return found
-
-
-def save(folder: Path, rows: Sequence[LiveRow]) -> Path:
-    """Write the rows, one JSON a line. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / RESULTS
-    file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
-    return file
-
-
-def load(folder: Path) -> list[LiveRow]:
-    """Read what `save` has written. Raises ConfigError."""
-    file = folder / RESULTS
-    try:
-        return [msgspec.convert(json.loads(line), LiveRow) for line in file.read_text(encoding="utf-8").splitlines()]
-    except (OSError, ValueError) as error:
-        raise ConfigError(str(file), "", "results of drd trial --live", str(error)) from error

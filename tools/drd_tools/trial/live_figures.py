@@ -2,15 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import NormalDist
 from typing import Final
 
 import numpy as np
+from scipy.stats import chi2
 
 from drd.monitor.findings import Z_90
 from drd.monitor.library import UNKNOWN
-from drd_tools.report.page import Page
 from drd_tools.trial.figures import Table
 from drd_tools.trial.live import LiveRow
 from drd_tools.trial.live_cases import DISTANCES, NULLS, TURN_S, WAY_M, seen_live
@@ -50,15 +49,7 @@ def ceiling(d: float, seconds: float) -> float:
 
 def most_by_chance(count: int) -> float:
     """Mean of a Poisson distribution that leaves so few, or fewer, with a probability of 5 %."""
-    low, high = 0.0, 10.0 + 3.0 * count
-    for _ in range(40):
-        mean = 0.5 * (low + high)
-        term = total = math.exp(-mean)
-        for k in range(1, count + 1):
-            term *= mean / k
-            total += term
-        low, high = (mean, high) if total > 0.05 else (low, mean)
-    return high
+    return float(0.5 * chi2.ppf(0.95, 2 * count + 2))
 
 
 def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
@@ -135,14 +126,3 @@ def lines(rows: Sequence[LiveRow]) -> list[str]:
                 f"{r.case.name}: from {r.begin_s or 0.0:.0f} s, in time until {r.limit_s:.0f} s: {said or '-'}"
             )
     return found
-
-
-def write_page(rows: Sequence[LiveRow], origin: str, file: Path) -> None:
-    """The page of the figures. Raises OSError."""
-    page = Page("Trial of the monitor", [origin])
-    for table in tables(rows):
-        page.heading(table.caption)
-        page.table(table.header, table.rows)
-    page.heading("Wrong, late or missed")
-    page.code("\n".join(lines(rows)) or "none")
-    page.save(file)

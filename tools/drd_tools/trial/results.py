@@ -203,6 +203,12 @@ class Store:
         self.file.write_text("".join(map(_line, rows)), encoding="utf-8")
 
 
+def save(file: Path, rows: Sequence[Struct]) -> None:
+    """Write rows of another trial, one JSON a line. Raises OSError."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
+
+
 def read_answers(folder: Path) -> list[Answer]:
     """answers.json of a folder of recordings. Raises ConfigError."""
     file = folder / ANSWERS
