@@ -8,10 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from drd.arrays import Array
 from drd.config.keys import Noise
 from drd.config.schema import ConfigError
-from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
+from drd.units import RAD_PER_DEG, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
 from drd_tools.calibrate.noise.allan import FLOOR, TERMS, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import SIMULATIONS, Interval, Simulator, intervals, shows_ramp
 from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog
@@ -110,7 +109,9 @@ def analyse(
         on_step()
     slow = fit(shape, measured, curve.edf, FILTER)
     random_walk = intervals(curve, slow, simulator, (K,), on_step)[K]
-    bias, sigma = float(log.rate_rad_s.mean()), math.sqrt(_mean_variance(found.squares, log.duration_s))
+    # The mean against the bias at the log's end: N^2/T is (28), K^2 T/3 of a random walk, and flicker's floor. (49)
+    sigma = math.sqrt(float(shapes(np.array([log.duration_s]))[0] @ found.squares))
+    bias = float(log.rate_rad_s.mean())
     first = bias if warm_up is None else float(warm_up.at(np.zeros(1))[0])
     return GyroNoise(
         whole=whole,
@@ -143,14 +144,6 @@ def _instability_rad_s(found: Fit) -> float:
     return math.sqrt(float(found.variance.min()) / FLOOR)
 
 
-def _mean_variance(squares: Array, duration_s: float) -> float:
-    """Variance of the log's mean against the bias at its end: the model at the log's length, (28) with (49).
-
-    N^2/T is (28), K^2 T/3 the variance of a random walk's mean against its end; flicker adds its floor.
-    """
-    return float(shapes(np.array([duration_s]))[0] @ squares)
-
-
 def filter_noise(angle: Interval, random_walk: Interval) -> FilterNoise:
     """Choose what goes into the configuration. (50)
 
@@ -171,11 +164,10 @@ def unit_of(term: int) -> tuple[str, str, float, str]:
     return (*_UNITS[term], TERMS[term])
 
 
-_DEG: Final = math.pi / 180.0
 _UNITS: Final = (
-    ("angle quantisation", "deg", _DEG),
-    ("angle random walk", "deg/sqrt(h)", _DEG / 60.0),
-    ("bias instability", "deg/h", _DEG / 3600.0),
-    ("rate random walk", "deg/h/sqrt(h)", _DEG / 3600.0 / 60.0),
-    ("rate ramp", "deg/h/h", _DEG / 3600.0 / 3600.0),
+    ("angle quantisation", "deg", RAD_PER_DEG),
+    ("angle random walk", "deg/sqrt(h)", RAD_PER_DEG / 60.0),
+    ("bias instability", "deg/h", RAD_PER_DEG / 3600.0),
+    ("rate random walk", "deg/h/sqrt(h)", RAD_PER_DEG / 3600.0 / 60.0),
+    ("rate ramp", "deg/h/h", RAD_PER_DEG / 3600.0 / 3600.0),
 )

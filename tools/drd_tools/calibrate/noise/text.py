@@ -151,7 +151,7 @@ def _excess(result: GyroNoise) -> str:
     return f" At {duration(tau_s)} that is {ratio:.2g} times what was measured: on the safe side." if ratio > 2 else ""
 
 
-def snippet(result: GyroNoise, now: datetime | None = None) -> str:
+def snippet(result: GyroNoise) -> str:
     """The configuration's lines, with their uncertainty and provenance as comments."""
     n, si = result.intervals[N], RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
     k_si = RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
@@ -161,7 +161,7 @@ def snippet(result: GyroNoise, now: datetime | None = None) -> str:
         Origin.BOUND: "upper bound (95 %): not visible in this log",
         Origin.DEFAULT: f"the default; this log only says: at most {_plain(walk.high / k_si)}",
     }[result.filter.origin]
-    when = (now or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+    when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     log, bias = result.log, result.bias_rad_s * DEG_PER_RAD
     return f"""\
 # Gyro noise for drd's configuration: merge it into the section `estimation` there.

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +26,7 @@ POSITION_SIGMA_M: Final = 0.01
 HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
 
 
-@dataclass(frozen=True)
-class Wheels:
+class Wheels(NamedTuple):
     """The geometry that turns wheel angles into motion."""
 
     left_radius_m: float

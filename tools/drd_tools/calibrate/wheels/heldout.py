@@ -39,11 +39,6 @@ class HeldOut:
         """Of the recording, or of its part."""
         return self.drive.name
 
-    @property
-    def path_m(self) -> float:
-        """Length of the path by the nominal wheels."""
-        return self.drive.path_m
-
 
 def aligned_path(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
     """Odometry as the reference would see it, shape (n, 2) and heading (n,), put on the reference at the start."""

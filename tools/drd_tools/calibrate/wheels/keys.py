@@ -35,12 +35,8 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
     That is the sigma with the spread between recordings; the defaults where there is a single recording or a value is
     not determined; and no less than what `other`, the held-out recordings' own fit, departs by.
     """
-    w, v = fit.wheels, fit.wheels if other is None else other.wheels
-    departure = [
-        abs(v.left_radius_m / w.left_radius_m - 1),
-        abs(v.right_radius_m / w.right_radius_m - 1),
-        abs(v.tread_m / w.tread_m - 1),
-    ]
+    departs_to = fit.wheels if other is None else other.wheels
+    departure = [abs(v / w - 1) for v, w in zip(departs_to, fit.wheels, strict=True)]
     sigmas = []
     for sigma, between, default in zip(fit.sigma, apart, (WHEEL_SCALE, WHEEL_SCALE, MEASURED_TREAD), strict=True):
         sigmas.append(max(sigma, default) if math.isnan(between) else math.hypot(sigma, between))

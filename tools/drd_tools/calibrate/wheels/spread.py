@@ -46,14 +46,10 @@ def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, 
         fit_wheels([drive], fit, fit.mounting) for drive in tqdm(drives, desc="by itself", disable=None, leave=False)
     ]
     found = []
-    for k, joint in enumerate(_values(fit)):
+    for k, joint in enumerate(fit.wheels):
         informative = [f for f in alone if (all(f.determined[:2]) if k < 2 else f.determined[2])]
-        ratios = np.array([_values(f)[k] / joint for f in informative])
+        ratios = np.array([f.wheels[k] / joint for f in informative])
         found.append(
             spread(ratios, np.array([(f.window_sigma[k] * r) ** 2 for f, r in zip(informative, ratios, strict=True)]))
         )
     return found[0], found[1], found[2]
-
-
-def _values(fit: WheelFit) -> tuple[float, float, float]:
-    return fit.wheels.left_radius_m, fit.wheels.right_radius_m, fit.wheels.tread_m

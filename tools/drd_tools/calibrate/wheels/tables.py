@@ -67,14 +67,16 @@ def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
 def held_out_table(found: Found) -> tuple[Sequence[str], list[list[str]]]:
     """Header and rows: held-out figures, nominal -> calibrated, and over all of them."""
     figures, tread_m = found.figures, found.drives[0].nominal.tread_m
-    rows = [_figure_row(f.name, f.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
+    rows = [_figure_row(f.name, f.drive.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
     count = len(figures)
     if count > 1:
         means = []
         for errors in ([f.nominal for f in figures], [f.calibrated for f in figures]):
             sums = [sum(abs(getattr(e, n)) for e in errors) for n in ("end_m", "end_heading_rad")]
             means.append(Error(sums[0] / count, math.sqrt(sum(e.rms_m**2 for e in errors) / count), sums[1] / count))
-        rows.append(_figure_row("all (mean)", sum(f.path_m for f in figures) / count, means[0], means[1], tread_m))
+        rows.append(
+            _figure_row("all (mean)", sum(f.drive.path_m for f in figures) / count, means[0], means[1], tread_m)
+        )
     return _HELD_OUT, rows
 
 

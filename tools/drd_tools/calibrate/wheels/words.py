@@ -94,13 +94,11 @@ def held_out_warnings(
     if other is None:
         return said
     names = ("left radius", "right radius", "tread")
-    values = [(w.left_radius_m, w.right_radius_m, w.tread_m) for w in (fit.wheels, other.wheels)]
-    known = (all(f.determined[:2]) for f in (fit, other))
-    radii = all(known)
+    radii = all(all(f.determined[:2]) for f in (fit, other))
     for k, name in enumerate(names):
         if not (radii if k < 2 else fit.determined[2] and other.determined[2]):
             continue
-        mine, its = values[0][k], values[1][k]
+        mine, its = fit.wheels[k], other.wheels[k]
         sigma = math.hypot(fit.sigma[k] * mine, other.sigma[k] * its)
         if abs(mine - its) > NOTABLE_SIGMA * sigma:
             said.append(
