@@ -4,6 +4,7 @@ import logging
 import secrets
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,7 +43,48 @@ class _Entry(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-class Recorder:
+class HandedOver(ABC):
+    """What a run hands over to be recorded, an entry of one kind each."""
+
+    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
+        """Bytes from the gyro's port."""
+        self._put("fog_bytes", data, arrival_ns)
+
+    def frames(self, frames: Sequence[CanFrame]) -> None:
+        """A batch of frames from the bus."""
+        if frames:
+            self._put("frames", tuple(frames))
+
+    def event(self, name: str, now_ns: int, **values: Any) -> None:
+        """A tick, a port's state or a command, with its arguments."""
+        self._put("event", name, now_ns, values)
+
+    def gyro(self, sample: GyroSample) -> None:
+        """A decoded gyro sample."""
+        self._put("gyro", sample)
+
+    def wheels(self, sample: WheelSample) -> None:
+        """A decoded wheel sample."""
+        self._put("wheels", sample)
+
+    def pose(self, pose: Pose, wall_ns: int) -> None:
+        """A pose as published."""
+        self._put("pose", pose, wall_ns)
+
+    def health_report(self, health: Mapping[str, Any]) -> None:
+        """The health as published."""
+        self._put("health", health)
+
+    def findings_report(self, findings: Mapping[str, Any]) -> None:
+        """What the monitor says, as published."""
+        self._put("findings", findings)
+
+    @abstractmethod
+    def _put(self, kind: str, *arguments: Any) -> None:
+        """Take an entry; `kind` and its arguments: see topics.Encoder."""
+
+
+class Recorder(HandedOver):
     """Records one run, in one or more files. Trouble with the disk is told by `health`; nothing raises after `start`.
 
     What is handed over must not be changed afterwards. The methods that hand over are called from one thread, the
@@ -79,41 +121,6 @@ class Recorder:
         self._stopping.set()
         self._thread.join(deadline_s)
         return not self._thread.is_alive()
-
-    # ---- handed over by the event loop --------------------------------------------------------------------------
-
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        """Bytes from the gyro's port."""
-        self._put("fog_bytes", data, arrival_ns)
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """A batch of frames from the bus."""
-        if frames:
-            self._put("frames", tuple(frames))
-
-    def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """A tick, a port's state or a command, with its arguments."""
-        self._put("event", name, now_ns, values)
-
-    def gyro(self, sample: GyroSample) -> None:
-        """A decoded gyro sample."""
-        self._put("gyro", sample)
-
-    def wheels(self, sample: WheelSample) -> None:
-        """A decoded wheel sample."""
-        self._put("wheels", sample)
-
-    def pose(self, pose: Pose, wall_ns: int) -> None:
-        """A pose as published."""
-        self._put("pose", pose, wall_ns)
-
-    def health_report(self, health: Mapping[str, Any]) -> None:
-        """The health as published."""
-        self._put("health", health)
-
-    def findings_report(self, findings: Mapping[str, Any]) -> None:
-        """What the monitor says, as published."""
-        self._put("findings", findings)
 
     def _put(self, kind: str, *arguments: Any) -> None:
         self._number += 1

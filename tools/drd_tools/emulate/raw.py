@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -17,8 +17,9 @@ from drd.pipeline import Pipeline
 from drd.ports.clock import TICK_S
 from drd.recording.file import RecordingFile
 from drd.recording.in_force import files_in_force
+from drd.recording.recorder import HandedOver
 from drd.recording.topics import Encoder
-from drd.samples import CanFrame, GyroSample, Pose, WheelSample
+from drd.samples import CanFrame, Pose
 from drd.units import NS_PER_S
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.endpoints import PtyLink, can_endpoint
@@ -66,30 +67,12 @@ def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
     return sorted(found, key=lambda arrival: arrival.time_s)
 
 
-class _Writer:
+class _Writer(HandedOver):
     """The recorder of a run that takes no time: what the pipeline is handed goes straight into the file."""
 
     def __init__(self, file: RecordingFile, config: Config):
         self._file, self._encoder = file, Encoder(config.output, config.recording.viewers)
         self.number = self.now_ns = 0
-
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        self._put("fog_bytes", data, arrival_ns)
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        self._put("frames", tuple(frames))
-
-    def event(self, name: str, now_ns: int, **values: Any) -> None:
-        self._put("event", name, now_ns, values)
-
-    def gyro(self, sample: GyroSample) -> None:
-        self._put("gyro", sample)
-
-    def wheels(self, sample: WheelSample) -> None:
-        self._put("wheels", sample)
-
-    def pose(self, pose: Pose, _: int) -> None:
-        self._put("pose", pose, _wall_ns(pose.t_ns))
 
     def _put(self, kind: str, *arguments: Any) -> None:
         self.number += 1
@@ -128,7 +111,7 @@ def write_mcap(file: Path, recording: Recording, config: Loaded[Config], base: P
         def on_pose(pose: Pose, _: int) -> None:
             nonlocal count
             count += 1
-            writer.pose(pose, _)
+            writer.pose(pose, _wall_ns(pose.t_ns))
 
         pipeline = Pipeline(config.value, base, on_pose, writer)
         due_s = 0.0
