@@ -1,16 +1,19 @@
 """Processes that diagnose, which end with the command that began them."""
 
 import multiprocessing
+import operator
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from drd.config.schema import ConfigError
+
+T = TypeVar("T")
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -38,6 +41,15 @@ def pool_of(jobs: int) -> Iterator[ProcessPoolExecutor]:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def called(calls: Sequence[Callable[[], T]], jobs: int, at_once: int = 1) -> Iterator[T]:
+    """Results of calls in their order, done in so many processes, each handed so many `at_once`; of 1, in this one."""
+    if jobs == 1:
+        yield from (call() for call in calls)
+        return
+    with pool_of(jobs) as pool:
+        yield from pool.map(operator.call, calls, chunksize=at_once)
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """`drd fleet simulate`: a fleet whose history is known."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,7 @@ from drd.commands import command, number, whole, writing
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.fleet.histories import BATCHES, BEGIN, PLACES, Drive, Fleet, draw, maintenance_rows, summaries
-from drd_tools.processes import pool_of
+from drd_tools.processes import called
 from drd_tools.simulate.conditions import Conditions, stream
 from drd_tools.simulate.files import write_folder
 from drd_tools.simulate.missions import make_drive
@@ -124,21 +123,8 @@ def folder_of(drive: Drive) -> str:
 
 def _record(fleet: Fleet, seed: int, seconds: float, folder: Path, jobs: int) -> None:
     calls = [partial(record, drive, k, seed, seconds, folder) for k, drive in enumerate(fleet.drives)]
-    with tqdm(total=len(calls), desc="simulating", unit="recording", disable=None) as bar:
-        for _ in _done(calls, jobs):
-            bar.update()
-
-
-def _done(calls: list[Any], jobs: int) -> Iterator[None]:
-    if jobs == 1:
-        yield from (call() for call in calls)
-        return
-    with pool_of(jobs) as pool:
-        yield from pool.map(_call, calls, chunksize=LOADS)
-
-
-def _call(call: Any) -> None:
-    call()
+    for _ in tqdm(called(calls, jobs, LOADS), total=len(calls), desc="simulating", unit="recording", disable=None):
+        pass
 
 
 def record(drive: Drive, number: int, seed: int, seconds: float, folder: Path) -> None:

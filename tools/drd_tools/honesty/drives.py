@@ -1,7 +1,6 @@
 """Real drives: the shared recordings of two robots."""
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -64,7 +63,7 @@ def _judge(robot: Robot, recording: Recording, found: c.Calibration | None) -> J
     if found is not None:
         reference = at_centre(reference, found.mounting)
     yardstick = Yardstick(reference, False, robot.allowed_m, robot.moving_m_s)
-    group = recording.name if robot.each_alone else _kind(robot.kinds, recording.name)
+    group = recording.name if robot.each_alone else next(filter(recording.name.startswith, robot.kinds))
     wheels = None if found is None else found.file
     return Judged("real", group, recording.name, all_figures(recording, wheels, yardstick))
 
@@ -77,10 +76,6 @@ def at_centre(reference: Reference, mounting: Mounting) -> Reference:
     ahead_m, left_m = mounting.forward_m, mounting.left_m
     pose = np.column_stack([x_m - cos * ahead_m + sin * left_m, y_m - sin * ahead_m - cos * left_m, heading])
     return replace(reference, pose=pose)
-
-
-def _kind(kinds: Sequence[str], name: str) -> str:
-    return next(kind for kind in kinds if name.startswith(kind))
 
 
 def all_figures(

@@ -3,7 +3,6 @@
 import functools
 import importlib.util
 import math
-import operator
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
@@ -14,7 +13,7 @@ from drd_tools.honesty.drives import FOLDS, ROBOTS, SHARED, drives_of, judge_fol
 from drd_tools.honesty.results import Judged, Results
 from drd_tools.honesty.scenarios import MUJOCO, SCENARIOS
 from drd_tools.honesty.simulated import BESIDE, judge_seed
-from drd_tools.processes import pool_of
+from drd_tools.processes import called
 
 FULL_SEEDS: Final = 300
 # With one process under a minute in all.
@@ -29,7 +28,8 @@ def run(seeds: int, *, short: bool, jobs: int, shared: Path = SHARED) -> Results
     """Judge all drives. The order of the results does not depend on `jobs`."""
     notes: list[str] = []
     tasks = [*_real(short, shared, notes), *_simulated(seeds, 0 if short else BESIDE, notes)]
-    return Results(seeds, [one for judged in _done(tasks, jobs) for one in judged], notes)
+    shown = tqdm(called(tasks, jobs), total=len(tasks), desc="drives", disable=None, smoothing=0.0)
+    return Results(seeds, [one for judged in shown for one in judged], notes)
 
 
 def _real(short: bool, shared: Path, notes: list[str]) -> Iterator[Task]:
@@ -55,11 +55,3 @@ def _simulated(seeds: int, beside: int, notes: list[str]) -> Iterator[Task]:
 
 def _one(name: str, seed: int, beside: int) -> list[Judged]:
     return [judge_seed(name, seed, beside)]
-
-
-def _done(tasks: list[Task], jobs: int) -> list[list[Judged]]:
-    shown = functools.partial(tqdm, total=len(tasks), desc="drives", disable=None, smoothing=0.0)
-    if jobs == 1:
-        return [task() for task in shown(tasks)]
-    with pool_of(jobs) as pool:
-        return list(shown(pool.map(operator.call, tasks)))

@@ -1,6 +1,6 @@
 """The results as text."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 from drd_tools.evaluate.consistency import nees_interval
@@ -11,14 +11,13 @@ from drd_tools.honesty.figures import Figures
 from drd_tools.honesty.promises import (
     LEVEL,
     POSE_DOF,
-    Verdict,
     goals,
     nees_limit,
     nees_of,
     promises,
     single_seeds_worse,
 )
-from drd_tools.honesty.results import Judged, Results, together
+from drd_tools.honesty.results import Results, together
 from drd_tools.honesty.scenarios import SCENARIOS, SECONDS
 from drd_tools.report.terminal import columns
 
@@ -63,7 +62,13 @@ def text_of(results: Results) -> str:
             f"  {name}: {scenario.about}" for name, scenario in SCENARIOS.items() if name in results.groups("simulated")
         ]
         parts += ["", DRAWN, *effects, "", *columns([NEES_HEADER, *nees], TEXT_COLUMNS, "")]
-    parts += ["", *_promise_lines(results), "", "Goals", *map(_goal_line, goals(results))]
+    parts += [
+        "",
+        *_promise_lines(results),
+        "",
+        "Goals",
+        *(f"  {'met' if g.kept else 'MISSED'}: {g.about}: {g.text}" for g in goals(results)),
+    ]
     return "\n".join(parts)
 
 
@@ -112,19 +117,7 @@ def _promise_lines(results: Results) -> Iterator[str]:
     found = promises(results)
     broken = [verdict for verdict in found if not verdict.kept]
     yield f"Promises: {len(found) - len(broken)} kept, {len(broken)} broken"
-    yield from map(broken_line, broken)
+    yield from (f"  BROKEN: {verdict.about}: {verdict.text}" for verdict in broken)
     for group, drives in results.groups("simulated").items():
-        yield f"  single seeds worse than their best baseline: {group}: {_worse(drives)}"
-
-
-def _worse(drives: Sequence[Judged]) -> str:
-    return f"{single_seeds_worse(drives)} of {len(drives)}"
-
-
-def broken_line(verdict: Verdict) -> str:
-    """A broken promise."""
-    return f"  BROKEN: {verdict.about}: {verdict.text}"
-
-
-def _goal_line(verdict: Verdict) -> str:
-    return f"  {'met' if verdict.kept else 'MISSED'}: {verdict.about}: {verdict.text}"
+        worse = f"  single seeds worse than their best baseline: {group}: "
+        yield worse + f"{single_seeds_worse(drives)} of {len(drives)}"
