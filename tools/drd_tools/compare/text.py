@@ -18,9 +18,9 @@ def rate(channel: ChannelResult) -> tuple[float, str]:
     return (1.0, "deg/s") if channel.unit == "deg" else (1000.0, "mm/s")
 
 
-def _per(channel: ChannelResult, value: float, sign: str = "") -> str:
+def _per(channel: ChannelResult, value: float) -> str:
     factor, unit = rate(channel)
-    return f"{factor * value:{sign}.2g} {unit}" if abs(factor * value) < 100 else f"{factor * value:{sign}.0f} {unit}"
+    return f"{factor * value:.2g} {unit}" if abs(factor * value) < 100 else f"{factor * value:.0f} {unit}"
 
 
 def _pair(value: float, sigma: float, unit: str) -> str:

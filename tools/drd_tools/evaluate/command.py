@@ -1,20 +1,23 @@
 """`drd evaluate`: how far poses are from a reference, and whether they said so."""
 
 import argparse
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
 from drd.commands import command, number, writing
+from drd.config.schema import ConfigError
 from drd_tools.evaluate.alignment import KINDS
 from drd_tools.evaluate.compare import compare
 from drd_tools.evaluate.judge import judge
-from drd_tools.evaluate.limits import limit_for
 from drd_tools.evaluate.report import print_runs, write_report
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, Reference, read_poses, read_reference
+from drd_tools.limit.limit import Limit, limit_of
 from drd_tools.options import kept, reference_sigma
+from drd_tools.recordings.daemon_log import read
 from drd_tools.report.saved import keep_and_show, tell_files
 
 DESCRIPTION = """\
@@ -105,7 +108,7 @@ def _evaluate(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> li
                 metres=metres,
                 max_gap_s=chosen.max_gap,
                 closed_within_m=chosen.closed_within,
-                limit=limit_for(path, reference_path),
+                limit=_limit_of(path, reference_path),
             )
         )
     return runs
@@ -129,3 +132,28 @@ def _alignment(words: Sequence[str], parser: argparse.ArgumentParser) -> tuple[s
     if kind not in KINDS or (metres == 0.0) == (kind == "first-metres") or (rest and kind != "first-metres"):
         parser.error(f"--align: expected none, start, first-metres M or se2, got {' '.join(words)}")
     return kind, metres
+
+
+def _limit_of(path: Path, reference_path: Path) -> Limit | None:
+    """The bound of the recording itself, of that which the JSON beside POSES.csv names, or of the reference's folder.
+
+    None where none of them is a recording from which poses can be made.
+    """
+    for candidate in (path, _named_beside(path), reference_path):
+        if candidate is None or not (candidate.is_dir() or candidate.suffix == ".mcap"):
+            continue
+        try:
+            return limit_of(read(candidate))
+        except ConfigError:
+            continue  # its files are judged where they are needed
+    return None
+
+
+def _named_beside(poses: Path) -> Path | None:
+    """The recording that `drd replay` made the poses from."""
+    try:
+        content = json.loads(poses.with_suffix(".json").read_text(encoding="utf-8"))
+        name = content["recording"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return Path(name) if isinstance(name, str) and Path(name).exists() else None

@@ -16,6 +16,7 @@ from drd_tools.evaluate.trajectory import Pairs, Reference
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
+SIGMA_99: Final = math.sqrt(float(chdtri(1, 1.0 - LEVEL)))  # half the width of a Gaussian's 99 % interval
 
 
 @dataclass(frozen=True)
@@ -164,8 +165,3 @@ def track_sigmas(S: Array, heading_rad: Array) -> Array:
     """Standard deviations along the track, across it (m) and of the heading (rad), shape (k, 3)."""
     turned = turned_covariance(S, -heading_rad)
     return np.asarray(np.sqrt(np.maximum(turned[:, range(3), range(3)], 0.0)))
-
-
-def sigma_99() -> float:
-    """Half the width of the 99 % interval of a Gaussian, in sigma."""
-    return math.sqrt(float(chdtri(1, 1.0 - LEVEL)))

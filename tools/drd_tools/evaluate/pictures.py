@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.evaluate.consistency import sigma_99
+from drd_tools.evaluate.consistency import SIGMA_99
 from drd_tools.evaluate.growth import Windows, binned
 from drd_tools.evaluate.results import Run
 from drd_tools.report.style import (
@@ -76,7 +76,7 @@ def error_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
 
 
 def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
-    wide = sigma_99() * sigma
+    wide = SIGMA_99 * sigma
     axes.fill_between(time_s, -wide, wide, color=BOUND, linewidth=0, label="99 %, as claimed")
     axes.fill_between(time_s, -sigma, sigma, color=SKY, alpha=0.45, linewidth=0, label="1 sigma, as claimed")
 

@@ -94,11 +94,11 @@ class Limit:
     changes: list[Change]
 
 
-def limit_of(recording: Recording, config: Config | None = None, known: Known | None = None) -> Limit:
-    """The bound on a recording; `known`: what is true of it, where its files do not say. Raises ConfigError."""
+def limit_of(recording: Recording, config: Config | None = None) -> Limit:
+    """The bound on a recording. Raises ConfigError."""
     config = configuration(recording) if config is None else config
     drive = replayed_drive(recording, config)
-    return limit_on(drive, known or known_of(recording, config, drive))
+    return limit_on(drive, known_of(recording, config, drive))
 
 
 def limit_on(drive: Drive, known: Known) -> Limit:

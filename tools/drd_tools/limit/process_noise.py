@@ -1,7 +1,7 @@
 """The filter's Q, taken apart by cause."""
 
 from collections.abc import MutableSequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,28 +28,16 @@ class FilterByCause(Filter):
     def _process_noise(self, *arguments: float) -> None:
         super()._process_noise(*arguments)
         if self._is_recorded:
-            step = Step._make((*arguments, self.nominal.tread_m, self._jitter, self.rate_rad_s))
+            step = (*arguments, self.nominal.tread_m, self._jitter, self.rate_rad_s)
             fill(self._q_causes, self.noise, step, self._estimate_gyro_scale)
 
 
-class Step(NamedTuple):
-    """Arguments of the filter's `_process_noise`, the tread, and the share of the wheels' time."""
+def fill(q: MutableSequence[float], k: NoiseProfile, step: tuple[float, ...], estimates_gyro_scale: float) -> None:
+    """Set the elements of Q in `q`, flat and of shape (causes, N, N), that a step changes. (24), (26)
 
-    dt_s: float
-    left_m: float
-    right_m: float
-    turn_rad: float
-    rate_sigma_rad_s: float
-    c: float
-    s: float
-    bend_m: float
-    tread_m: float
-    jitter_rad2: float
-    turning_rad_s: float
-
-
-def fill(q: MutableSequence[float], k: NoiseProfile, step: Step, estimates_gyro_scale: float) -> None:
-    """Set the elements of Q in `q`, flat and of shape (causes, N, N), that a step changes. (24), (26)"""
+    `step`: arguments of the filter's `_process_noise`, the tread, the jitter (rad^2), and the yaw rate, by which the
+    share of the wheels' time turns the heading.
+    """
     dt_s, left_m, right_m, turn_rad, rate_sigma, c, s, bend, D, jitter, turning = step
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * right_m, 0.5, bend / D, 1.0 / D, c, s)
     _pose(q, causes.SLIP_TRAVEL, k.wheel_m2_per_m * left_m, 0.5, -bend / D, -1.0 / D, c, s, add=True)
