@@ -13,7 +13,7 @@ from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE
 from drd.samples import Pose
 from drd_tools.recordings.folder import read_recording
-from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
+from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_run
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.mcap_source import recorded_pose, replay_mcap
 from drd_tools.replay.result import Replayed
@@ -51,31 +51,20 @@ def read_poses(path: Path) -> Exported:
 
 
 def _of_daemon(file: Path) -> Exported:
-    last = open_mcap(file)
-    if IN_FORCE not in last.attachments:
-        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
-    earlier, missing = parts_before(last)
-    parts = [*map(open_mcap, earlier), last]
-    started_ns, wall_ns = (_whole(last, name) for name in ("started_monotonic_ns", "started_wall_ns"))
-    poses, health = _recorded(parts)
+    run = open_run(file)
+    poses, health = _recorded(run.parts)
     if not poses:
         note = "poses of a replay, as `drd replay` gives them: the recording holds none"
         replayed = replay_mcap(file)
-        return _of_replay(replayed, wall_ns, [note, *replayed.notes])
-    notes = ["poses as they were published"]
-    notes += [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
-    notes += [f"part {number} of the run is not there" for number in missing]
+        return _of_replay(replayed, run.wall_ns, [note, *replayed.notes])
+    notes = ["poses as they were published", *run.notes()]
     if any(b.stamp_ns <= a.stamp_ns for a, b in pairwise(poses)):
         notes.append("the wall clock was set on the way: times count on from the start instead, of poses only")
-        poses = [Stamped(wall_ns + pose.t_ns - started_ns, pose) for _, pose in poses]
+        poses = [Stamped(run.wall_ns + pose.t_ns - run.started_ns, pose) for _, pose in poses]
         health = []
-    output = loads(last.attachments[IN_FORCE].decode("utf-8", "replace"), Config, f"{file}, {IN_FORCE}").value.output
-    return Exported(poses, health, output, started_ns, notes)
-
-
-def _whole(file: McapFile, name: str) -> int:
-    text = file.information.get(name, "")
-    return int(text) if text.isdecimal() else 0
+    text = run.parts[-1].attachments[IN_FORCE].decode("utf-8", "replace")
+    output = loads(text, Config, f"{file}, {IN_FORCE}").value.output
+    return Exported(poses, health, output, run.started_ns, notes)
 
 
 def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, list[Diagnostic]]]]:

@@ -19,12 +19,11 @@ from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.encoders import make_layout
 from drd.estimation.calibration import Calibration, load_calibration
-from drd.recording.in_force import IN_FORCE
 from drd.samples import GyroSample, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.recordings.configuration import config_in_force
 from drd_tools.recordings.folder import Recording, ReferenceLog, file_hash, read_recording, read_reference_log
-from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_mcap, parts_before
+from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_run
 
 GYRO, WHEELS = "/fog", "/wheels"
 # A reference's times beyond this are seconds since 1970, not since the daemon's start.
@@ -49,39 +48,28 @@ def read_daemon_log(file: Path) -> Recording:
     Times count from the daemon's start. A reference may lie beside the file (see `reference_file`), its times from
     the daemon's start too, as in the poses of `drd replay`, or in seconds since 1970.
     """
-    last = open_mcap(file)
-    if IN_FORCE not in last.attachments:
-        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
-    earlier, missing = parts_before(last)
-    parts = [*map(open_mcap, earlier), last]
+    run = open_run(file)
     with tempfile.TemporaryDirectory() as folder:
-        config, base = config_in_force(last, Path(folder))
+        config, base = config_in_force(run.parts[-1], Path(folder))
         calibration = load_calibration(base / config.calibration.file) if config.calibration.file else None
         per_revolution = _counts_per_revolution(config, base)
-    zero_ns, wall_ns = (_whole(last, name) for name in ("started_monotonic_ns", "started_wall_ns"))
-    gyro, wheels = _samples(parts)
+    gyro, wheels = _samples(run.parts)
     nominal = _nominal(config, per_revolution)
     beside = reference_file(file)
-    reference = _shifted(read_reference_log(beside), wall_ns) if beside.exists() else None
-    notes = [f"{part.path.name}: {part.sentence()}" for part in parts if part.is_cut]
-    notes += [f"part {number} of the run is not there" for number in missing]
+    reference = _shifted(read_reference_log(beside), run.wall_ns) if beside.exists() else None
+    notes = run.notes()
     if config.model.file is not None:
         notes.append("what the model in force took off is found again: the samples are as they were before it")
     return Recording(
         file,
         nominal,
-        _wheel_log(wheels, zero_ns, nominal),
-        _gyro_log(gyro, zero_ns, calibration),
+        _wheel_log(wheels, run.started_ns, nominal),
+        _gyro_log(gyro, run.started_ns, calibration),
         reference,
-        {found.name: file_hash(found) for found in (*(p.path for p in parts), *([beside] if reference else []))},
+        {found.name: file_hash(found) for found in (*(p.path for p in run.parts), *([beside] if reference else []))},
         notes=tuple(notes),
         config=_without_files(config, per_revolution),
     )
-
-
-def _whole(file: McapFile, name: str) -> int:
-    text = file.information.get(name, "")
-    return int(text) if text.isdecimal() else 0
 
 
 def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSample]]:

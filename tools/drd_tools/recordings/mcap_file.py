@@ -15,6 +15,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata
 from mcap.stream_reader import get_chunk_data_stream
 
 from drd.config.schema import ConfigError
+from drd.recording.in_force import IN_FORCE
 from drd.units import NS_PER_S, S_PER_NS
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -241,3 +242,28 @@ def parts_before(file: McapFile) -> tuple[list[Path], list[int]]:
     paths = {number: file.path.with_name(f"{name}-{number:0{len(part)}}.mcap") for number in numbers}
     missing = [number for number, path in paths.items() if not path.exists()]
     return [path for number, path in paths.items() if number not in missing], missing
+
+
+class Run(NamedTuple):
+    """A run of the daemon: its parts in order, the numbers of those missing, and when it began by both clocks, ns."""
+
+    parts: list[McapFile]
+    missing: list[int]
+    started_ns: int
+    wall_ns: int
+
+    def notes(self) -> list[str]:
+        """What a reader should know of the files."""
+        cut = [f"{part.path.name}: {part.sentence()}" for part in self.parts if part.is_cut]
+        return cut + [f"part {number} of the run is not there" for number in self.missing]
+
+
+def open_run(file: Path) -> Run:
+    """A recording of `drd run`, with the earlier parts of its run that lie beside it. Raises ConfigError."""
+    last = open_mcap(file)
+    if IN_FORCE not in last.attachments:
+        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
+    earlier, missing = parts_before(last)
+    texts = (last.information.get(name, "") for name in ("started_monotonic_ns", "started_wall_ns"))
+    started_ns, wall_ns = (int(text) if text.isdecimal() else 0 for text in texts)
+    return Run([*map(open_mcap, earlier), last], missing, started_ns, wall_ns)

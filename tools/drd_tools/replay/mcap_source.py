@@ -27,7 +27,7 @@ from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.folder import file_hash
-from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_mcap, parts_before
+from drd_tools.recordings.mcap_file import McapFile, Recorded, nanoseconds, open_run
 from drd_tools.replay import findings
 from drd_tools.replay.result import Replayed, packed
 
@@ -49,23 +49,18 @@ def replay_mcap(
     say what is missing and, unless something else is in force, whether the poses are those of the live run, bit for
     bit. Raises ConfigError.
     """
-    last = open_mcap(file)
-    earlier, missing = parts_before(last)
-    parts = [*map(open_mcap, earlier), last]
-    if IN_FORCE not in last.attachments:
-        raise ConfigError(str(file), "", f"a recording of drd, with the attachment {IN_FORCE}", "one without it")
+    run = open_run(file)
+    parts, missing, zero_ns = run.parts, run.missing, run.started_ns
     changed = any(given is not None for given in (config, calibration, model))
     replay, kept = _Replay(changed), Samples()
     with tempfile.TemporaryDirectory() as folder:
-        in_force, base = config_in_force(last, Path(folder), config, calibration, model)
+        in_force, base = config_in_force(parts[-1], Path(folder), config, calibration, model)
         name = file.stem if model is not None else None
         pipeline = Pipeline(in_force, base, replay.on_pose, kept, name, new_track)
     with no_garbage():
         replay.run(pipeline, parts)
     counters = pipeline.counters()
-    began = last.information.get("started_monotonic_ns", "")
     wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
-    zero_ns = int(began) if began.isdecimal() else 0
     told = _monitored(kept, in_force, pipeline.calibration, None if changed or missing else replay.findings, zero_ns)
     return Replayed(
         file,
