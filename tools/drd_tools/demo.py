@@ -24,13 +24,14 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter, Values
 from drd.output.session import isolated_config
 from drd.units import S_PER_NS
-from drd_tools.emulate.fault import Fault, motion_of
+from drd_tools.emulate.fault import Fault
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.options import seed
 from drd_tools.report.path import ErrorSeries, Mark, path_picture
 from drd_tools.shipped import shipped_config
 from drd_tools.simulate.missions import Drive, demo_drive
 from drd_tools.simulate.route import STEP_S
+from drd_tools.simulate.simulator import motion_along
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial.live_cases import WAY_M, seen_live, since, sized
 
@@ -227,7 +228,9 @@ class Planted(NamedTuple):
 def plant(name: str, drive: Drive, config: Config, seed_: int) -> Planted | None:
     """The effect so large that FAULT_D sigmas of it gather within 100 m of its onset, if it can be so large."""
     effect, truth = catalogue()[name], make_truth(drive)
-    motion = motion_of(truth, config.robot)
+    half_m_s = 0.5 * config.robot.tread_m * truth.rate_rad_s  # perfect wheels and tread
+    wheels = truth.speed_m_s - half_m_s, truth.speed_m_s + half_m_s
+    motion = motion_along(truth, config.robot.wheel_radius_m, config.robot.tread_m, *wheels)
     way_m = np.cumsum(np.abs(truth.speed_m_s)) * STEP_S
     begin = int(np.searchsorted(way_m, FAULT_SHARE * way_m[-1]))
     limit = min(int(np.searchsorted(way_m, way_m[begin] + WAY_M)), len(way_m) - 1)

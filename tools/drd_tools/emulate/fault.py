@@ -5,32 +5,8 @@ from typing import Self
 import numpy as np
 
 from drd.arrays import Array
-from drd.config.keys import Robot
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
-from drd_tools.simulate.truth import Truth
-
-
-def motion_of(truth: Truth, robot: Robot) -> Motion:
-    """The drive as effects see it: perfect wheels and tread."""
-    v, w, half_m = truth.speed_m_s, truth.rate_rad_s, 0.5 * robot.tread_m
-    step_s = float(truth.duration_s) / len(v)
-    left, right = v - half_m * w, v + half_m * w
-    return Motion(
-        time_s=truth.middle_s,
-        rate_rad_s=w,
-        speed_m_s=v,
-        acceleration_m_s2=np.gradient(v, step_s),
-        heading_rad=0.5 * (truth.heading_rad[1:] + truth.heading_rad[:-1]),
-        left_m_s=left,
-        right_m_s=right,
-        left_wheel_rad=np.cumsum(left) * step_s / robot.wheel_radius_m,
-        right_wheel_rad=np.cumsum(right) * step_s / robot.wheel_radius_m,
-        temperature_c=truth.temperature_c,
-        still_c=float(truth.temperature_c[0]),
-        tread_m=robot.tread_m,
-        end_s=truth.duration_s,
-    )
 
 
 class Fault:

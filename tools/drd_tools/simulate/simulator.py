@@ -87,20 +87,28 @@ def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Mo
         right_m = half_m * (1.0 + ground.skid * wander("right centre of rotation"))
         slide = -w * ground.centre_m * wander("lengthwise centre of rotation")
     left, right = v - left_m * w, v + right_m * w
-    standing = truth.middle_s <= max(nominal.standstill_at_start_s, STEP_S)
-    motion = Motion(
+    return motion_along(
+        truth, nominal.wheel_radius_m, nominal.tread_m, left, right, nominal.standstill_at_start_s
+    ), slide
+
+
+def motion_along(
+    truth: Truth, radius_m: float, tread_m: float, left_m_s: Array, right_m_s: Array, standstill_s: float = 0.0
+) -> Motion:
+    """The true motion as effects see it, with the speeds of both wheels."""
+    standing = truth.middle_s <= max(standstill_s, STEP_S)
+    return Motion(
         time_s=truth.middle_s,
-        rate_rad_s=w,
-        speed_m_s=v,
-        acceleration_m_s2=np.gradient(v, STEP_S),
+        rate_rad_s=truth.rate_rad_s,
+        speed_m_s=truth.speed_m_s,
+        acceleration_m_s2=np.gradient(truth.speed_m_s, STEP_S),
         heading_rad=0.5 * (truth.heading_rad[1:] + truth.heading_rad[:-1]),
-        left_m_s=left,
-        right_m_s=right,
-        left_wheel_rad=np.cumsum(left) * STEP_S / nominal.wheel_radius_m,
-        right_wheel_rad=np.cumsum(right) * STEP_S / nominal.wheel_radius_m,
+        left_m_s=left_m_s,
+        right_m_s=right_m_s,
+        left_wheel_rad=np.cumsum(left_m_s) * STEP_S / radius_m,
+        right_wheel_rad=np.cumsum(right_m_s) * STEP_S / radius_m,
         temperature_c=truth.temperature_c,
         still_c=float(truth.temperature_c[standing].mean()),
-        tread_m=nominal.tread_m,
+        tread_m=tread_m,
         end_s=truth.duration_s,
     )
-    return motion, slide
