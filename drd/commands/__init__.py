@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import drd
 from drd.config.schema import ConfigError, Loaded
 
 
@@ -89,3 +90,10 @@ def placed(loaded: Loaded[Any]) -> Iterator[None]:
         if error.path in loaded.origins:
             raise ConfigError(loaded.place(error.path), error.path, error.expected, error.got) from error
         raise
+
+
+def shipped_file(folder: str, name: str) -> Path:
+    """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
+    package = Path(drd.__file__).parent
+    beside = package.parent / folder / name
+    return beside if beside.exists() else package / "data" / folder / name

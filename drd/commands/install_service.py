@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 import drd
-from drd.commands import command
+from drd.commands import command, shipped_file
 from drd.commands.installation import Installation
 from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
@@ -137,7 +137,7 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
     name, program = arguments.name, _program(arguments.program, root)
     config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
     if arguments.lock is not None:
-        install_locked(program, _shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
+        install_locked(program, shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
     with _installation(root) as files:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
@@ -273,11 +273,4 @@ def _serial_group(root: Path) -> str:
 
 
 def _shipped(folder: str, name: str) -> str:
-    return _shipped_file(folder, name).read_text(encoding="utf-8")
-
-
-def _shipped_file(folder: str, name: str) -> Path:
-    """A file that comes with drd: in a checkout beside the package, in an installation among its data."""
-    package = Path(drd.__file__).parent
-    beside = package.parent / folder / name
-    return beside if beside.exists() else package / "data" / folder / name
+    return shipped_file(folder, name).read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ class Samples:
     def __init__(self) -> None:
         self.gyro_samples: list[GyroSample] = []
         self.wheel_samples: list[WheelSample] = []
-        self.frame_count = self.byte_count = 0
+        self.byte_count = 0
 
     def judge(self, pipeline: Pipeline, robot: Robot, said: Statement | None = None) -> list[Finding]:
         """Findings about what was kept; `robot` is the pipeline's configuration."""
@@ -28,8 +28,7 @@ class Samples:
         self.byte_count += len(data)
 
     def frames(self, frames: Sequence[CanFrame]) -> None:
-        """Frames from the bus."""
-        self.frame_count += len(frames)
+        """Nothing that the judgement needs."""
 
     def gyro(self, sample: GyroSample) -> None:
         """A gyro sample."""

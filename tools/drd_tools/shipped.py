@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import drd
+from drd.commands import shipped_file
 
 
 def shipped_config(name: str) -> Path:
-    """A configuration of `config/`: in a checkout beside the package, in an installation among its data."""
-    package = Path(drd.__file__).parent
-    beside = package.parent / "config" / name
-    return beside if beside.exists() else package / "data" / "config" / name
+    """A configuration of `config/`."""
+    return shipped_file("config", name)

@@ -10,7 +10,6 @@ from drd_tools.paper.printed import TABLE_II_CM
 from drd_tools.paper.results import Results, factors, single_factors
 from drd_tools.paper.runs import CELLS
 
-NAMES: Final = ("neither", "filter", "calibration", "both")
 HEADINGS: Final = ("without either", "filter alone", "calibration alone", "both")
 GAINS: Final = (2, 1, 3)  # cells, in the order of the paper's argument
 
