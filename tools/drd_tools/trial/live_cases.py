@@ -32,7 +32,7 @@ from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
 from drd_tools.trial.overlay import overlaid, planted
-from drd_tools.trial.size import eventful
+from drd_tools.trial.size import eventful, scaled
 
 DISTANCES: Final = (8.0, 12.0, 25.0)  # of WAY_M
 WAY_M, TIME_S = 100.0, 60.0  # within one of which a name is in time
@@ -216,17 +216,7 @@ def sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: R
         values[q.name] = q.neutral + float(share) * SMALL * (1.0 if q.neutral else q.high * q.si)
     if effect.opposed:
         values[chosen[1].name] = -values[chosen[0].name]
-    for _ in range(ROUNDS):
-        norm = visibility(since(effect, values, m, begin), m, limit)
-        if norm <= 0.0:
-            return None
-        for q in chosen:
-            values[q.name] = q.neutral + (values[q.name] - q.neutral) * d / norm
-            if not abs(values[q.name]) <= q.high * q.si:
-                return None
-        if abs(norm / d - 1.0) < SIZED:
-            return values
-    return None
+    return scaled(values, chosen, d, lambda found: visibility(since(effect, found, m, begin), m, limit), ROUNDS, SIZED)
 
 
 def _sizes(effect: Effect) -> list[Parameter]:

@@ -1,14 +1,14 @@
 """Parameters with which effects have a whitened distance d, and how well their nearest rivals would do."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from drd.effects.chain import add
-from drd.effects.effect import SIDES, START, ActsOn, Chance, Effect, Values
+from drd.effects.effect import SIDES, START, ActsOn, Chance, Effect, Parameter, Values
 from drd.effects.motion import Motion
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.regression.marginal import Marginal
@@ -73,17 +73,7 @@ class Whitener:
                 return None
             share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
             values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
-        for _ in range(ROUNDS):
-            norm = self.detectability(effect, values)
-            if norm <= 0.0:
-                return None
-            for q in chosen:
-                values[q.name] = q.neutral + (float(values[q.name]) - q.neutral) * d / norm
-                if not abs(float(values[q.name])) <= q.high * q.si:
-                    return None
-            if abs(norm / d - 1.0) < SIZED:
-                return values
-        return None
+        return scaled(values, chosen, d, lambda found: self.detectability(effect, found), ROUNDS, SIZED)
 
     def plantable(self, effect: Effect, d: float, random: Random) -> tuple[Values, float] | None:
         """Values (SI) with which a real drive shows an effect, and their detectability, about `d`; or None.
@@ -103,6 +93,28 @@ class Whitener:
         drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
         sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
         return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
+
+
+def scaled(
+    values: dict[str, Any],
+    sizes: Sequence[Parameter],
+    d: float,
+    norm_of: Callable[[Values], float],
+    rounds: int,
+    tolerance: float,
+) -> Values | None:
+    """The values (SI), those of `sizes` grown together until their norm is `d`; None: not plausible, or not seen."""
+    for _ in range(rounds):
+        norm = norm_of(values)
+        if norm <= 0.0:
+            return None
+        for q in sizes:
+            values[q.name] = q.neutral + (values[q.name] - q.neutral) * d / norm
+            if not abs(values[q.name]) <= q.high * q.si:
+                return None
+        if abs(norm / d - 1.0) < tolerance:
+            return values
+    return None
 
 
 def selected_of(effects: Effects) -> list[Selected]:
