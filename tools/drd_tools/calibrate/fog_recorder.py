@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from drd.config.keys import Config, Fog
 from drd.config.schema import ConfigError
@@ -145,7 +145,7 @@ async def _record(
         nonlocal last_s
         last_s = time.monotonic()
         if text is not None and not ended.done():
-            ended.set_exception(RecordingError(text + _hint(text)))
+            ended.set_exception(RecordingError(text + (": stop the daemon first" if "in use" in text else "")))
 
     port = SerialPort(config.fog, on_bytes, on_state)
     reading = asyncio.create_task(port.run())
@@ -162,10 +162,6 @@ async def _record(
     return progress
 
 
-def _hint(text: str) -> str:
-    return ": stop the daemon first" if "in use" in text else ""
-
-
 def _silence(fog: Fog, count: int, counters: dict[str, int]) -> str:
     """Why there are no samples, by how far the bytes come."""
     if count == 0:
@@ -173,10 +169,6 @@ def _silence(fog: Fog, count: int, counters: dict[str, int]) -> str:
     elif not counters["frames"]:
         what = f"{count} bytes came, but no packet: are fog.protocol ({fog.protocol}) and fog.baud ({fog.baud}) right?"
     else:
-        told = {name: number for name, number in counters.items() if number}
-        what = f"packets came, but none that can be used: {_listed(told)}"
+        told = ", ".join(f"{name}={number}" for name, number in counters.items() if number)
+        what = f"packets came, but none that can be used: {told}"
     return f"{fog.port} is silent: {what}"
-
-
-def _listed(counters: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={number}" for name, number in counters.items())

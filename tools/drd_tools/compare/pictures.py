@@ -54,7 +54,6 @@ def _ratios(axes: Any, c: Comparison) -> None:
     axes.axvline(1.0, color=INK, linewidth=1.0, dashes=(4, 2))
     axes.set_xlim(0.0, 1.18 * max(largest, 2.0))
     axes.set_ylim(len(c.channels) - 0.5, -0.5)
-    axes.set_yticks(places, [ch.title for ch in c.channels])
     tidy(axes, "Mismatch", 5, x="rms / sigmas of noise (dashed: 1)")
     axes.set_yticks(places, [ch.title for ch in c.channels])
     axes.grid(visible=False, axis="y")

@@ -79,18 +79,13 @@ def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference)
     """
     if aligned.covariance is None:
         return None
-    R = reference_covariance(reference)
+    R = np.diag([reference.position_sigma_m**2, reference.position_sigma_m**2, reference.heading_sigma_rad**2])
     if alignment.kind != "start":
         return aligned.covariance + R
     J = np.tile(np.eye(3), (len(aligned.time_s), 1, 1))
     lever = aligned.estimate[:, :2] - aligned.estimate[0, :2]
     J[:, 0, 2], J[:, 1, 2] = -lever[:, 1], lever[:, 0]
     return np.asarray(aligned.covariance + R + J @ R @ J.transpose(0, 2, 1))
-
-
-def reference_covariance(reference: Reference) -> Array:
-    """Of one row of the reference, (3, 3)."""
-    return np.diag([reference.position_sigma_m**2, reference.position_sigma_m**2, reference.heading_sigma_rad**2])
 
 
 def _inside(aligned: Pairs, alignment: Alignment, reference: Reference) -> float:

@@ -24,7 +24,8 @@ def write_report(evaluation: Evaluation, folder: Path) -> list[Path]:
         page.table(text.NEES_HEADER, text.nees_rows(pooled), "Consistency of all runs together, taken as independent")
     files: list[Path] = []
     for number, run in enumerate(tqdm(runs, desc="drawing", disable=True if len(runs) < 3 else None, leave=False), 1):
-        prefix = "" if len(runs) == 1 else f"{number:02d}_{_safe(run.name)}_"
+        safe = re.sub(r"[^A-Za-z0-9._-]+", "_", run.name)[:60]
+        prefix = "" if len(runs) == 1 else f"{number:02d}_{safe}_"
         files += _run_section(page, run, folder, prefix)
     page.save(folder / "report.html")
     return [folder / "report.html", *files]
@@ -102,7 +103,3 @@ def print_runs(evaluation: Evaluation) -> None:
     if pooled:
         print("\nConsistency of all runs together, taken as independent\n")
         print_table(text.NEES_HEADER, text.nees_rows(pooled))
-
-
-def _safe(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]

@@ -51,7 +51,8 @@ class Bag:
                 for connection, received_ns, raw in reader.messages(wanted):
                     message: Any = reader.deserialize(raw, connection.msgtype)
                     bare = not hasattr(message, "header")
-                    header.append(0 if bare else _stamp_ns(message.header.stamp))
+                    stamp = None if bare else message.header.stamp
+                    header.append(0 if stamp is None else int(stamp.sec) * NS_PER_S + int(stamp.nanosec))
                     received.append(received_ns)
                     picked.append(pick(message))
                     bar.update()
@@ -97,7 +98,3 @@ class Bag:
         except Exception as error:  # a damaged bag: its parsers raise what they like
             got = f"{type(error).__name__}: {error}"
             raise ConfigError(str(self.path), "", "a bag that can be read", got) from error
-
-
-def _stamp_ns(stamp: Any) -> int:
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

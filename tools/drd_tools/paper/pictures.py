@@ -48,10 +48,7 @@ def _table2(figure: Any, results: Results) -> None:
     """Ours as bars with the spread of the gyros, the paper's averages as marks."""
     axes = figure.subplots()
     n, ours = results.runs_each_way, 100.0 * results.return_m
-    names = []
-    for group, (runs, printed, way) in enumerate(
-        ((slice(0, n), TABLE_II_CM[:5], "clockwise"), (slice(n, 2 * n), TABLE_II_CM[5:], "counter-clockwise"))
-    ):
+    for group, (runs, printed) in enumerate(((slice(0, n), TABLE_II_CM[:5]), (slice(n, 2 * n), TABLE_II_CM[5:]))):
         mean = ours[:, runs].mean(axis=1)
         low, high = np.percentile(mean, (5.0, 95.0), axis=0)
         for cell, color in enumerate(COLORS):
@@ -62,11 +59,9 @@ def _table2(figure: Any, results: Results) -> None:
             axes.plot(at, printed[:, cell].mean(), "D", color=INK, markeredgecolor="white", markersize=8, zorder=6,
                       label="paper, average of five runs" if cell == group == 0 else None)  # fmt: skip
             axes.text(at, value * 1.02 + 0.3, f"{value:.0f} ", ha="right", va="bottom", fontsize=9)
-        names.append(way)
-    axes.set_xticks(range(len(HEADINGS)), HEADINGS)
     axes.set_yscale("log")
     axes.legend(loc="upper right")
-    title = f"Table II: left bars {names[0]}, right bars {names[1]}; whiskers 5 % to 95 % of the gyros"
+    title = "Table II: left bars clockwise, right bars counter-clockwise; whiskers 5 % to 95 % of the gyros"
     tidy(axes, title, y="return position error / cm")
     axes.set_xticks(range(len(HEADINGS)), HEADINGS)
     axes.grid(visible=False, axis="x")

@@ -163,10 +163,11 @@ def snippet(result: GyroNoise) -> str:
     }[result.filter.origin]
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     log, bias = result.log, result.bias_rad_s * DEG_PER_RAD
+    file = "".join(c if c.isprintable() else "?" for c in result.whole.file)
     return f"""\
 # Gyro noise for drd's configuration: merge it into the section `estimation` there.
 # Made by `drd calibrate noise` of drd {__version__} on {when}.
-# Log: {_one_line(result.whole.file)}
+# Log: {file}
 # sha256: {result.whole.sha256}
 # Used: {log.duration_s:.1f} s at {1.0 / log.interval_s:.6g} Hz, from time_s {log.begins_s:.1f} on.
 estimation:
@@ -202,10 +203,6 @@ def _plain(value: float) -> str:
 
 def _two(value: float) -> str:
     return f"{value:.2g}"
-
-
-def _one_line(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def duration(seconds: float) -> str:
