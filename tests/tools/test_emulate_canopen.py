@@ -7,13 +7,13 @@ from typing import Any
 
 import can
 import pytest
+from perfect_hardware import PERFECT
 
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.encoders.stream import EncoderStream
 from drd.samples import CanFrame
 from drd_tools.emulate.hardware import Emulator
-from drd_tools.emulate.sensors import PERFECT
 from drd_tools.simulate.missions import demo_drive
 
 LEFT, RIGHT = 0x181, 0x182

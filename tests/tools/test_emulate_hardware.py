@@ -11,6 +11,7 @@ import can
 import numpy as np
 import pytest
 import serial
+from perfect_hardware import PERFECT
 
 from drd.config.keys import Config
 from drd.config.schema import ConfigError, loads
@@ -20,7 +21,7 @@ from drd.fog.stream import FogStream
 from drd.samples import CanFrame, FogReading, GyroSample, Side, WheelReading
 from drd.units import RAD_PER_DEG
 from drd_tools.emulate.hardware import Emulator
-from drd_tools.emulate.sensors import PERFECT, SensorErrors
+from drd_tools.emulate.sensors import SensorErrors
 from drd_tools.simulate.missions import Drive
 from drd_tools.simulate.route import STEP_S, Steps
 

@@ -3,11 +3,12 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from perfect_hardware import PERFECT
 
 from drd.config.keys import Robot
 from drd.units import RAD_PER_DEG
 from drd_tools.emulate.fault import Fault
-from drd_tools.emulate.sensors import PERFECT, SensorErrors, Sensors
+from drd_tools.emulate.sensors import SensorErrors, Sensors
 from drd_tools.simulate.missions import Drive, demo_drive
 from drd_tools.simulate.route import RATE_HZ, STEP_S, Steps
 from drd_tools.simulate.truth import Truth, make_truth

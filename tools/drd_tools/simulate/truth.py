@@ -1,6 +1,5 @@
 """The true motion at 500 Hz."""
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -101,8 +100,3 @@ def _path(speed: Array, lateral: Array, heading: Array, start: tuple[float, floa
     steps = (speed * c - lateral * s, speed * s + lateral * c)
     x, y = (np.concatenate(([at], at + np.cumsum(step))) for at, step in zip(start, steps, strict=True))
     return x, y
-
-
-def distance_m(truth: Truth) -> float:
-    """Between the run's two ends."""
-    return math.hypot(truth.x_m[-1] - truth.x_m[0], truth.y_m[-1] - truth.y_m[0])
