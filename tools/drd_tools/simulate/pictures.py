@@ -17,7 +17,7 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = sides
-        draw_path(left.subplots(), columns["x_m"], columns["y_m"], "True path, seen from above")
+        _draw_path(left.subplots(), columns)
         time_s = columns["time_s"]
         panels: Any = right.subplots(3, 1, sharex=True)
         for axes, name, color, what in zip(
@@ -35,8 +35,8 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         panels[2].set_xlabel("time / s")
 
 
-def draw_path(axes: Any, x: Array, y: Array, title: str) -> None:
-    """The true path from above; of a robot that turns on the spot half a metre around it."""
+def _draw_path(axes: Any, columns: Mapping[str, Array]) -> None:
+    x, y = columns["x_m"], columns["y_m"]
     axes.plot(x, y, color=BLUE, linewidth=1.4)
     ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
     axes.plot(x[0], y[0], "o", label="start", zorder=5, **ring)
@@ -50,7 +50,7 @@ def draw_path(axes: Any, x: Array, y: Array, title: str) -> None:
     axes.set_xlabel("x / m")
     axes.set_ylabel("y / m")
     axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
-    tidy(axes, title)
+    tidy(axes, "True path, seen from above")
 
 
 def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
