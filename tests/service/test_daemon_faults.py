@@ -28,7 +28,7 @@ def assert_no_jump(poses: list[Pose]) -> None:
         dt_s = (b["monotonic_ns"] - a["monotonic_ns"]) * 1e-9
         assert dt_s >= 0.0
         step_m = math.hypot(b["x_m"] - a["x_m"], b["y_m"] - a["y_m"])
-        assert step_m <= farthest_m(dt_s), f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
+        assert step_m <= farthest_m(a, b), f"jump of {step_m:.3f} m in {dt_s:.3f} s at {b}"
         assert abs(b["heading_rad"] - a["heading_rad"]) <= 1.5 * dt_s + 0.05
 
 
