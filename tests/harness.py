@@ -26,7 +26,7 @@ output: {{commands: true, listen: [{endpoint}]}}
 realtime: {{freeze_gc: false}}
 """
 SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
-LATE_S = 0.1  # by which a busy machine may delay a frame of a line without time stamps
+LATE_S = 0.15  # by which a busy machine may delay a frame of a line without time stamps
 
 
 def farthest_m(before: dict[str, Any], pose: dict[str, Any]) -> float:
