@@ -31,10 +31,10 @@ LATE_S = 0.15  # by which a busy machine may delay a frame of a line without tim
 
 def farthest_m(before: dict[str, Any], pose: dict[str, Any]) -> float:
     """How far a pose may be from the one that was received before it without being a jump."""
-    dt_s = (pose["monotonic_ns"] - before["monotonic_ns"]) * 1e-9
+    dt_s: float = (pose["monotonic_ns"] - before["monotonic_ns"]) * 1e-9
     # After a silence each pose brings the travel of its own 50 ms, however short ago the last one was; of a burst of
     # them a full queue may have dropped some.
-    travelled_s = max(dt_s, 0.05 * (pose["sequence"] - before["sequence"]))
+    travelled_s = max(dt_s, 0.05 * int(pose["sequence"] - before["sequence"]))
     return SPEED_M_S * (travelled_s + LATE_S) + 0.03
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -359,12 +360,16 @@ def test_a_monitor_that_is_killed_is_started_again_and_no_pose_is_missed(watched
     while "wheel_radius_error" in not_observable(watched):
         here = watched.poses[-1]
         set_pose(watched, here)
-        watched.wait("5.5 m away", lambda p, a=here: math.hypot(p["x_m"] - a["x_m"], p["y_m"] - a["y_m"]) > 5.5, 30.0)
+        watched.wait("5.5 m away", partial(is_far, here), 30.0)
     assert watched.get("findings")["findings"] == []
 
 
 def not_observable(robot: Robot) -> set[str]:
     return {e["effect"] for e in robot.get("findings")["not_observable"]}
+
+
+def is_far(here: dict[str, Any], pose: dict[str, Any]) -> bool:
+    return math.hypot(pose["x_m"] - here["x_m"], pose["y_m"] - here["y_m"]) > 5.5
 
 
 def set_pose(robot: Robot, pose: dict[str, Any]) -> None:
