@@ -28,6 +28,9 @@ LOWEST_RUN := tests/test_architecture.py tests/encoders/test_dbc_layout.py tests
 	tests/tools/importing/test_import_command.py::test_a_bag_with_its_traps_found \
 	tests/tools/mujoco_world/test_mujoco_physics.py::test_the_same_arguments_give_the_same_bits
 
+# Containers often set it; each of the hundreds of Python processes would then compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help setup demo test test-timed test-computed lowest lock licences sbom audit ros2-test vm-test vm-base power-cut lint bench soak hunt honesty clean

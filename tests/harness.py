@@ -26,13 +26,16 @@ output: {{commands: true, listen: [{endpoint}]}}
 realtime: {{freeze_gc: false}}
 """
 SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
-LATE_S = 0.1  # by which a busy machine may delay a frame of a line without time stamps
+LATE_S = 0.15  # by which a busy machine may delay a frame of a line without time stamps
 
 
-def farthest_m(dt_s: float) -> float:
-    """How far a pose may be from the one before, which is `dt_s` older, without being a jump."""
-    # After a silence the first sample brings the travel of its own 50 ms, however short ago the last pose was.
-    return SPEED_M_S * (max(dt_s, 0.05) + LATE_S) + 0.03
+def farthest_m(before: dict[str, Any], pose: dict[str, Any]) -> float:
+    """How far a pose may be from the one that was received before it without being a jump."""
+    dt_s: float = (pose["monotonic_ns"] - before["monotonic_ns"]) * 1e-9
+    # After a silence each pose brings the travel of its own 50 ms, however short ago the last one was; of a burst of
+    # them a full queue may have dropped some.
+    travelled_s = max(dt_s, 0.05 * int(pose["sequence"] - before["sequence"]))
+    return SPEED_M_S * (travelled_s + LATE_S) + 0.03
 
 
 def free_endpoint() -> str:

@@ -17,6 +17,18 @@ READ_TOGETHER_NS: Final = 100_000
 READ_ATTEMPTS: Final = 4
 
 
+def read_both(monotonic_ns: Callable[[], int], time_ns: Callable[[], int]) -> tuple[int, int, int]:
+    """CLOCK_MONOTONIC and CLOCK_REALTIME of the same moment, and how long the best reading of both took; ns."""
+    readings = []
+    for _ in range(READ_ATTEMPTS):
+        before_ns, wall_ns, after_ns = monotonic_ns(), time_ns(), monotonic_ns()
+        readings.append((after_ns - before_ns, (before_ns + after_ns) // 2, wall_ns))
+        if after_ns - before_ns < READ_TOGETHER_NS:
+            break
+    took_ns, now_ns, wall_ns = min(readings)
+    return now_ns, wall_ns, took_ns
+
+
 class ReceiveClock:
     """Maps CLOCK_REALTIME stamps to CLOCK_MONOTONIC by their age, immune to steps of the wall clock.
 
@@ -35,14 +47,14 @@ class ReceiveClock:
         self.counters: dict[str, int] = {"stepped_stamps": 0, "backward_stamps": 0}
         self._limit_ns = limit_s * NS_PER_S
         self._monotonic_ns, self._time_ns = monotonic_ns, time_ns
-        now_ns, wall_ns, self._offset_known_ns = self._read_both()
+        now_ns, wall_ns, self._offset_known_ns = read_both(self._monotonic_ns, self._time_ns)
         self._offset_ns = wall_ns - now_ns
         self._step_seen_ns: int | None = None
         self._last_ns: int | None = None
 
     def to_monotonic_ns(self, stamp_s: float) -> int:
         """Receive time in CLOCK_MONOTONIC ns of a frame that the driver stamped `stamp_s` (CLOCK_REALTIME, s)."""
-        now_ns, wall_ns, took_ns = self._read_both()
+        now_ns, wall_ns, took_ns = read_both(self._monotonic_ns, self._time_ns)
         change_ns = abs(wall_ns - now_ns - self._offset_ns)
         # A busy machine stretches the reading; what lies within its uncertainty is no news of the offset.
         if change_ns > STEP_NS + took_ns + self._offset_known_ns:
@@ -65,14 +77,3 @@ class ReceiveClock:
             received_ns = self._last_ns
         self._last_ns = received_ns
         return received_ns
-
-    def _read_both(self) -> tuple[int, int, int]:
-        """CLOCK_MONOTONIC and CLOCK_REALTIME of the same moment, and how long the best reading of both took; ns."""
-        readings = []
-        for _ in range(READ_ATTEMPTS):
-            before_ns, wall_ns, after_ns = self._monotonic_ns(), self._time_ns(), self._monotonic_ns()
-            readings.append((after_ns - before_ns, (before_ns + after_ns) // 2, wall_ns))
-            if after_ns - before_ns < READ_TOGETHER_NS:
-                break
-        took_ns, now_ns, wall_ns = min(readings)
-        return now_ns, wall_ns, took_ns

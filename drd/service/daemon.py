@@ -21,7 +21,7 @@ from drd.estimation.applied import Constant
 from drd.output.messages import Refused, pose_dict
 from drd.output.zenoh_link import ZenohLink
 from drd.pipeline import LARGEST_COMMANDED, Pipeline
-from drd.ports.clock import TICK_S
+from drd.ports.clock import TICK_S, read_both
 from drd.samples import Pose
 from drd.service import realtime
 from drd.service.inputs import Inputs
@@ -203,8 +203,8 @@ class Daemon:
     def _on_pose(self, pose: Pose, input_ns: int) -> None:
         if self._link is None:
             return
-        now_ns = time.monotonic_ns()
-        self._pose, self._pose_wall_ns = pose, time.time_ns() - (now_ns - pose.t_ns)
+        now_ns, wall_ns, _ = read_both(time.monotonic_ns, time.time_ns)
+        self._pose, self._pose_wall_ns = pose, wall_ns - (now_ns - pose.t_ns)
         self._link.publish_pose(pose, self._pose_wall_ns)
         if self._link.wants_turns and (turns := self.pipeline.encoders.turns()) is not None:
             self._link.publish_turns(turns, self._pose_wall_ns + turns.t_ns - pose.t_ns)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -353,21 +354,22 @@ def test_a_monitor_that_is_killed_is_started_again_and_no_pose_is_missed(watched
     unused = {name: again["counters"]["estimator"][name] for name in ("wheel_gaps", "gyro_gaps", "late_wheels")}
     assert sum(unused.values()) <= 1, unused  # on a busy machine the emulated robot may stall
     assert again["counters"]["zenoh"]["findings"] >= 4
-    # Two poses that are set far enough apart show what both radii have in common.
+    # Two poses that are set far enough apart show what both radii have in common, unless a busy machine loses a sample
+    # between them.
     assert "wheel_radius_error" in not_observable(watched)
-    here = watched.poses[-1]
-    set_pose(watched, here)
-    far = watched.wait("5.5 m away", lambda p: math.hypot(p["x_m"] - here["x_m"], p["y_m"] - here["y_m"]) > 5.5, 30.0)
-    set_pose(watched, far)
-    deadline = time.monotonic() + PATIENCE_S
     while "wheel_radius_error" in not_observable(watched):
-        assert time.monotonic() < deadline
-        time.sleep(0.5)
+        here = watched.poses[-1]
+        set_pose(watched, here)
+        watched.wait("5.5 m away", partial(is_far, here), 30.0)
     assert watched.get("findings")["findings"] == []
 
 
 def not_observable(robot: Robot) -> set[str]:
     return {e["effect"] for e in robot.get("findings")["not_observable"]}
+
+
+def is_far(here: dict[str, Any], pose: dict[str, Any]) -> bool:
+    return math.hypot(pose["x_m"] - here["x_m"], pose["y_m"] - here["y_m"]) > 5.5
 
 
 def set_pose(robot: Robot, pose: dict[str, Any]) -> None:

@@ -72,7 +72,7 @@ def test_clipping_is_found_where_the_robot_turned_faster(limit: float) -> None:
 def test_an_event_leaves_nothing_else_to_be_found(missing: Selected) -> None:
     """Neither where it clips half of all turns, nor where it begins and ends within a row of the counters."""
     for seed in range(3):
-        found = analyse(recorded(("eights", 200.0), seed, missing))
+        found = analyse(recorded(("eights", 150.0), seed, missing))
         assert [f.effect for f in found.conclusion.causes] == [missing.id]
         assert all(0.8 < (ratio or 0.0) < 1.25 for ratio in found.noise_ratios().values())
 

@@ -65,7 +65,7 @@ def test_several_recordings_have_a_folder_each_the_same_to_the_bit_for_any_jobs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The slow one first: what is said comes in the order given."""
-    runs = [str(written(tmp_path / n, SCALE, drive=("slalom", s))) for n, s in (("b", 90.0), ("a", 30.0))]
+    runs = [str(written(tmp_path / n, SCALE, drive=("slalom", s))) for n, s in (("b", 60.0), ("a", 25.0))]
     told = []
     for jobs in ("1", "2"):
         out = tmp_path / f"out_{jobs}"

@@ -15,13 +15,13 @@ from drd_tools.diagnose.observe.parts import parts
 from drd_tools.recordings.folder import Recording
 
 SCALE = selected("gyro_scale_error", k=0.01)
-DRIVE = ("warehouse", 260.0)
+DRIVE = ("warehouse", 180.0)
 
 
 @pytest.fixture
-def two_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+def ninety_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """The longest part, in place of 20 minutes."""
-    monkeypatch.setattr(parts_module, "MOST_STEPS", 1320)
+    monkeypatch.setattr(parts_module, "MOST_STEPS", 920)
 
 
 def long() -> Recording:
@@ -33,7 +33,7 @@ def test_twenty_minutes_are_one_part() -> None:
     assert parts(recording) == [recording]
 
 
-@pytest.mark.usefixtures("two_minutes")
+@pytest.mark.usefixtures("ninety_seconds")
 def test_parts_have_each_row_once_and_their_times() -> None:
     recording = long()
     made = parts(recording)
@@ -49,7 +49,7 @@ def test_parts_have_each_row_once_and_their_times() -> None:
     assert counts[1][0] >= counts[0][-1]
 
 
-@pytest.mark.usefixtures("two_minutes")
+@pytest.mark.usefixtures("ninety_seconds")
 def test_a_part_without_a_fix_has_no_reference_and_one_without_rows_is_left_out() -> None:
     recording = long()
     log, fog = recording.reference, recording.fog
@@ -62,7 +62,7 @@ def test_a_part_without_a_fix_has_no_reference_and_one_without_rows_is_left_out(
     first, second = parts(replace(recording, reference=few))
     assert first.reference is not None
     assert second.reference is None
-    kept = np.flatnonzero((fog.time_s < 100.0) | (fog.time_s > fog.time_s[-1] - 1.0))
+    kept = np.flatnonzero((fog.time_s < 80.0) | (fog.time_s > fog.time_s[-1] - 1.0))
     assert fog.temperature_c is not None
     holed = replace(
         fog, time_s=fog.time_s[kept], rate_rad_s=fog.rate_rad_s[kept], temperature_c=fog.temperature_c[kept]
@@ -70,7 +70,7 @@ def test_a_part_without_a_fix_has_no_reference_and_one_without_rows_is_left_out(
     assert len(parts(replace(recording, fog=holed))) == 1
 
 
-@pytest.mark.usefixtures("two_minutes")
+@pytest.mark.usefixtures("ninety_seconds")
 def test_the_whole_is_put_together(tmp_path: Path) -> None:
     written(tmp_path / "run", SCALE, reference="full", drive=DRIVE, seed=3)
     assert main(["diagnose", str(tmp_path / "run"), "--output", str(tmp_path / "out")]) == 0

@@ -8,16 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_files import dead_reckoned, drive
 
-from drd_tools.evaluate.consistency import Nees, effective_rows, nees, together
-from drd_tools.evaluate.judge import judge
-from drd_tools.evaluate.trajectory import Poses
+from drd_tools.evaluate.alignment import align
+from drd_tools.evaluate.consistency import Consistency, Nees, consistency, effective_rows, nees, together
+from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, Reference, associate
 
 SEEDS = 60
 
 
-def pose_nees(seed: int, claim: float, kind: str = "start") -> Nees:
-    estimate, reference = dead_reckoned(np.random.default_rng(seed), claim)
-    found = judge(estimate, reference, kind=kind).consistency
+def judged(estimate: Poses, reference: Reference, kind: str = "start") -> Consistency:
+    aligned, alignment = align(associate(estimate, reference, MAX_GAP_S), kind, 3.0)
+    return consistency(aligned, alignment, reference)
+
+
+def pose_nees(seed: int, claim: float) -> Nees:
+    found = judged(*dead_reckoned(np.random.default_rng(seed), claim))
     assert [n.part for n in found.nees] == ["pose", "position", "heading"]
     return found.nees[0]
 
@@ -45,7 +49,7 @@ def test_the_references_own_noise_counts() -> None:
     for seed in range(SEEDS):
         _, reference = dead_reckoned(np.random.default_rng(seed))
         perfect = Poses("perfect", reference.time_s, drive(60.0).pose, np.zeros((len(reference.time_s), 3, 3)))
-        parts += judge(perfect, reference).consistency.nees[:1]
+        parts += judged(perfect, reference).nees[:1]
     assert together(parts).verdict == "consistent"
     assert sum(n.verdict == "consistent" for n in parts) >= 0.9 * SEEDS
 
@@ -53,7 +57,7 @@ def test_the_references_own_noise_counts() -> None:
 @pytest.mark.parametrize("kind", ["se2", "first-metres"])
 def test_an_alignment_that_uses_the_errors_has_no_nees(kind: str) -> None:
     estimate, reference = dead_reckoned(np.random.default_rng(1))
-    found = judge(estimate, reference, kind=kind, metres=3.0).consistency
+    found = judged(estimate, reference, kind)
     assert not found.nees
     assert "not meaningful" in found.why_not
     assert found.inside_99 is None
@@ -63,10 +67,10 @@ def test_share_inside_the_claimed_radius() -> None:
     shares = []
     for seed in range(20):
         estimate, reference = dead_reckoned(np.random.default_rng(seed))
-        shares.append(judge(estimate, reference).consistency.inside_99)
+        shares.append(judged(estimate, reference).inside_99)
         given = replace(estimate, covariance=None, bound_m=np.full(len(estimate.time_s), 1e-6))
         perfect = replace(reference, position_sigma_m=0.0, heading_sigma_rad=0.0)
-        found = judge(given, perfect).consistency
+        found = judged(given, perfect)
         assert found.inside_99 is not None
         assert found.inside_99 < 0.1
         assert "no covariance" in found.why_not

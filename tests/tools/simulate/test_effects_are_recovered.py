@@ -20,8 +20,8 @@ SEED = 3
 SHARE_OF_RANGE = 0.15  # of what is plausible
 GIVEN: dict[str, float | str] = {
     "side": "left",
-    "t0": 70.0,
-    "t1": 120.0,
+    "t0": 50.0,
+    "t1": 90.0,
     "T0": 20.0,
     "largest_rate": 60.0,
     "phase": 1.0,
@@ -30,7 +30,7 @@ GIVEN: dict[str, float | str] = {
 
 @cache
 def truth() -> Truth:
-    return make_truth(make_drive("warehouse", 190.0), "cycle")
+    return make_truth(make_drive("warehouse", 140.0), "cycle")
 
 
 def value(effect: Effect, q: Parameter) -> float | str:

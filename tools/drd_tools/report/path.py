@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from drd.arrays import Array
-from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, styled, tidy, tidy_map
+from drd_tools.report.style import BLUE, BOUND, DPI, GREY, INK, SKY, TRUE_GREY, VERMILION, save, styled, tidy, tidy_map
 
 WIDTH_IN: Final = 10.0
 HEIGHT_IN: Final = 5.8
@@ -83,7 +83,7 @@ def path_picture(
         figure.text(LEFT, 0.98, title, va="top", fontsize=15, fontweight="bold")
         figure.legend(handles=keys, ncols=len(keys), bbox_to_anchor=(LEFT, HEADER + 0.015), **LEGEND)
         figure.supxlabel(_wrapped(caption), x=LEFT, ha="left", fontsize=10, color="#555555", linespacing=1.4)
-        figure.savefig(file, format="png")
+        save(figure, file)
 
 
 def _draw_paths(axes: Any, truth_xy: Array, estimate_xy: Array, odometry_xy: Array | None) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -60,7 +61,13 @@ def picture(file: Path, width_in: float = 10.0, height_in: float = 4.5) -> Itera
     with styled():
         figure = make_figure(width_in, height_in)
         yield figure
-        figure.savefig(file, format="png")
+        save(figure, file)
+
+
+def save(figure: Figure, file: Path) -> None:
+    """Write a PNG. Raises OSError. `savefig` would draw everything twice, for the same bits."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(file)
 
 
 def tidy(axes: Any, title: str, ticks: int = 8, *, x: str = "", y: str = "") -> None:
