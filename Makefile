@@ -142,8 +142,8 @@ lint: $(STAMP) ## check style, format and types
 bench: $(STAMP) ## measure the filter's and the daemon's speed
 	PYTHONPATH=tests $(BIN)/python -m bench
 
-soak: $(STAMP) ## a day of sensor data with faults through the daemon's core, in simulated time
-	PYTHONPATH=tests $(BIN)/python -m soak --hours $(SOAK_HOURS) --output out/soak
+soak: $(STAMP) ## a day of sensor data with faults through the daemon's core and the monitor, in simulated time
+	PYTHONPATH=tests $(BIN)/python -m soak --hours $(SOAK_HOURS) --monitor --output out/soak
 
 # A drive takes some 45 ms of a core; a search goes on where it was stopped.
 hunt: $(STAMP) ## search for drives and faults that make the published pose lie, in simulated time

@@ -57,10 +57,11 @@ class Bank:
         # The column of an effect that grows is its own less its growth times the onset's time.
         since_s = np.append(sums.begins_s, 0.0)
         self._old = old = np.where(np.array([g for _, g in raw]) >= 0, -since_s[:, None], 0.0)  # (onsets, tested)
-        full = sums.since
+        each, since = sums.each, sums.since
         self._v = sums.whitened(sums.beside[:, :, at] + old * sums.beside[:, :, grows])
-        self._score = full[:, at, -1] + old * full[:, grows, -1] - np.tensordot(sums.vy, self._v, 1)
-        self._full = full[:, at, at] + 2.0 * old * full[:, at, grows] + old**2 * full[:, grows, grows]
+        self._score = since(each[:, at, -1]) + old * since(each[:, grows, -1]) - np.tensordot(sums.vy, self._v, 1)
+        crossed, grown = since(each[:, at, grows]), since(each[:, grows, grows])
+        self._full = since(each[:, at, at]) + 2.0 * old * crossed + old**2 * grown
         self._own = np.einsum("mst,mst->st", self._v, self._v)
         ends = np.cumsum([len(h.columns) for h in hypotheses])
         self._places = [slice(int(e) - len(h.columns), int(e)) for h, e in zip(hypotheses, ends, strict=True)]
@@ -94,7 +95,8 @@ class Bank:
         """The same of a hypothesis of several columns, which do not grow."""
         place, h = self._places[i], self.hypotheses[i]
         c, v = self._at[place], self._v[:, onsets, place].transpose(1, 0, 2)
-        information = self.sums.since[onsets, c[0] : c[-1] + 1, c[0] : c[-1] + 1] - v.transpose(0, 2, 1) @ v
+        own = slice(c[0], c[-1] + 1)
+        information = self.sums.since(self.sums.each[:, own, own])[onsets] - v.transpose(0, 2, 1) @ v
         score = self._score[onsets, place]
         diagonal = np.diagonal(information, axis1=1, axis2=2)
         scale = np.sqrt(np.maximum(diagonal, LEAST))
@@ -170,7 +172,7 @@ class Bank:
         return covariance @ score, max(1.0, (rest + SHEET_SEGMENTS) / (j + SHEET_SEGMENTS)) * covariance
 
     def _products(self, place: slice, at: int) -> Array:
-        c, g, old, full = self._at[place], self._grows[place], self._old[at, place], self.sums.since[at]
+        c, g, old, full = self._at[place], self._grows[place], self._old[at, place], self.sums.each[at:].sum(0)
         cross = old[:, None] * full[np.ix_(g, c)]
         grown = old[:, None] * old[None, :] * full[np.ix_(g, g)]
         return np.asarray(full[np.ix_(c, c)] + cross + cross.T + grown)

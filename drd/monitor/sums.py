@@ -55,39 +55,35 @@ class Sums:
         # What shows only where another one begins or ends is that one's.
         taken = np.isin(np.arange(n), [c.begin for c in components if c.end - c.begin == 1])
         self.free: Array = np.concatenate([[0.0], np.cumsum(~taken)])
-        # From here on; after the last one nothing.
-        self.since: Array = np.concatenate([np.cumsum(self.each[::-1], 0)[::-1], np.zeros_like(self.each[:1])])
         self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
         self._fit(n)
 
+    @staticmethod
+    def since(each: Array) -> Array:
+        """Sums of what is of each segment, from each on; after the last one nothing."""
+        return np.concatenate([np.cumsum(each[::-1], 0)[::-1], np.zeros_like(each[:1])])
+
     def _fit(self, n: int) -> None:
         parts, s = self._components, np.arange(n + 1)
-        width = self.each.shape[1]
-        columns: dict[tuple[tuple[int, float], ...], Array] = {}
-        rows: list[Array] = []
-        for part in parts:
-            key = tuple(sorted(part.weights.items()))
-            if key not in columns:
-                columns[key] = sum((w * self.since[:, c] for c, w in key), np.zeros((n + 1, width)))
-            own = columns[key]
-            rows.append(part.sigma * (own[np.maximum(s, part.begin)] - own[np.maximum(s, part.end)]))
+        sigma, begin, end = (np.array([getattr(p, name) for p in parts]) for name in ("sigma", "begin", "end"))
+        used = sorted({c for p in parts for c in p.weights})
+        weights = np.array([[p.weights.get(c, 0.0) for c in used] for p in parts])
+        kinds, kind = np.unique(weights, axis=0, return_inverse=True)
+        own, kind = np.tensordot(kinds, self.since(self.each[:, used]), (1, 1)), kind[:, None]
         # (components, onsets, columns): products with each column from each onset on.
-        self.beside: Array = np.stack(rows)
-        m = len(parts)
-        gram = np.eye(m)
-        for j, part in enumerate(parts):
-            # Products over the segments that both have in common.
-            of_all = sum((w * self.beside[:, part.begin, c] for c, w in part.weights.items()), np.zeros(m))
-            after = sum((w * self.beside[:, part.end, c] for c, w in part.weights.items()), np.zeros(m))
-            gram[:, j] += part.sigma * (of_all - after)
-        # numpy has no triangular solver, and m is small.
+        self.beside: Array = own[kind, np.maximum(s, begin[:, None])] - own[kind, np.maximum(s, end[:, None])]
+        self.beside *= sigma[:, None, None]
+        gram = np.eye(len(parts))
+        for c, weight in zip(used, weights.T, strict=True):  # products over the segments that both have in common
+            gram += (self.beside[:, begin, c] - self.beside[:, end, c]) * (weight * sigma)
+        # numpy has no triangular solver, and there are few of them.
         self._whiten: Array = np.linalg.inv(np.linalg.cholesky(0.5 * (gram + gram.T)))
         self.vy: Array = self._whiten @ self.beside[:, 0, -1]
         self.coefficients: Array = self._whiten.T @ self.vy
-        self.theta: Array = np.zeros((n, width - 1))
-        for part, x in zip(parts, self.coefficients, strict=True):
+        self.theta: Array = np.zeros((n, self.each.shape[1] - 1))
+        for part, x in zip(parts, sigma * self.coefficients, strict=True):
             for c, w in part.weights.items():
-                self.theta[part.begin : part.end, c] += part.sigma * w * x
+                self.theta[part.begin : part.end, c] += w * x
 
     def constant(self, column: int) -> tuple[float, float]:
         """The component that holds a column all along: its value and its deviation."""

@@ -20,11 +20,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--hours", type=float, default=24.0, help="of simulated time, in whole rounds [default 24]")
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="takes soak.txt and soak.json")
     parser.add_argument("--seed", type=int, default=1, help="of all random numbers [default 1]")
+    parser.add_argument("--monitor", action="store_true", help="the monitor's process gets the samples, too")
     arguments = parser.parse_args(argv)
     if not 0.0 < arguments.hours <= 1000.0:
         parser.error("--hours: expected a number above 0, up to 1000")
     arguments.output.mkdir(parents=True, exist_ok=True)
-    result = soak(arguments.output, rounds_for(arguments.hours), arguments.seed)
+    result = soak(arguments.output, rounds_for(arguments.hours), arguments.seed, arguments.monitor)
     text = table(result)
     print(text)
     for name, content in (("soak.txt", f"{text}\n"), ("soak.json", as_json(result))):

@@ -1,5 +1,6 @@
 """One long run: laps with a fault each through the daemon's core, judged against the truth at every pose."""
 
+import contextlib
 import gc
 import math
 import os
@@ -15,11 +16,13 @@ from tqdm import tqdm
 
 from drd.config.keys import Config
 from drd.config.schema import loads
-from drd.pipeline import Pipeline
+from drd.pipeline import Observer, Pipeline
 from drd.samples import Pose, Validity
+from drd.service.observers import Observers
 from drd.units import RAD_PER_DEG, S_PER_NS
 from soak.faults import FAULTS, Fault
 from soak.ledger import Ledger, Row
+from soak.monitor import Cost, Monitored
 from soak.world import EPOCH_NS, LAP_S, STAND_S, STEP_S, Arrival, World, monotonic_ns
 
 CONFIG: Final = """\
@@ -79,6 +82,7 @@ class Soak:
     early: set[str] = field(default_factory=set)
     valid: int = 0
     beyond: int = 0
+    monitor: Cost | None = None  # None: there was none beside
 
     @property
     def drifted(self) -> list[Row]:
@@ -86,19 +90,25 @@ class Soak:
         return [row for row in self.rows if row.counted != row.expected]
 
 
-def soak(folder: Path, laps: int, seed: int) -> Soak:
+def soak(folder: Path, laps: int, seed: int, is_monitored: bool = False) -> Soak:
     """Drive so many laps, the faults in turn. `folder` takes the calibration file."""
     (folder / "calibration.yaml").write_text(CALIBRATION, encoding="utf-8")
-    return _Run(loads(CONFIG, Config).value, folder, laps, seed).run()
+    config = loads(CONFIG, Config).value
+    if not is_monitored:
+        return _Run(config, folder, laps, seed).run()
+    with contextlib.closing(Monitored(config)) as monitored:
+        result = _Run(config, folder, laps, seed, monitored).run()
+    result.monitor = monitored.cost
+    return result
 
 
 class _Run:
     """The pipeline in its world, and the judge of its poses."""
 
-    def __init__(self, config: Config, folder: Path, laps: int, seed: int):
+    def __init__(self, config: Config, folder: Path, laps: int, seed: int, *beside: Observer):
         self._world = World(config, laps, seed)
         self._ledger = Ledger(config)
-        self._pipeline = Pipeline(config, folder, self._on_pose, self._ledger)
+        self._pipeline = Pipeline(config, folder, self._on_pose, Observers(self._ledger, *beside))
         self._result = Soak(laps, found=[Found(fault) for fault in FAULTS])
         self._poses = 0
         self._judged: Found | None = None  # of this lap, from the fault's onset on

@@ -7,7 +7,10 @@ from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any, Final
 
+from bench.cpu import BYTES_PER_MIB
+
 from drd_tools.report.terminal import columns
+from soak.monitor import HOUR_S, Cost
 from soak.run import Found, Soak
 from soak.world import LAP_S
 
@@ -16,6 +19,8 @@ BEYOND_LIMIT: Final = 0.02
 # Python's caches and the results themselves.
 BLOCKS_LIMIT: Final = 3000
 RESIDENT_LIMIT_MIB: Final = 3.0
+MONITOR_LIMIT_MIB: Final = 150.0
+MONITOR_LIMIT_SHARE: Final = 0.03  # of a core
 HEADINGS: Final = (
     "fault", "times", "for s", "detected after s", "(limit)", "named", "recovered after s", "error/bound",
 )  # fmt: skip
@@ -38,7 +43,38 @@ def failures(soak: Soak) -> list[str]:
         found.append(f"{grown} more blocks of memory live at the end than after the first round")
     if (more_mib := resident_grown_mib(soak)) is not None and more_mib > RESIDENT_LIMIT_MIB:
         found.append(f"{more_mib:.1f} MiB more resident at the end than after the first round")
+    if soak.monitor is not None:
+        found += _monitor_failures(soak.monitor)
     return found
+
+
+def _monitor_failures(cost: Cost) -> Iterator[str]:
+    if cost.gaps:
+        yield f"the monitor was told of {cost.gaps} gaps, and none was sent"
+    if not cost.resident_mb:
+        return
+    first_mib, last_mib, most_mib = _levels_mib(cost)
+    if most_mib > MONITOR_LIMIT_MIB:
+        yield f"the monitor took {most_mib:.1f} MiB"
+    if last_mib - first_mib > RESIDENT_LIMIT_MIB:
+        yield f"the monitor has {last_mib - first_mib:.1f} MiB more in the last quarter than in the first"
+    if (share := _share(cost)) > MONITOR_LIMIT_SHARE:
+        yield f"the monitor took {100.0 * share:.1f} % of a core"
+
+
+def _levels_mib(cost: Cost) -> tuple[float, float, float]:
+    """Resident memory: the least of the first quarter's hours and of the last one's, and the most of all.
+
+    The least, for some MiB come and go with what is told.
+    """
+    mib = [1e6 * mb / BYTES_PER_MIB for mb in cost.resident_mb]
+    quarter = max(1, len(mib) // 4)
+    return min(mib[:quarter]), min(mib[-quarter:]), max(mib)
+
+
+def _share(cost: Cost) -> float:
+    """Of a core, over all whole hours."""
+    return cost.cpu_s[-1] / (HOUR_S * len(cost.cpu_s))
 
 
 def blocks_grown(soak: Soak) -> int | None:
@@ -92,6 +128,13 @@ def _sentences(soak: Soak) -> Iterator[str]:
             f"memory: {soak.resident_mib[0]:.1f} MiB after the first round, {soak.resident_mib[-1]:.1f} at the end; "
             f"live blocks {soak.blocks[0]} and {soak.blocks[-1]}"
         )
+    if soak.monitor is not None and soak.monitor.resident_mb:
+        cost, (first_mib, last_mib, most_mib) = soak.monitor, _levels_mib(soak.monitor)
+        yield (
+            f"monitor: {first_mib:.1f} MiB at least in the first quarter, {last_mib:.1f} in the last, {most_mib:.1f} "
+            f"at most; {100.0 * _share(cost):.2f} % of a core"
+        )
+        yield f"monitor: judging in {100.0 * cost.judging / cost.reports:.0f} % of {cost.reports} reports"
     yield f"took {soak.took_s:.0f} s: {soak.seconds / soak.took_s:.0f} times real time, truth and sensors included"
     wrong = failures(soak)
     yield "all was shown" if not wrong else "NOT SHOWN:"
@@ -103,6 +146,7 @@ def as_json(soak: Soak) -> str:
     content: dict[str, Any] = {f.name: getattr(soak, f.name) for f in dataclasses.fields(soak)}
     content["rows"] = [row._asdict() for row in soak.rows]
     content["early"] = sorted(soak.early)
+    content["monitor"] = None if soak.monitor is None else dataclasses.asdict(soak.monitor)
     content["failures"] = failures(soak)
     content["found"] = [
         {

@@ -1,3 +1,4 @@
+import contextlib
 import json
 import math
 from pathlib import Path
@@ -6,11 +7,15 @@ import pytest
 from soak import __main__ as command
 from soak.faults import FAULTS
 from soak.ledger import Ledger, Row
+from soak.monitor import Cost, Monitored
 from soak.run import Soak, rounds_for, soak
 from soak.text import as_json, failures, table
+from soak.world import EPOCH_NS
 
+from drd.config.keys import Config
+from drd.config.schema import loads
 from drd.estimation import pose_maker
-from drd.samples import CanFrame
+from drd.samples import CanFrame, GyroSample, WheelSample
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +81,23 @@ def test_what_was_not_shown_is_said() -> None:
         "40.0 MiB more",
         "while nothing was wrong: fog",
     ):
+        assert part in text
+
+
+def test_the_monitors_process_gets_every_sample() -> None:
+    with contextlib.closing(Monitored(loads("robot: {wheel_radius_m: 0.11, tread_m: 0.6}", Config).value)) as monitored:
+        for k in range(1, 700):
+            monitored.gyro(GyroSample(EPOCH_NS + k * 50_000_000, 0.05, 0.0, 20.0))
+            monitored.wheels(WheelSample(EPOCH_NS + k * 50_000_000, 0.05, 0.05, 0.05, 0.0))
+    assert monitored.cost.reports > 5
+    assert monitored.cost.judging == monitored.cost.reports
+    assert monitored.cost.gaps == 0
+
+
+def test_a_monitor_that_grows_or_costs_too_much_is_said() -> None:
+    cost = Cost([80.0, 80.0, 90.0, 170.0, 160.0, 170.0, 99.0, 98.0], [200.0 * k for k in range(1, 9)], 10, 9, 2)
+    text = "\n".join(failures(Soak(38, monitor=cost)))
+    for part in ("2 gaps", "162.1 MiB", "17.2 MiB more", "5.6 % of a core"):
         assert part in text
 
 
