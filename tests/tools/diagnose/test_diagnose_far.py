@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, recorded, selected
+from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected
 
 from drd.batch.logs import EncoderLog
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -79,6 +79,15 @@ def test_without_a_gyro_clocks_that_drift_apart_a_little_are_no_clock_skew(ppm: 
     assert [c.effect for c in analysis.conclusion.causes] == []
     drift = analysis.reference["drift"]
     assert drift.value == pytest.approx(ppm, abs=max(3.0 * drift.std, 100.0))
+
+
+@pytest.mark.parametrize(("delay_s", "named"), [(0.07, []), (0.12, ["encoder_latency"])])
+def test_without_a_gyro_a_delay_is_the_references_where_that_is_likelier(delay_s: float, named: list[str]) -> None:
+    """As likely as an even choice from 0 to 0.5 s is 83 ms of a reference whose own delay has a deviation of 50 ms."""
+    late = replace(recorded(WAREHOUSE, 3, selected("encoder_latency", delay=delay_s)), fog=None)
+    analysis = analyse(late)
+    assert [c.effect for c in analysis.conclusion.causes] == named
+    assert named or analysis.reference["delay"].value == pytest.approx(delay_s, abs=0.02)
 
 
 def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None:

@@ -68,11 +68,19 @@ def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
 
 
 def is_the_references(problem: Problem, selected: Selected) -> bool:
-    """Whether a delay or a clock's rate, as estimated, is no more than a reference often has by itself. (87)"""
-    names = selected.free
-    return bool(names) and all(
-        abs(selected.number(name)) < _of_the_reference(problem, selected, name) for name in names
+    """Whether a delay or a clock's rate, as estimated, is likelier the reference's own than the robot's. (87)"""
+    return bool(selected.free) and all(
+        abs(selected.number(name)) < _likelier_below(problem, selected, name) for name in selected.free
     )
+
+
+def _likelier_below(problem: Problem, selected: Selected, name: str) -> float:
+    """The size at which the reference's own, normal, is as likely as an even choice of the plausible range."""
+    own, q = _of_the_reference(problem, selected, name), selected.parameter(name)
+    if not own:
+        return 0.0
+    width = q.high * q.si * (2.0 if q.signed else 1.0)
+    return own * math.sqrt(2.0 * max(math.log(width / (own * math.sqrt(2.0 * math.pi))), 0.0))
 
 
 def shrunk(
