@@ -49,7 +49,8 @@ def test_an_inverted_gyro_is_found_and_ctrl_c_ends_the_watching(
 ) -> None:
     wrong = changed(config, "protocol: ecore", "protocol: ecore, positive: counterclockwise")
     began_s = time.monotonic()
-    threading.Timer(8.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+    # A busy machine loses frames, and only seconds without a hole are judged: time for some.
+    threading.Timer(12.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     assert main(["check", "--live", wrong, "--seconds", "600", "--drove", "forward"]) == 1
     assert time.monotonic() - began_s < 60.0
     found, _, summary = unwrapped(capsys).rpartition("checks:")

@@ -256,7 +256,7 @@ def turns_then_rest(rng: np.random.Generator, deg_per_sqrt_h: float, bias_rad_s:
             yield t_s, GyroSample(stamp_ns, GYRO_S, bias_rad_s + n * float(rng.normal()), 25.0)
 
 
-@pytest.mark.parametrize(("stated", "true"), [(0.083, 0.083), (0.42, 5.0)])
+@pytest.mark.parametrize(("stated", "true"), [(0.083, 0.083), (0.42, 0.42), (0.42, 5.0)])
 def test_an_hour_at_rest_after_turns_moves_nothing(stated: float, true: float) -> None:
     config = NO_BIAS.replace("{static", f"{{noise: {{gyro_deg_per_sqrt_h: {stated}}}, static")
     e = make(config)

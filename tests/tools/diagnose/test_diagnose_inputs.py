@@ -12,11 +12,12 @@ from drd_tools.diagnose.analysis import analyse
 from drd_tools.simulate.conditions import Conditions, Reference
 
 
-def test_a_dropout_is_told_with_its_side(tmp_path: Path) -> None:
-    missing = selected("encoder_dropout", side="right", t0=41.0, t1=42.0)
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_dropout_is_told_with_its_side(tmp_path: Path, side: str) -> None:
+    missing = selected("encoder_dropout", side=side, t0=41.0, t1=42.0)
     finding = diagnosed(written(tmp_path / "run", missing), tmp_path / "out")["findings"][0]
     assert finding["effect"] == "encoder_dropout"
-    assert "right" in json.dumps(finding["parameters"]["side"])
+    assert side in json.dumps(finding["parameters"]["side"])
     assert finding["windows"] == [[pytest.approx(41.0, abs=0.06), pytest.approx(42.0, abs=0.06)]]
 
 
