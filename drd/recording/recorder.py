@@ -44,7 +44,7 @@ class _Entry(NamedTuple):
 
 
 class HandedOver(ABC):
-    """What a run hands over to be recorded, an entry of one kind each."""
+    """Takes all that a run hands over, an entry of one kind each."""
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's port."""
@@ -76,7 +76,7 @@ class HandedOver(ABC):
         self._put("health", health)
 
     def findings_report(self, findings: Mapping[str, Any]) -> None:
-        """What the monitor says, as published."""
+        """The findings as published."""
         self._put("findings", findings)
 
     @abstractmethod

@@ -73,7 +73,7 @@ def _levels_mib(cost: Cost) -> tuple[float, float, float]:
 
 
 def _share(cost: Cost) -> float:
-    """Of a core, over all whole hours."""
+    """Share of a core over all whole hours."""
     return cost.cpu_s[-1] / (HOUR_S * len(cost.cpu_s))
 
 

@@ -253,7 +253,7 @@ class Run(NamedTuple):
     wall_ns: int
 
     def notes(self) -> list[str]:
-        """What a reader should know of the files."""
+        """Parts that are cut or missing, in words."""
         cut = [f"{part.path.name}: {part.sentence()}" for part in self.parts if part.is_cut]
         return cut + [f"part {number} of the run is not there" for number in self.missing]
 
