@@ -69,7 +69,8 @@ class Sums:
         used = sorted({c for p in parts for c in p.weights})
         weights = np.array([[p.weights.get(c, 0.0) for c in used] for p in parts])
         kinds, kind = np.unique(weights, axis=0, return_inverse=True)
-        own, kind = np.tensordot(kinds, self.since(self.each[:, used]), (1, 1)), kind[:, None]
+        # numpy 2.0 has the inverse as a column, all others as a row.
+        own, kind = np.tensordot(kinds, self.since(self.each[:, used]), (1, 1)), kind.reshape(-1, 1)
         # (components, onsets, columns): products with each column from each onset on.
         self.beside: Array = own[kind, np.maximum(s, begin[:, None])] - own[kind, np.maximum(s, end[:, None])]
         self.beside *= sigma[:, None, None]
