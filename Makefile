@@ -8,6 +8,7 @@ DEMO_SECONDS ?= 30
 SOAK_HOURS ?= 24
 HUNT_DRIVES ?= 100000
 HONESTY ?=
+BESIDE ?=
 LOCK := systemd/robot.lock
 LOCK_ARGUMENTS ?=
 # The workshop's tests, and those of the daemon that only compute.
@@ -40,9 +41,9 @@ help: ## list the targets
 
 setup: $(STAMP) ## make .venv and install drd with all that its tests need
 
-# What `missing` names, by apt.
+# What `missing` names, by apt, which waits for no other run of itself: so this does.
 define INSTALL_MISSING
-test -z "$$missing" && exit 0; \
+test -z "$$missing" && exit 0; exec 9< Makefile; flock 9; \
 	test "$$(id -u)" = 0 && sudo= || sudo=sudo; \
 	echo "installing system packages:$$missing"; \
 	$$sudo apt-get update -qq && \
@@ -65,7 +66,10 @@ demo: $(STAMP) ## emulated robot, daemon and watcher together; draws out/demo.pn
 	@mkdir -p out
 	$(BIN)/drd demo --seconds $(DEMO_SECONDS) --output out/demo.png
 
-test: test-timed test-computed ## run all tests but those of the virtual machine
+# BESIDE: a target that runs beside the tests that only compute, and waits more than they do.
+test: $(STAMP) ## run all tests but those of the virtual machine
+	$(MAKE) test-timed
+	$(MAKE) $(if $(BESIDE),--jobs=2 --output-sync) test-computed $(BESIDE)
 
 # The daemon's tests keep time, and have the machine to themselves.
 test-timed: $(STAMP)
@@ -77,7 +81,7 @@ test-computed: $(STAMP)
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
 		missing="$$missing chromium"; \
 	$(INSTALL_MISSING)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(COMPUTED) --numprocesses=auto --dist=loadfile
+	OPENBLAS_NUM_THREADS=1 nice -n 10 $(BIN)/python -m pytest $(COMPUTED) --numprocesses=auto --dist=loadfile
 
 # rclpy's wheels start each Python process of their environment a second time: they have one of their own.
 $(ROS2)/installed: pyproject.toml
@@ -128,7 +132,7 @@ vm-base: $(STAMP) ## fetch the Debian that the virtual machine is made of; kept 
 		PATH="$$PATH:/usr/sbin:/sbin" command -v "$${pair%:*}" >/dev/null || missing="$$missing $${pair#*:}"; \
 	done; \
 	$(INSTALL_MISSING)
-	-PYTHONPATH=tests $(BIN)/python -m vm.image
+	-PYTHONPATH=tests flock Makefile $(BIN)/python -m vm.image
 
 N ?= 200
 power-cut: $(STAMP) ## cut the power of the virtual machine N times while it records (as root; goes on where it was stopped)
