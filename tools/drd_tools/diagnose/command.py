@@ -106,9 +106,9 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
         print(f"  {result.next_drive.sentence}".rstrip())
     if result.cut:
         print(f"  {result.cut}: cut a longer recording, and diagnose its parts")
-    reasons = Counter(row.because for row in result.unobservable)
+    reasons, every = Counter(row.because for row in result.unobservable), catalogue().values()
     for because, count in reasons.items():
-        print(f"  nothing can be said of {count} of the {len(catalogue())} effects: {because}")
+        print(f"  nothing can be said of {count} of the {sum(e.is_diagnosed for e in every)} effects: {because}")
     for note in diagnosis.notes:
         print(f"  {note}")
     print("  files: " + ", ".join(str(f) for f in files[:3]))

@@ -30,7 +30,7 @@ class Diagnosis:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings, the best first."""
+        """Findings, the largest share of the mismatch first."""
         return self.result.findings
 
     def report(self, folder: Path) -> list[Path]:

@@ -173,7 +173,7 @@ def _finding(
         seen=united([s.ranges[best] for s in statistics]),
         covariate=effect.covariate,
         evidence=Support(gain, p, e),
-        explains=1.0,
+        explains=None,
         sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(statistics)} together do.",
         probabilities=_alike(best, also, e),
     )

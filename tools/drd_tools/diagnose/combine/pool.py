@@ -54,7 +54,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
     common = together(statistics, names_of(findings))
-    findings = sorted([*findings, *common], key=lambda f: -f.gain_nats)
+    findings = sorted([*findings, *common], key=lambda f: (-(f.explains or 0.0), -f.gain_nats))
     found, detectable = names_of(findings), _most_sensitive(results)
     before = _side_by_side(results, [r.fit.train.before for r in results])
     after = _side_by_side(results, [r.fit.train.after for r in results])

@@ -18,6 +18,7 @@ from drd_tools.diagnose.conclude.confirm import (
 )
 from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
 from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
+from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import is_the_references, reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
@@ -47,7 +48,7 @@ CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decis
 
 @dataclass(frozen=True)
 class Conclusion:
-    """Causes, the best first, and what was not found.
+    """Causes, the largest share first, and what was not found.
 
     `of_the_reference`: delays and clock rates that it may well have by itself, where no gyro tells whose they are.
     """
@@ -71,14 +72,18 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     identity = Identifiability(found.problem, search.library)
     chance = chance_gains(found.problem, search.library, found.fit.left)
     by_logic = {e.selected.id: e for e in events}
-    by_events = refine(found.problem, [c for c in found.fit.selection if c.id in search.known])
-    total = max(by_events.cost - found.fit.cost, 1e-9)
-    found, findings = _in_place_of_several(found, search, splines, chance, constants)
+    found, unnamed = _in_place_of_several(found, search, splines, chance, constants)
     if found.fit is not before:
         tests = _tests(found, search)
     near = near_sets(found, search)
-    periodic = ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)
-    total += sum(ripple.gain for ripple in periodic)
+    unnamed += [_periodic(r) for r in ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)]
+    nats = shared_nats(found.problem, found.fit, search.known)
+    explained = sum(nats.values()) + sum(c.gain_nats for c in unnamed) + sum(e.nats for e in events)
+    left = splines.best(found.fit.selection)
+    if left is not None and left.gain <= max(LEAST_NATS, UNKNOWN_SHARE * explained):
+        left = None
+    whole = max(explained + (0.0 if left is None else left.gain), LEAST_NATS)
+    findings = [replace(c, explains=c.gain_nats / whole) for c in unnamed]
     estimates = reported_estimates(
         found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
     )
@@ -90,23 +95,20 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
             continue
         event = by_logic.get(name)
         if event is not None:
-            findings.append(_event_finding(test.selected, event))
+            findings.append(_event_finding(test.selected, event, event.nats / whole))
         else:
-            findings.append(_finding(found, search, splines, test, reported, near, chance, total, name in constants))
-    left = splines.best(found.fit.selection)
+            share = nats[name] / whole
+            findings.append(_finding(found, search, splines, test, reported, near, chance, share, name in constants))
     unexplained = 0.0
-    all_explained = total + sum(e.nats for e in events)
-    if left is not None and left.gain > max(LEAST_NATS, UNKNOWN_SHARE * all_explained):
+    if left is not None:
         # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
         rest = found.fit.left - splines.rows(left)
         p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
-        unexplained = left.gain / (left.gain + total)
+        unexplained = left.gain / whole
         same = any(f.selected is None and f.curve is not None and f.curve.covariate == left.covariate for f in findings)
         if p <= FAMILY_WISE and not same:
-            findings.append(_unknown(left, p, left.gain / (left.gain + total)))
-    findings += [_periodic(ripple) for ripple in periodic]
+            findings.append(_unknown(left, p, unexplained))
     findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
-    findings = _shared(findings, all_explained)
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
     ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
@@ -116,9 +118,9 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
 
 
 def _merged(findings: Sequence[Cause]) -> list[Cause]:
-    """Sort the causes, the best first, and merge the names that one and the same curve beats."""
+    """Sort the causes, the largest share first, and merge the names that one and the same curve beats."""
     found: dict[tuple[str, str] | int, Cause] = {}
-    for i, finding in enumerate(sorted(findings, key=lambda f: -f.gain_nats)):
+    for i, finding in enumerate(sorted(findings, key=lambda f: -f.explains)):
         key = (
             i
             if finding.selected is not None or finding.curve is None
@@ -135,16 +137,10 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
     return list(found.values())
 
 
-def _shared(causes: Sequence[Cause], whole_nats: float) -> list[Cause]:
-    """The causes with shares of the mismatch that add up to one at most."""
-    whole_nats = max(whole_nats, sum(c.gain_nats for c in causes), 1e-9)
-    return [replace(c, explains=max(c.gain_nats, 0.0) / whole_nats) for c in causes]
-
-
 def _in_place_of_several(
     found: Found, search: Search, splines: SplineTerms, chance: Array, constants: Collection[str]
 ) -> tuple[Found, list[Cause]]:
-    """Replace all names of a channel by one curve without a name where that is better."""
+    """Replace all names of a channel by one curve without a name where that is better; its share is not known yet."""
     problem, fit = found.problem, found.fit
     unknown: list[Cause] = []
     for acts_on in dict.fromkeys(c.acts_on for c in CHANNELS.values()):
@@ -161,7 +157,7 @@ def _in_place_of_several(
         if curve.gain < worth - problem.penalty(group) + margin:
             continue
         p = family_wise_p(curve.gain, chance)
-        unknown.append(_unknown(curve, p, 1.0, rivals=unique(group)))
+        unknown.append(_unknown(curve, p, 0.0, rivals=unique(group)))
         fit = rest
     return Found(problem, fit, search.score(fit), found.null), unknown
 
@@ -211,7 +207,7 @@ def _finding(
     reported: Selected,
     near: Sequence[Near],
     chance: Array,
-    total: float,
+    explains: float,
     is_constant: bool,
 ) -> Cause:
     problem, fit, selected = found.problem, found.fit, test.selected
@@ -235,9 +231,8 @@ def _finding(
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
         also = (selected, *rivals.alike)
-        return _unknown(rival, p, worth / total, surrogate, also, e, status, probabilities)
+        return _unknown(rival, p, explains, surrogate, also, e, status, probabilities)
     curve = _curve(splines, found, selected, rival)
-    explains = min(1.0, worth / total)
     return Cause(
         selected=reported,
         status=status,
@@ -272,7 +267,7 @@ def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve 
     return max(curves, key=lambda c: c.gain, default=rival)
 
 
-def _event_finding(selected: Selected, event: Event) -> Cause:
+def _event_finding(selected: Selected, event: Event, explains: float) -> Cause:
     e = math.exp(min(event.nats, LARGEST_NATS))
     p = max(min(1.0, 31.0 / e), 1e-6)
     text = f"{selected.effect.sentence} Seen: {event.seen}."
@@ -283,7 +278,7 @@ def _event_finding(selected: Selected, event: Event) -> Cause:
         rivals=(),
         windows=event.windows,
         support=support,
-        explains=1.0,
+        explains=explains,
         sentence=text,
         probabilities=posterior({selected.id: event.nats, NOTHING: 0.0}),
     )

@@ -121,7 +121,7 @@ def _periodic(ripple: Ripple | None) -> tuple[dict[str, Amount], dict[str, str]]
 
 
 def findings_of(conclusion: Conclusion) -> list[Finding]:
-    """All causes as they are reported, the best first."""
+    """All causes as they are reported, the largest share first."""
     return [finding_of(cause, conclusion.found.problem) for cause in conclusion.causes]
 
 
