@@ -1,6 +1,7 @@
 """Options that several commands of the workshop share, for `parents` of their parsers."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,18 @@ def reference_sigma() -> argparse.ArgumentParser:
     text = "standard deviations of the reference's coordinates and heading (default: robot.yaml's)"
     add("--reference-sigma", nargs=2, type=number(0.0), metavar=("M", "DEG"), help=text)
     return parser
+
+
+def reference_lag() -> argparse.ArgumentParser:
+    """--reference-lag, seconds; NaN: auto."""
+    parser, add = _parent()
+    text = "how late the reference is, s; auto: what the headings show (default: 0)"
+    add("--reference-lag", type=_lag, default=0.0, metavar="S|auto", help=text)
+    return parser
+
+
+def _lag(text: str) -> float:
+    return math.nan if text == "auto" else number()(text)
 
 
 def seed(what: str, default: int = 0) -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from drd_tools.evaluate.report import print_runs, write_report
 from drd_tools.evaluate.results import Evaluation, Run
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, Reference, read_poses, read_reference
 from drd_tools.limit.limit import Limit, limit_of
-from drd_tools.options import kept, reference_sigma
+from drd_tools.options import kept, reference_lag, reference_sigma
 from drd_tools.recordings.daemon_log import read
 from drd_tools.report.saved import keep_and_show, tell_files
 
@@ -38,6 +38,9 @@ The estimate is interpolated at the reference's times, never extrapolated. Align
   first-metres M  least squares over the positions on the first M metres
   se2             least squares over all positions (Umeyama); hides part of the drift, and NEES has no meaning then
   none            as the poses are
+
+A reference may show the motion later than the poses, as lidar and motion capture do by up to half a second: what the
+turning shows of that is told, and --reference-lag takes it off.
 """
 EXAMPLES = """\
 examples:
@@ -71,7 +74,7 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = command("drd evaluate", DESCRIPTION, EXAMPLES, [kept(), reference_sigma()])
+    parser = command("drd evaluate", DESCRIPTION, EXAMPLES, [kept(), reference_sigma(), reference_lag()])
     add = parser.add_argument
     add("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="what is judged")
     add("--reference", nargs="+", type=Path, metavar="PATH", help="one for all poses, or one for each")
@@ -108,6 +111,7 @@ def _evaluate(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> li
                 metres=metres,
                 max_gap_s=chosen.max_gap,
                 closed_within_m=chosen.closed_within,
+                lag_s=chosen.reference_lag,
                 limit=_limit_of(path, reference_path),
             )
         )

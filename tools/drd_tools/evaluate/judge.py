@@ -9,6 +9,7 @@ from drd_tools.evaluate.alignment import Alignment, align
 from drd_tools.evaluate.consistency import consistency, total_covariance, track_sigmas
 from drd_tools.evaluate.growth import error_growth
 from drd_tools.evaluate.heading import heading_drift
+from drd_tools.evaluate.lag import taken_off
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift, relative_by_time, turned
 from drd_tools.evaluate.results import Run, Series
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Pairs, Poses, Reference, associate
@@ -26,11 +27,13 @@ def judge(
     metres: float = 0.0,
     max_gap_s: float = MAX_GAP_S,
     closed_within_m: float | None = None,
+    lag_s: float = 0.0,
     limit: Limit | None = None,
 ) -> Run:
-    """Associate, align and measure; `limit` is the recording's bound. Raises ConfigError where the two have too little
-    in common.
+    """Associate, align and measure. `lag_s`: how late the reference is, NaN: as the headings show; `limit`: the
+    recording's bound. Raises ConfigError where the two have too little in common.
     """
+    reference, taken_s, left_s = taken_off(poses, reference, lag_s)
     pairs = associate(poses, reference, max_gap_s)
     aligned, alignment = align(pairs, kind, metres)
     drift, by_length = kitti_drift(pairs)
@@ -59,6 +62,8 @@ def judge(
         windows=error_growth(pairs, reference),
         series=_series(aligned, alignment, reference),
         limit=limit,
+        lag_taken_s=taken_s,
+        lag_left_s=left_s,
     )
 
 

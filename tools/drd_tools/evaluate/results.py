@@ -32,7 +32,11 @@ class Series:
 
 @dataclass(frozen=True)
 class Run:
-    """One estimate judged against one reference."""
+    """One estimate judged against one reference.
+
+    `lag_taken_s`: by how much the reference's times were taken earlier; `lag_left_s`: by how much it clearly shows
+    turns later than the poses.
+    """
 
     name: str
     reference: str
@@ -58,6 +62,8 @@ class Run:
     windows: Windows
     series: Series
     limit: Limit | None = None  # of the recording, where it is known
+    lag_taken_s: float = 0.0
+    lag_left_s: float = 0.0
 
 
 @dataclass(frozen=True)

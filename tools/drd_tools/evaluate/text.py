@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from drd_tools.evaluate.consistency import PARTS, Nees, together
+from drd_tools.evaluate.lag import in_words
 from drd_tools.evaluate.metrics import Relative
 from drd_tools.evaluate.results import Run
 from drd_tools.limit import text as limit_text
@@ -47,6 +48,7 @@ def main_figures(run: Run) -> tuple[float | None, ...]:
 def sentences(run: Run) -> Iterator[str]:
     """Everything that is a single figure, each with what it means."""
     yield from _basis(run)
+    yield from in_words(run.lag_taken_s, run.lag_left_s)
     yield f"Alignment: {run.alignment.sentence}."
     yield from _end(run)
     a = run.absolute

@@ -6,12 +6,14 @@ from pathlib import Path
 
 from drd.commands import command, number
 from drd.config.schema import ConfigError
+from drd_tools.evaluate.lag import taken_off
+from drd_tools.evaluate.replayed import poses_of
 from drd_tools.evaluate.trajectory import Reference, read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.report import print_explanation, write_report
 from drd_tools.explain.results import Explanation
 from drd_tools.explain.source import open_source
-from drd_tools.options import kept, reference_sigma, replayed
+from drd_tools.options import kept, reference_lag, reference_sigma, replayed
 from drd_tools.report.saved import keep_and_show
 
 DESCRIPTION = """\
@@ -55,7 +57,13 @@ def main(argv: list[str]) -> int:
 
 def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
     source = open_source(chosen.recording, chosen.config, chosen.calibration, chosen.model)
-    explanation = explain(source, chosen.begin, chosen.to, _reference(chosen, parser, source.has_reference))
+    reference, taken_s, left_s = _reference(chosen, parser, source.has_reference), 0.0, 0.0
+    if reference is not None:
+        reference, taken_s, left_s = taken_off(poses_of(source.replay(), ""), reference, chosen.reference_lag)
+    explanation = explain(source, chosen.begin, chosen.to, reference)
+    if explanation.actual is not None:
+        actual = replace(explanation.actual, lag_taken_s=taken_s, lag_left_s=left_s)
+        explanation = replace(explanation, actual=actual)
     try:
         return replace(explanation, limit=source.limit())
     except ConfigError as error:
@@ -65,14 +73,14 @@ def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Exp
 def _reference(chosen: argparse.Namespace, parser: argparse.ArgumentParser, has_own: bool) -> Reference | None:
     path: Path | None = chosen.reference or (chosen.recording if has_own else None)
     if path is None:
-        if chosen.reference_sigma is not None:
-            parser.error("--reference-sigma: there is no reference")
+        if chosen.reference_sigma is not None or chosen.reference_lag:
+            parser.error("--reference-sigma, --reference-lag: there is no reference")
         return None
     return read_reference(path, *(chosen.reference_sigma or (None, None)))
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = command("drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), kept()])
+    parser = command("drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), reference_lag(), kept()])
     add = parser.add_argument
     add("recording", nargs="?", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
     add("--from", dest="begin", type=number(), metavar="S", help="the interval's beginning (default: the recording's)")

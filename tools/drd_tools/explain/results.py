@@ -57,6 +57,7 @@ class Actual:
 
     `sigma_m` and `sigma_deg` are what the budget and the reference's own noise state together, as in `Line`. `p`: how
     likely an error as large is by the budget; `course_p` the same for the errors at `poses` times on the way.
+    `lag_taken_s`, `lag_left_s`: as in `evaluate.results.Run`.
     """
 
     reference: str
@@ -76,6 +77,8 @@ class Actual:
     time_s: list[float]
     error_m: list[float]
     error_deg: list[float]
+    lag_taken_s: float = 0.0
+    lag_left_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from drd_tools.evaluate.lag import in_words
 from drd_tools.explain.results import Actual, Explanation, Line, Part
 from drd_tools.limit import text as limit_text
 from drd_tools.limit.causes import HELP
@@ -70,6 +71,7 @@ def _help(e: Explanation) -> Iterator[str]:
 
 
 def _verdict(a: Actual) -> Iterator[str]:
+    yield from in_words(a.lag_taken_s, a.lag_left_s)
     off_m = math.hypot(a.along_m, a.across_m)
     yield (
         f"The actual error is {metres(off_m)} (along {metres(a.along_m, '+')}, to the left "

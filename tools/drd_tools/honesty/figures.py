@@ -1,7 +1,6 @@
 """Figures of merit of one estimate of one drive."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -10,14 +9,12 @@ import numpy.typing as npt
 from drd.arrays import Array
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import nees
+from drd_tools.evaluate.lag import lag_of, shifted
 from drd_tools.evaluate.metrics import absolute_error, kitti_drift
 from drd_tools.evaluate.trajectory import Poses, Reference, associate, wrapped
 
 Mask = npt.NDArray[np.bool_]
 
-# Lidar and motion capture come up to half a second after the wheels, or before wheels that are late themselves; steps
-# as fine as a fifth of the fastest reference's interval would gain nothing.
-LAGS_S: Final = np.arange(-0.2, 0.8, 0.02)
 # Poses come every 0.05 to 0.1 s: none is missing where the estimator runs.
 MAX_GAP_S: Final = 1.0
 # Faster than the noise of any of the references makes a robot at rest seem to turn: 0.1 deg at 20 Hz.
@@ -69,7 +66,7 @@ class Figures:
 
 def figures_of(estimated: Estimated, yardstick: Yardstick) -> Figures:
     """All figures. Raises ConfigError where estimate and reference have too little in common."""
-    lag_s = 0.0 if yardstick.is_true else lag_of(estimated.poses, yardstick.reference)
+    lag_s = 0.0 if yardstick.is_true else lag_of(estimated.poses, yardstick.reference).value_s
     pairs = associate(estimated.poses, shifted(yardstick.reference, lag_s), MAX_GAP_S)
     aligned = align(pairs, "none" if yardstick.is_true else "start")[0]
     absolute, drift = absolute_error(aligned), kitti_drift(pairs)[0]
@@ -94,22 +91,6 @@ def figures_of(estimated: Estimated, yardstick: Yardstick) -> Figures:
         valid,
         lag_s,
     )
-
-
-def lag_of(poses: Poses, reference: Reference) -> float:
-    """How much later the reference shows the same turning: where the headings' difference changes least."""
-    jitters = []
-    for lag_s in LAGS_S:
-        at_s = reference.time_s - lag_s
-        inside = (at_s >= poses.time_s[0]) & (at_s <= poses.time_s[-1])
-        apart = np.interp(at_s[inside], poses.time_s, poses.pose[:, 2]) - reference.pose[inside, 2]
-        jitters.append(float(np.mean(np.diff(apart) ** 2)) if inside.sum() > 1 else math.inf)
-    return float(LAGS_S[int(np.argmin(jitters))])
-
-
-def shifted(reference: Reference, lag_s: float) -> Reference:
-    """The reference with its rows `lag_s` earlier."""
-    return replace(reference, time_s=reference.time_s - lag_s)
 
 
 def is_moving(time_s: Array, pose: Array, from_m_s: float) -> Mask:
