@@ -98,8 +98,10 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
         p = finding.evidence.family_wise_p
         print(f"  {finding.status}: {finding.effect} ({finding.gain_nats:.0f} nats, p {p or 0.0:.2g})")
         print(f"    {in_words(finding)}")
-    for noise in result.scatter:
+    for noise in result.scatter[:MOST_IN_WORDS]:
         print(f"  noise: {noise.sentence}")
+    if (more := len(result.scatter) - MOST_IN_WORDS) > 0:
+        print(f"  noise: the report has {more} more like these")
     for fault in reference_faults(result):
         print(f"  reference: {fault}")
     if result.next_drive:

@@ -1,4 +1,4 @@
-"""How much of the mismatch each effect takes off."""
+"""How much of the mismatch each effect explains."""
 
 from collections.abc import Collection
 
@@ -10,17 +10,16 @@ from drd_tools.diagnose.regression.refine import Fit, refine
 
 
 def shared_nats(problem: Problem, fit: Fit, known: Collection[str]) -> dict[str, float]:
-    """Nats that the effects of a fit gain together, divided among them; those that are `known` are taken for granted.
+    """Nats that the effects of a fit gain together, divided by their squared detectabilities (81).
 
-    Each has the part of its rows along the sum of all (Pratt 1987), (81); one that works against the others has none.
-    What the data lose without an effect tells less of it: others, fitted anew, take its place, as wheels 30 % smaller
-    that of a tread 60 % larger.
+    Effects that are `known` are taken for granted. What the data lose without an effect tells less of it: others,
+    fitted anew, take its place, as wheels 30 % smaller that of a tread 60 % larger.
     """
     effects = [one for one in fit.selection if one.id not in known]
     if not effects:
         return {}
     without = refine(problem, [one for one in fit.selection if one.id in known])
     rows = np.column_stack([problem.effect_rows([one]) for one in effects])
-    along = np.maximum(rows.T @ Marginal(problem.nuisance).projected(rows.sum(axis=1)), np.finfo(float).tiny)
-    gains = max(without.cost - fit.cost, 0.0) * along / along.sum()
+    squares = np.sum(rows * Marginal(problem.nuisance).projected(rows), axis=0) + np.finfo(float).tiny
+    gains = max(without.cost - fit.cost, 0.0) * squares / squares.sum()
     return {one.id: float(gain) for one, gain in zip(effects, gains, strict=True)}
