@@ -13,6 +13,7 @@ from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.report.page import write_report
 from drd_tools.diagnose.report.text import in_words, reference_faults
+from drd_tools.diagnose.report.verdict import MOST_IN_WORDS
 from drd_tools.diagnose.results import Verdict
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read

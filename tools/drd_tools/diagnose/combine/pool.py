@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
 from drd_tools.diagnose.conclude.conclusion import rounded
+from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import (
     Amount,
@@ -31,7 +32,6 @@ SURER: Final = list(Status)
 # Values of one parameter further apart than this, in sigmas of their difference, are not one value.
 APART_SIGMAS: Final = 4.0
 FEWEST_AGAINST: Final = 2  # recordings: one alone may be the one that is wrong
-LARGEST_NATS: Final = 690.0  # exp of more is no double
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 

@@ -17,9 +17,9 @@ from drd_tools.diagnose.conclude.confirm import (
     gain_over_time,
 )
 from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
-from drd_tools.diagnose.conclude.rivals import Near, near_sets, posterior, rivals_of, unique
+from drd_tools.diagnose.conclude.rivals import Near, at_odds, near_sets, posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
-from drd_tools.diagnose.conclude.uncertainty import is_the_references, reported_estimates
+from drd_tools.diagnose.conclude.uncertainty import BARELY, odds_over_the_reference, reported_estimates
 from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
@@ -90,7 +90,8 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
     of_the_reference: list[Selected] = []
     for test, reported in zip(tests, estimates, strict=True):
         name = test.selected.id
-        if is_the_references(found.problem, reported):
+        odds = odds_over_the_reference(found.problem, reported)
+        if odds < BARELY:
             of_the_reference.append(reported)
             continue
         event = by_logic.get(name)
@@ -98,7 +99,8 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
             findings.append(_event_finding(test.selected, event, event.nats / whole))
         else:
             share = nats[name] / whole
-            findings.append(_finding(found, search, splines, test, reported, near, chance, share, name in constants))
+            cause = _finding(found, search, splines, test, reported, near, chance, share, name in constants)
+            findings.append(replace(cause, probabilities=at_odds(cause.probabilities, odds)))
     unexplained = 0.0
     if left is not None:
         # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.

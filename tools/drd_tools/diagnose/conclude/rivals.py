@@ -62,6 +62,13 @@ def posterior(nats: Mapping[str, float]) -> dict[str, float]:
     return {n: w / sum(kept.values()) for n, w in sorted(kept.items(), key=lambda item: -item[1])}
 
 
+def at_odds(probabilities: Mapping[str, float], odds: float) -> dict[str, float]:
+    """Probabilities of names, at these odds that the robot has anything at all; else it is nothing of its own."""
+    something = 1.0 if math.isinf(odds) else odds / (1.0 + odds)
+    scaled = {name: something * p for name, p in probabilities.items()}
+    return scaled if something == 1.0 else {**scaled, NOTHING: scaled.get(NOTHING, 0.0) + 1.0 - something}
+
+
 def near_sets(found: Found, search: Search) -> list[Near]:
     """The sets of names that may be true, each with its best fit, what was found first."""
     fits: dict[frozenset[str], Fit] = {}
