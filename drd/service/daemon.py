@@ -27,7 +27,6 @@ from drd.service import realtime
 from drd.service.inputs import Inputs
 from drd.service.losses import Losses
 from drd.service.monitoring import Monitoring
-from drd.service.observers import Observers
 from drd.service.reload import Prepared, prepare
 from drd.service.systemd import Notifier
 from drd.service.taking import Taking
@@ -57,8 +56,8 @@ class Daemon:
         self._recorder = make_recorder(loaded, base)
         self._memory = MemoryKeeper(self._config)
         self._monitoring = Monitoring(self._on_findings, self._memory, self._on_constants)
-        observers = (self._recorder, self._monitoring) if self._recorder is not None else (self._monitoring,)
-        self.pipeline = Pipeline(self._config, base, self._on_pose, Observers(*observers))
+        observers = [observer for observer in (self._recorder, self._monitoring) if observer is not None]
+        self.pipeline = Pipeline(self._config, base, self._on_pose, observers)
         self._taking = Taking(self.pipeline)
         self._put_monitor_in_force()
         self._state = StateKeeper(self._config, self.pipeline)

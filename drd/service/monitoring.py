@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -12,7 +12,8 @@ import msgspec
 from drd.config.keys import Config
 from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
-from drd.samples import CanFrame, GyroSample, WheelSample
+from drd.pipeline import Observer
+from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
 from drd.service.monitor_child import Child, Ended
 from drd.state.memory_file import MemoryKeeper, basis_of
@@ -28,8 +29,8 @@ LONGEST_PAUSE_S: Final = 300.0
 GOOD_S: Final = 60.0
 
 
-class Monitoring:
-    """An Observer of the pipeline that has a monitor look at the samples, in a process of its own.
+class Monitoring(Observer):
+    """Has a monitor, in a process of its own, look at the pipeline's samples.
 
     Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
     is started again, after pauses that double. `on_change` is called when the findings are others than before,
@@ -54,12 +55,6 @@ class Monitoring:
         self.is_enabled = False
 
     # ---- the pipeline's observer -------------------------------------------------------------------------------
-
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        """See Observer; not looked at."""
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """See Observer; not looked at."""
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
         """A pose that was set is one to measure distances from."""

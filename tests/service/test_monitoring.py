@@ -41,7 +41,6 @@ from drd.service.monitor_channel import (
 )
 from drd.service.monitor_process import Feed
 from drd.service.monitoring import Monitoring
-from drd.service.observers import Observers
 from drd_tools.recordings.mcap_file import open_mcap
 
 # The process has the last place for the processor: of a busy machine it gets one hundredth.
@@ -272,9 +271,9 @@ def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code
         assert child.wait(PATIENCE_S) == code
 
 
-def poses_of(config: Config, observer: Observer | None) -> list[str]:
+def poses_of(config: Config, *observers: Observer) -> list[str]:
     poses: list[str] = []
-    pipeline = Pipeline(config, Path("/"), lambda pose, _: poses.append(repr(pose)), observer)
+    pipeline = Pipeline(config, Path("/"), lambda pose, _: poses.append(repr(pose)), observers)
     for t_ns, data in Circle(config).arrivals(20.0):
         pipeline.tick(t_ns)
         if isinstance(data, bytes):
@@ -290,8 +289,8 @@ def test_the_poses_are_the_same_to_the_bit_with_it_and_without() -> None:
 
     async def work(monitoring: Monitoring, _: list[str]) -> None:
         await until(lambda: health(monitoring)["state"] == "running")
-        poses = poses_of(config, Observers(monitoring))
-        assert poses == poses_of(config, None)
+        poses = poses_of(config, monitoring)
+        assert poses == poses_of(config)
         assert len(poses) > 350
         await until(lambda: health(monitoring)["samples"] > 300)
         assert health(monitoring)["dropped"] == 0
