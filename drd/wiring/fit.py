@@ -83,17 +83,6 @@ def _sigmas(regressors: Array, left_over: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 0.0)), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Senses:
-    """Fits of the four ways in which the wheels may go with the gyro, by (one side inverted, opposite sense)."""
-
-    fits: dict[tuple[bool, bool], Fit]
-
-    def best(self) -> tuple[bool, bool]:
-        """The way that leaves least over."""
-        return min(self.fits, key=lambda way: self.fits[way].cost)
-
-
 def goes_with(turn: Array, gyro: Array) -> bool:
     """Whether the wheels' turn is the gyro's, at any ratio."""
     free = float(gyro @ turn) / (float(gyro @ gyro) + 1e-12)
@@ -101,10 +90,11 @@ def goes_with(turn: Array, gyro: Array) -> bool:
     return float(np.abs(turn).sum()) > ENOUGH_RAD and left_over < UNEXPLAINED * float(turn @ turn)
 
 
-def fit_senses(turn: Array, travel: Array, gyro: Array) -> Senses:
-    """With one side inverted, turn and travel change places. As configured the ratio may be large: counts are wrong.
+def fit_senses(turn: Array, travel: Array, gyro: Array) -> dict[tuple[bool, bool], Fit]:
+    """Fits of the four ways in which the wheels may go with the gyro, by (one side inverted, opposite sense).
 
-    It may be small, the gyro's unit being wrong, only where the wheels' turn goes with the gyro's and their travel does
+    With one side inverted, turn and travel change places. As configured the ratio may be large: counts are wrong. It
+    may be small, the gyro's unit being wrong, only where the wheels' turn goes with the gyro's and their travel does
     not: a robot with an inverted side that goes almost straight looks alike.
     """
     inverted = {
@@ -118,4 +108,4 @@ def fit_senses(turn: Array, travel: Array, gyro: Array) -> Senses:
         (False, False): fit(turn, travel, gyro, least, LARGEST_RATIO),
         (False, True): fit(turn, travel, gyro, -LARGEST_RATIO, -least),
     }
-    return Senses(configured | inverted)
+    return configured | inverted

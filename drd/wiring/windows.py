@@ -58,19 +58,15 @@ class Lag:
     sigma_s: float
 
 
-def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve | None:
-    """Turned angle over time since `zero_ns`; None without samples."""
-    if not samples:
-        return None
+def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve:
+    """Turned angle over time since `zero_ns`; there must be a sample."""
     t_ns, interval_s, rate_rad_s, _ = zip(*samples, strict=True)
     span_s = np.array(interval_s)
     return _curve(t_ns, zero_ns, span_s, np.array(rate_rad_s)[:, None] * span_s[:, None])
 
 
-def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve | None:
-    """Travel of the left and of the right wheel over time since `zero_ns`; None without samples."""
-    if not samples:
-        return None
+def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve:
+    """Travel of the left and of the right wheel over time since `zero_ns`; there must be a sample."""
     t_ns, interval_s, left_m, right_m, _ = zip(*samples, strict=True)
     return _curve(t_ns, zero_ns, np.array(interval_s), np.column_stack([left_m, right_m]))
 
