@@ -95,9 +95,10 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     estimate = dataclasses.replace(
         saved.estimate, nominal=kf.nominal, P=kf.P.copy(), lost=lost, speed_m_s=0.0, rate_rad_s=0.0, learned=learned
     )
-    anew = learned_anew(other_wheels, other_gyro)
-    sentences = [_pose_sentence(saved, off_s, config, lost), _bias_sentence(kf), *anew]
-    bias_known = kf.sigma(GYRO_BIAS) < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
+    bias_rad_s = kf.sigma(GYRO_BIAS)
+    bias_text = f"gyro bias known to {bias_rad_s * DEG_PER_RAD * S_PER_H:.2g} deg/h"
+    sentences = [_pose_sentence(saved, off_s, config, lost), bias_text, *learned_anew(other_wheels, other_gyro)]
+    bias_known = bias_rad_s < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
     return Restart(estimate, bias_known, off_s, "; ".join(sentences))
 
 
@@ -144,10 +145,6 @@ def _pose_sentence(saved: Saved, off_s: float | None, config: Config, lost: bool
         pose = "where it was last seen, moving, less certain by what it may have driven since"
     off = "after a time that no clock tells" if off_s is None else f"after {duration(off_s)}"
     return f"warm restart {off}: {pose}" + (", only set_pose or reset make it good" if lost else "")
-
-
-def _bias_sentence(kf: Filter) -> str:
-    return f"gyro bias known to {kf.sigma(GYRO_BIAS) * DEG_PER_RAD * S_PER_H:.2g} deg/h"
 
 
 def duration(seconds: float) -> str:
