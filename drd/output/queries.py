@@ -6,6 +6,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -63,16 +64,13 @@ class QueryDesk:
         """
         self._session = session
         for form in (*(JsonForm(name, f"{prefix}/{name}") for name in (*QUESTIONS, *COMMANDS)), *services):
-            callback = zenoh.handlers.Callback(self._callback(form), indirect=False)
+            callback = zenoh.handlers.Callback(partial(self._receive, form), indirect=False)
             session.declare_queryable(form.key, callback, complete=form.complete)
 
     def close(self) -> None:
         """Refuse what comes from now on and let the reply thread end. Call before the session is closed."""
         self._closed = True
         self._outbox.put(None)
-
-    def _callback(self, form: Form) -> Callable[[Any], None]:
-        return lambda query: self._receive(form, query)
 
     def _receive(self, form: Form, query: Any) -> None:
         """In Zenoh's thread: only bounded work, and nothing raises."""
@@ -92,8 +90,7 @@ class QueryDesk:
                 self._refuse(form, query, "query_errors", str(error))
                 return
             if not self._submit(form, query, request):
-                busy = f"stopping, or busy with {MAX_IN_FLIGHT} queries"
-                self._refuse(form, query, "queries_refused", busy)
+                self._refuse(form, query, "queries_refused", f"stopping, or busy with {MAX_IN_FLIGHT} queries")
 
     def _submit(self, form: Form, query: Any, request: dict[str, Any]) -> bool:
         with self._lock:

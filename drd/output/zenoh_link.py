@@ -13,7 +13,7 @@ from drd.config.keys import Output
 from drd.config.schema import ConfigError
 from drd.output.cdr import OdometryEncoder
 from drd.output.exposure import exposure
-from drd.output.messages import encode, health_json, pose_json
+from drd.output.messages import encode, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.ros2_publishers import ODOMETRY, Ros2Publishers
 from drd.output.session import limits, open_session, tidy
@@ -96,7 +96,7 @@ class ZenohLink:
 
     def publish_health(self, payload: Mapping[str, Any]) -> None:
         """The health as JSON. Never raises for the network."""
-        sent = self._tried(self._health.put, health_json(payload))
+        sent = self._tried(self._health.put, encode(payload))
         if self._ros2 is not None:
             sent &= self._tried(self._ros2.publish_health, payload)
         self.counters["health"] += sent
