@@ -104,7 +104,7 @@ class Monitoring(Observer):
         }
 
     def summary(self) -> list[dict[str, Any]]:
-        """The findings in brief."""
+        """Each finding in brief, for the health."""
         return [
             {"effect": f.effect, "text": f.text, "probability": f.probability, "since_ns": f.since_ns,
              "until_ns": f.until_ns}
@@ -169,14 +169,14 @@ class Monitoring(Observer):
         return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
 
     async def _serve(self, process: Child) -> None:
-        """Until another set-up is wanted. Raises Ended."""
+        """Exchange samples and reports until another set-up is wanted. Raises Ended."""
         self._process = process
         while not self._changed.is_set():
             await asyncio.sleep(PERIOD_S)
             self._exchange(process)
 
     async def _end(self, process: Child) -> str:
-        """End it; how it had ended by itself."""
+        """End the process; returns how it had ended by itself."""
         self._process = None
         self._dropped += process.dropped
         if (time.monotonic_ns() - process.began_ns) * S_PER_NS > GOOD_S:
@@ -184,7 +184,7 @@ class Monitoring(Observer):
         return await asyncio.to_thread(process.end)
 
     def _exchange(self, process: Child) -> None:
-        """Samples out, reports in."""
+        """Hand samples over and take reports in."""
         process.flush()
         while (report := process.report()) is not None:
             for note in report.notes:
@@ -197,17 +197,17 @@ class Monitoring(Observer):
         process.check()
 
     async def _pause(self, text: str) -> None:
-        """After the process has ended by itself."""
+        """Wait before the next start, after the process has ended by itself."""
         self._reason = text
         self.restarts += 1
-        self._warn(f"{self._reason}; it is started again")
+        self._warn(f"{text}; it is started again")
         self._tell("waiting", Report())
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), pause_s)
 
     def _warn(self, text: str) -> None:
-        """Once for each text: one that ends again and again must not fill the log."""
+        """Log each text once: a process that ends again and again must not fill the log."""
         if text not in self._told:
             self._told.add(text)
             log.warning("monitor: %s", text)

@@ -29,6 +29,7 @@ from drd.monitor.monitor import Monitor
 from drd.pipeline import Observer, Pipeline
 from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import (
+    ARGUMENTS,
     BATCH_RECORDS,
     GAP,
     GYRO,
@@ -37,7 +38,6 @@ from drd.service.monitor_channel import (
     WHEELS,
     Report,
     Setup,
-    arguments,
 )
 from drd.service.monitor_process import Feed
 from drd.service.monitoring import Monitoring
@@ -259,7 +259,7 @@ def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code
         ours.settimeout(PATIENCE_S)
         ours.send(msgspec.json.encode(Setup(config_of(), None)))
         with theirs:
-            child = subprocess.Popen([sys.executable, *arguments()], stdin=theirs.fileno())
+            child = subprocess.Popen([sys.executable, *ARGUMENTS], stdin=theirs.fileno())
         assert msgspec.json.decode(ours.recv(LARGEST_PACKET_BYTES), type=Report).error is None
         if sent:
             ours.send(sent)
