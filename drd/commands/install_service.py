@@ -8,14 +8,12 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 import drd
 from drd.commands import command, shipped_file
-from drd.commands.installation import Installation
+from drd.commands.installation import Installation, say
 from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
 
@@ -138,7 +136,7 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
     config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
     if arguments.lock is not None:
         install_locked(program, shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
-    with _installation(root) as files:
+    with Installation.read(root) as files:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
         files.put_once(config, _shipped("config", f"{arguments.example}.yaml"), f"edit it: this is {arguments.example}")
@@ -161,7 +159,7 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
 
 
 def _uninstall(root: Path, purge: bool) -> None:
-    with _installation(root) as files:
+    with Installation.read(root) as files:
         if not files.files:
             print(f"nothing is installed under {root} (by this command)")
             return
@@ -169,7 +167,7 @@ def _uninstall(root: Path, purge: bool) -> None:
         _stop(root)
         files.remove(lambda f: f.startswith(f"{CONFIGS}/"), purge)
         for folder in [root / state / f"drd-{name}" for state in STATES for name in instances]:
-            _remove_state(files, folder, purge)
+            _remove_state(folder, purge)
     if _is_live(root):
         _run("systemctl", "daemon-reload")
         _run("udevadm", "control", "--reload")
@@ -179,14 +177,14 @@ def _is_config(name: str) -> bool:
     return Path(name).parent == Path(CONFIGS) and Path(name).suffix == ".yaml"
 
 
-def _remove_state(files: Installation, folder: Path, purge: bool) -> None:
+def _remove_state(folder: Path, purge: bool) -> None:
     if folder.is_symlink():
         if purge:
             folder.unlink()
     elif folder.is_dir():
         if purge:
             shutil.rmtree(folder)
-        files.say("removed" if purge else "kept", folder, "" if purge else "state and recordings; --purge removes it")
+        say("removed" if purge else "kept", folder, "" if purge else "state and recordings; --purge removes it")
 
 
 def _stop(root: Path) -> None:
@@ -214,20 +212,6 @@ def _run(*command: str) -> None:
         return
     if done.returncode:
         print(f"{shlex.join(command)}: {done.stderr.strip() or f'exit code {done.returncode}'}")
-
-
-@contextmanager
-def _installation(root: Path) -> Iterator[Installation]:
-    """The files under `root`; the manifest is written whatever happens, so that it knows of each file that was."""
-
-    def say(what: str, path: Path, remark: str) -> None:
-        print(f"{what:9}  {path}{f'  ({remark})' if remark else ''}")
-
-    files = Installation.read(root, say)
-    try:
-        yield files
-    finally:
-        files.save()
 
 
 def _program(given: str | None, root: Path) -> str:

@@ -3,7 +3,6 @@
 import argparse
 import json
 import math
-import os
 import shutil
 import sys
 import time
@@ -43,7 +42,10 @@ ONCE_S: Final = 5.0
 
 
 def main(argv: list[str]) -> int:
-    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard."""
+    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard.
+
+    Raises BrokenPipeError where the reader of standard output has left.
+    """
     arguments = _arguments(argv)
     plain = arguments.plain or not sys.stdout.isatty()
     where = arguments.connect if arguments.zenoh_config is None else str(arguments.zenoh_config)
@@ -61,10 +63,6 @@ def main(argv: list[str]) -> int:
         print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        return 0
-    except BrokenPipeError:
-        # The reader (head, less) has left. Python would complain once more when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if not heard and (arguments.json or arguments.once):
         print(f"drd watch: no pose heard under '{arguments.prefix}' at {where} within {seconds:g} s", file=sys.stderr)
