@@ -2,12 +2,13 @@
 
 import math
 import time
-from typing import Any, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
 
 import zenoh
 
 from drd.output import ros2
-from drd.output.cdr import CdrReader, encode_empty, encode_trigger
+from drd.output.cdr import EMPTY, CdrReader, encode_trigger
 from drd.output.messages import Refused, decode_request, encode
 
 COMMANDS = ("set_pose", "reset", "calibrate_bias")
@@ -23,30 +24,29 @@ class Reply(NamedTuple):
     attachment: bytes | None = None
 
 
-class Form(Protocol):
-    """`name` of the handler, `key` of the queryable; `complete` as Zenoh has it."""
-
-    name: str
-    key: str
-    complete: bool
-
-    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
-        """The handler's request. Raises Refused."""
-
-    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
-        """The answer with the handler's values; `attachment` is the query's."""
-
-    def refusal(self, attachment: bytes, text: str) -> Reply:
-        """Why it is not carried out."""
-
-
-class JsonForm:
-    """A JSON object each way, without attachments."""
+class Form(ABC):
+    """How a query is read and answered. `name`: the handler's; `key`: the queryable's; `complete` as Zenoh has it."""
 
     complete = False
 
     def __init__(self, name: str, key: str):
         self.name, self.key = name, key
+
+    @abstractmethod
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """The handler's request. Raises Refused."""
+
+    @abstractmethod
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
+        """The answer with the handler's values; `attachment` is the query's."""
+
+    @abstractmethod
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """The answer that says why it is not carried out."""
+
+
+class JsonForm(Form):
+    """A JSON object each way, without attachments."""
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002  # others' clients may have one
         """See Form."""
@@ -61,14 +61,11 @@ class JsonForm:
         return Reply(encode({"error": text}), zenoh.Encoding.APPLICATION_JSON, failed=True)
 
 
-class _Service:
+class _Service(Form):
     """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer, `done`."""
 
     complete = True  # rmw_zenoh asks complete queryables only
     done: bytes
-
-    def __init__(self, name: str, key: str):
-        self.name, self.key = name, key
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
         """See Form."""
@@ -108,7 +105,7 @@ class SetPoseService(_Service):
     Taken is the planar part: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
     """
 
-    done = encode_empty()
+    done = EMPTY
 
     def __init__(self, name: str, key: str, frame_id: str):
         super().__init__(name, key)

@@ -91,7 +91,7 @@ def _whole(text: str) -> int:
 
 
 def _plain(value: Any) -> Any:
-    """Only what strict JSON can say."""
+    """The value in what strict JSON can say."""
     if isinstance(value, Enum):
         value = value.value
     elif callable(tolist := getattr(value, "tolist", None)):  # numpy scalars and arrays

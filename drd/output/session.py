@@ -120,7 +120,7 @@ def value_of(config: zenoh.Config, path: str) -> Any:
 
 
 def check_output(output: Output) -> None:
-    """What can be known without opening a session. Raises ConfigError naming the key."""
+    """Check what can be known without opening a session. Raises ConfigError naming the key."""
     _check_ros2(output)
     if output.zenoh_config is not None:
         _from_file(output.zenoh_config)
@@ -189,7 +189,7 @@ def tidy(error: zenoh.ZError) -> str:
 
 
 def _blamed(text: str, output: Output) -> str:
-    """Unreachable neighbours fail no start, so only a protocol that Zenoh does not know can be `connect`'s fault."""
+    """The key at fault: unreachable neighbours fail no start, a protocol of `connect` that Zenoh does not know does."""
     for endpoint in output.connect:
         if f"for {endpoint.partition('/')[0]} protocol" in text:
             return "output.connect"
