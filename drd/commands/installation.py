@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from drd.config.schema import ConfigError
+from drd.state.store import replace_file
 
 MANIFEST = "etc/drd/.installed.json"
 _MANIFEST_VERSION = 1
@@ -28,7 +29,7 @@ class Installation:
 
     @classmethod
     def read(cls, root: Path) -> "Installation":
-        """As the manifest has it, or an empty one. Raises ConfigError for a manifest that cannot be understood."""
+        """Read the manifest, if there is one. Raises ConfigError for one that cannot be understood."""
         file = root / MANIFEST
         if not file.exists():
             return cls(root)
@@ -95,7 +96,7 @@ class Installation:
         if self.files:
             self._make_folder(file.parent)
             value = {"version": _MANIFEST_VERSION, "files": self.files, "folders": self.folders}
-            _replace(file, json.dumps(value, indent=1) + "\n")
+            _write_text(file, json.dumps(value, indent=1) + "\n")
             return
         file.unlink(missing_ok=True)
         for name in reversed(self.folders):
@@ -112,7 +113,7 @@ class Installation:
 
     def _write(self, name: str, text: str) -> None:
         self._make_folder((self.root / name).parent)
-        _replace(self.root / name, text)
+        _write_text(self.root / name, text)
         self.files[name] = _digest(text)
 
     def _remove(self, name: str) -> None:
@@ -133,18 +134,8 @@ def say(what: str, path: Path, remark: str = "") -> None:
     print(f"{what:9}  {path}{f'  ({remark})' if remark else ''}")
 
 
-def _replace(file: Path, text: str) -> None:
-    """All or nothing, readable by everybody."""
-    beside = file.with_name(f".{file.name}.part")
-    try:
-        with beside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            os.fchmod(stream.fileno(), 0o644)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(file)
-    finally:
-        beside.unlink(missing_ok=True)
+def _write_text(file: Path, text: str) -> None:
+    replace_file(file, text.encode(), 0o644)  # readable by everybody
 
 
 def _digest(text: str) -> str:

@@ -75,7 +75,7 @@ class MemoryKeeper:
         return self._before
 
     def put(self, day: Day) -> None:
-        """The drive so far, in place of what was put of it before."""
+        """Remember the drive so far, in place of what was put of it before."""
         if self._store is None or self._before is None:
             return
         memory = remember(self._before, day)

@@ -153,12 +153,14 @@ class Store(Generic[T]):
         self._trouble = trouble
 
 
-def replace_file(file: Path, data: bytes) -> None:
-    """Write `file` anew, whole or not at all, and wait until the disk has it. Raises OSError."""
+def replace_file(file: Path, data: bytes, mode: int | None = None) -> None:
+    """Write `file` anew, whole or not at all, and wait until the disk has it; `mode`: permissions. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     beside = file.with_name(f".{file.name}.new")
     try:
         with beside.open("wb") as stream:
+            if mode is not None:
+                os.fchmod(stream.fileno(), mode)
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
