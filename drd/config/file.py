@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 from drd.config.keys import Config, Encoders
@@ -68,14 +69,9 @@ def _encoders(e: Encoders) -> Iterator[Complaint]:
     if e.interface not in VALID_INTERFACES:
         yield "encoders.interface", f"one of {', '.join(sorted(VALID_INTERFACES))}", repr(e.interface)
     if e.layout == "dbc":
-        names = {
-            "encoders.dbc.file": e.dbc.file,
-            "encoders.left.message": e.left.message,
-            "encoders.left.signal": e.left.signal,
-            "encoders.right.message": e.right.message,
-            "encoders.right.signal": e.right.signal,
-        }
-        yield from ((path, "a name, since the layout is dbc", "nothing") for path in names if names[path] is None)
+        for path in ("dbc.file", "left.message", "left.signal", "right.message", "right.signal"):
+            if attrgetter(path)(e) is None:
+                yield f"encoders.{path}", "a name, since the layout is dbc", "nothing"
     elif e.layout != "agilex" and e.left.node == e.right.node:
         yield "encoders.right.node", "another node than the left wheel's", str(e.right.node)
     if e.cia406.byte_offset + e.cia406.byte_length > 8:

@@ -92,8 +92,8 @@ def judge(
     Equations (42) to (45). It takes about 0.1 s for an hour of samples.
     """
     said = said or Statement()
-    if not wheels or (robot.has_gyro and not gyro):
-        return words.no_data(len(gyro), len(wheels), robot.has_gyro)
+    if silent := words.no_data(gyro, wheels, robot.has_gyro):
+        return silent
     zero_ns = wheels[0].t_ns
     wheel, turned = wheel_curve(wheels, zero_ns), gyro_curve(gyro, zero_ns) if robot.has_gyro else None
     windows = common_windows(turned, wheel, robot.still_m)
@@ -177,8 +177,8 @@ def _stated(turns: _Turns, said: Statement) -> tuple[Seen, str]:
     seen = Seen(one_inverted=inverted)
     if inverted is not None or (said.drove and said.turned):
         turned = turns.travel if inverted else turns.turn
-        seen = Seen(one_inverted=inverted, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
-        seen = _with_drive(seen, turns, said) if said.drove else seen
+        seen = replace(seen, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
+        seen = _with_drive(seen, turns, said)
     return seen, words.wheels_alone(turns.turn, turns.travel * turns.tread_m / 2.0)
 
 

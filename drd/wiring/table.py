@@ -8,7 +8,7 @@ from drd.wiring.findings import Finding, Outcome, faults
 
 
 def table(findings: Sequence[Finding], width: int = 120) -> str:
-    """Aligned: outcome, check, evidence; what to do stands below with an arrow. The last line counts."""
+    """Findings as aligned text: outcome, check, evidence; below, with an arrow, what to do. The last line counts."""
     outcome_width, check_width = max(len(f.outcome.value) for f in findings), max(len(f.check) for f in findings)
     indent = " " * (outcome_width + check_width + 4)
     room = max(40, width - len(indent))
