@@ -40,8 +40,8 @@ class Monitoring(Observer):
     def __init__(
         self,
         on_change: Callable[[], None],
-        keeper: MemoryKeeper | None = None,
-        on_constants: Callable[[Mapping[str, Constant | None]], None] = lambda _: None,
+        keeper: MemoryKeeper,
+        on_constants: Callable[[Mapping[str, Constant | None]], None],
     ):
         self._on_change, self._keeper, self._on_constants = on_change, keeper, on_constants
         self._setup: Setup | None = None
@@ -105,11 +105,8 @@ class Monitoring(Observer):
 
     def summary(self) -> list[dict[str, Any]]:
         """Each finding in brief, for the health."""
-        return [
-            {"effect": f.effect, "text": f.text, "probability": f.probability, "since_ns": f.since_ns,
-             "until_ns": f.until_ns}
-            for f in self._report.findings
-        ]  # fmt: skip
+        names = ("effect", "text", "probability", "since_ns", "until_ns")
+        return [{name: getattr(finding, name) for name in names} for finding in self._report.findings]
 
     def health(self) -> dict[str, Any] | None:
         """State, reason, counts of samples and restarts, and what it costs; None where it is not asked for."""
@@ -125,7 +122,7 @@ class Monitoring(Observer):
             "restarts": self.restarts,
             "cpu_s": report.cpu_s,
             "memory_mb": report.memory_mb,
-            "memory": self._keeper.health() if self._keeper is not None else None,
+            "memory": self._keeper.health(),
             "pid": process.child.pid if process is not None else None,
         }
 
@@ -162,8 +159,6 @@ class Monitoring(Observer):
                 await self._pause(text or how)
 
     def _with_memory(self, setup: Setup) -> Setup:
-        if self._keeper is None:
-            return setup
         memory = self._keeper.memory(basis_of(setup.config, setup.calibration))
         now_ns = time.monotonic_ns()
         return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
@@ -189,7 +184,7 @@ class Monitoring(Observer):
         while (report := process.report()) is not None:
             for note in report.notes:
                 self._warn(note)
-            if self._keeper is not None and report.day is not None and report.day != self._report.day:
+            if report.day is not None and report.day != self._report.day:
                 self._keeper.put(report.day)
             self._reason = "; ".join(report.notes)
             self._tell("running" if report.is_judging else "not judging", report)

@@ -41,6 +41,7 @@ from drd.service.monitor_channel import (
 )
 from drd.service.monitor_process import Feed
 from drd.service.monitoring import Monitoring
+from drd.state.memory_file import MemoryKeeper
 from drd_tools.recordings.mcap_file import open_mcap
 
 # The process has the last place for the processor: of a busy machine it gets one hundredth.
@@ -126,7 +127,8 @@ def with_monitoring(work: Callable[[Monitoring, list[str]], Awaitable[None]], co
 
     async def main() -> None:
         states: list[str] = []
-        monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]))
+        keeper = MemoryKeeper(config)
+        monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]), keeper, lambda _: None)
         monitoring.put_in_force(config, None)
         task = asyncio.create_task(monitoring.run())
         try:
