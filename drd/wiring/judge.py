@@ -21,7 +21,7 @@ WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG
 ENOUGH_TURN_RAD: Final = 45.0 * RAD_PER_DEG
 BLIND_TURN_RAD: Final = 180.0 * RAD_PER_DEG
 BLIND_SHARE: Final = 0.1
-# Another wiring must leave over so much less (of the square) than the configured one, which slip may spoil.
+# Another wiring's residual must be so much smaller (its square) than the configured one's, which slip may spoil.
 CLEARLY: Final = 4.0
 SLACK_RAD: Final = 15.0 * RAD_PER_DEG
 # Below this share the wheels' turn has nothing to do with the gyro's.
@@ -149,7 +149,7 @@ def _gyro_is_small(turns: _Turns) -> bool:
 
 
 def _way(fits: dict[tuple[bool, bool], Fit]) -> tuple[bool, bool]:
-    """The way that leaves least over, if it is clearly better than the configured one; else that.  # (43)"""
+    """The way with the least residual, if clearly better than the configured one; else that.  # (43)"""
     best, configured = min(fits, key=lambda way: fits[way].cost), (False, False)
     return best if fits[configured].cost > CLEARLY * fits[best].cost + SLACK_RAD**2 else configured
 
