@@ -106,7 +106,6 @@ class Installation:
                 pass
             except OSError:  # somebody keeps other files there
                 say("kept", self.root / name, "it holds other files")
-        self.folders = []
 
     def _is_as_written(self, name: str) -> bool:
         return _sha256(self.root / name) == self.files.get(name, "")
