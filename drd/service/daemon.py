@@ -52,7 +52,6 @@ class Daemon:
 
     def __init__(self, loaded: Loaded[Config], base: Path):
         self._loaded, self._config = loaded, loaded.value
-        self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
         self._memory = MemoryKeeper(self._config)
         self._monitoring = Monitoring(self._on_findings, self._memory, self._on_constants)
@@ -88,7 +87,7 @@ class Daemon:
             "reset": self._reset,
             "calibrate_bias": self._calibrate_bias,
         }
-        self._link = ZenohLink(self._output, handlers, loop)
+        self._link = ZenohLink(self._config.output.beside(self._base), handlers, loop)
         if self._recorder is not None:
             self._recorder.start()
         self._state.begin(time.monotonic_ns())

@@ -42,11 +42,11 @@ class Feed:
         self._applying = Applying()
         self._calibration = setup.calibration
         self._is_new = False
-        self._now_s = 0.0
         self.samples = self.gaps = 0
 
     def take(self, packet: bytes) -> bool:
         """Hand the records of one packet over. Raises whatever the monitor does."""
+        before_s = self.monitor.now_s
         for kind, t_ns, a, b, c, d in RECORD.iter_unpack(packet):
             if kind == GAP:
                 self.gaps += 1
@@ -63,8 +63,7 @@ class Feed:
                 # The monitor sees a gap of the gyro by the stamps; one of the wheels must be said.
                 self.monitor.wheels(WheelSample(t_ns, a, b, c, max(d, UNSEEN_S) if self._is_new else d))
                 self._is_new = False
-        before_s, self._now_s = self._now_s, self.monitor.now_s
-        return self._now_s != before_s
+        return self.monitor.now_s != before_s
 
     def report(self, notes: list[str]) -> Report:
         """Report what is known by now."""
