@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -35,8 +35,11 @@ SILENT_SIDES = (
 )
 
 
-class Observer(Protocol):
-    """Who is told of each input and decoded sample before the estimator has it: the recorder, the wiring check."""
+class Observer:
+    """Is told of each input and decoded sample before the estimator has it: the recorder, the wiring check.
+
+    The methods do nothing here: a subclass defines those that it needs.
+    """
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's serial line."""
@@ -71,8 +74,8 @@ class Pipeline:
     """Feed it what arrives, with the arrival's CLOCK_MONOTONIC time; it calls `on_pose(pose, input_ns)`.
 
     `input_ns` is the arrival of the input that brought the pose. `base` is the folder that relative paths of the
-    configuration start from. `recorder` is handed every call that can change the estimate, in order, and the decoded
-    samples: a replay makes the same calls. `recording`: what the model's provenance calls the run, where it is known.
+    configuration start from. Each of `observers` is handed every call that can change the estimate, in order, and the
+    decoded samples: a replay makes the same calls. `recording`: what the model's provenance calls the run, if known.
     `new_track`: see Estimator. Raises ConfigError where a file that the configuration names cannot be used.
     """
 
@@ -81,12 +84,12 @@ class Pipeline:
         config: Config,
         base: Path,
         on_pose: Callable[[Pose, int], None],
-        recorder: Observer | None = None,
+        observers: Sequence[Observer] = (),
         recording: str | None = None,
         new_track: MakeTrack = make_track,
     ):
         self._new_track = new_track
-        self._config, self._on_pose, self._recorder = config, on_pose, recorder
+        self._config, self._on_pose, self._observers = config, on_pose, observers
         file = config.calibration.file
         self.calibration: Calibration | None = load_calibration(base / file) if file else None
         has_gyro = config.fog.protocol != "none"
@@ -151,24 +154,24 @@ class Pipeline:
         """Bytes from the gyro's serial line."""
         if self.fog is None:
             return
-        if self._recorder is not None:
-            self._recorder.fog_bytes(data, arrival_ns)
+        for observer in self._observers:
+            observer.fog_bytes(data, arrival_ns)
         self._notice_stall(arrival_ns)
         for sample in self.fog.feed(data, arrival_ns):
-            if self._recorder is not None:
-                self._recorder.gyro(sample)
+            for observer in self._observers:
+                observer.gyro(sample)
             self._emit(self.estimator.add_gyro(sample), arrival_ns)
 
     def on_frames(self, frames: Sequence[CanFrame]) -> None:
         """Frames from the bus."""
-        if self._recorder is not None:
-            self._recorder.frames(frames)
+        for observer in self._observers:
+            observer.frames(frames)
         if frames:
             self._notice_stall(frames[-1].t_ns)
         for frame in frames:
             for sample in self.encoders.feed(frame):
-                if self._recorder is not None:
-                    self._recorder.wheels(sample)
+                for observer in self._observers:
+                    observer.wheels(sample)
                 self._emit(self.estimator.add_wheels(sample), frame.t_ns)
 
     def tick(self, now_ns: int) -> None:
@@ -227,8 +230,8 @@ class Pipeline:
         return self.estimator.calibrate_bias()
 
     def _record(self, event: str, now_ns: int, **values: Any) -> None:
-        if self._recorder is not None:
-            self._recorder.event(event, now_ns, **values)
+        for observer in self._observers:
+            observer.event(event, now_ns, **values)
 
     def _emit(self, pose: Pose | None, input_ns: int) -> None:
         if pose is not None:

@@ -1,14 +1,13 @@
 """The emulated robot of `drd demo` in simulated time: what the daemon would hand to its monitor."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from drd.config.file import load_config
 from drd.config.keys import Config
-from drd.pipeline import Pipeline
+from drd.pipeline import Observer, Pipeline
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd_tools.emulate import encoder_frames, fog_packets
 from drd_tools.emulate.sensors import SensorErrors, Sensors
@@ -21,18 +20,17 @@ JITTER_S = 0.0005
 BEFORE_S = 1000.0
 
 
-class Kept:
-    """An observer that keeps the samples."""
+class Kept(Observer):
+    """Keeps the samples."""
 
     def __init__(self) -> None:
         self.samples: list[GyroSample | WheelSample] = []
-        self.gyro = self.wheels = self.samples.append
 
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None: ...
+    def gyro(self, sample: GyroSample) -> None:
+        self.samples.append(sample)
 
-    def frames(self, frames: Sequence[CanFrame]) -> None: ...
-
-    def event(self, name: str, now_ns: int, **values: Any) -> None: ...
+    def wheels(self, sample: WheelSample) -> None:
+        self.samples.append(sample)
 
 
 def demo_config() -> Config:
@@ -48,7 +46,7 @@ def emulated(
     sensors = Sensors(make_truth(drive), config.robot, errors, seed)
     fog = fog_packets.make_encoder(config.fog)
     wheels = encoder_frames.make_encoder(config.encoders, config.robot, Path())
-    pipeline = Pipeline(config, Path("/"), lambda *_: None, kept)
+    pipeline = Pipeline(config, Path("/"), lambda *_: None, [kept])
     gyro_s = 1.0 / (config.fog.rate_hz * (1.0 + errors.clock_error_percent / 100.0))
     wheels_s = 1.0 / config.encoders.rate_hz
     due = [(k * gyro_s, "gyro") for k in range(1, int(seconds / gyro_s))]

@@ -44,7 +44,7 @@ class Drive:
     def start(self) -> Recorder:
         """A new recorder and a pipeline that hands everything to it."""
         self.recorder = Recorder(self.loaded, self.base)
-        self.pipeline = Pipeline(self.loaded.value, self.base, self._on_pose, self.recorder)
+        self.pipeline = Pipeline(self.loaded.value, self.base, self._on_pose, [self.recorder])
         self.recorder.start()
         return self.recorder
 

@@ -72,7 +72,7 @@ def whole(low: int) -> Callable[[str], int]:
 
 @contextmanager
 def writing(path: Path | None, what: str = "a folder to write to") -> Iterator[None]:
-    """An OSError inside means that `path`, of kind `what`, cannot be written: raises ConfigError."""
+    """Raise ConfigError for an OSError inside: `path`, of kind `what`, cannot be written."""
     try:
         yield
     except BrokenPipeError:
@@ -83,7 +83,7 @@ def writing(path: Path | None, what: str = "a folder to write to") -> Iterator[N
 
 @contextmanager
 def placed(loaded: Loaded[Any]) -> Iterator[None]:
-    """Parts of the daemon know a key's path but not its file: a ConfigError of theirs gets file and line here."""
+    """Give a ConfigError file and line: parts of the daemon know a key's path but not its file."""
     try:
         yield
     except ConfigError as error:

@@ -40,17 +40,16 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     if not arguments.live and (given := [f"--{n}" for n in LIVE_OPTIONS if getattr(arguments, n) is not None]):
         parser.error(f"{given[0]} goes with --live")
-    loaded = load_config(arguments.config)
-    if arguments.live:
-        live = importlib.import_module("drd.commands.live_check")
-        with placed(loaded):
-            code: int = live.live_check(
-                loaded.value, arguments.config.parent, arguments.seconds or DEFAULT_S, live.statement_of(arguments)
-            )
-        return code
+    loaded, base = load_config(arguments.config), arguments.config.parent
+    output = loaded.value.output.beside(base)
     with placed(loaded):
-        pipeline = Pipeline(loaded.value, arguments.config.parent, lambda *_: None)
-        check_output(loaded.value.output.beside(arguments.config.parent))
+        if arguments.live:
+            live = importlib.import_module("drd.commands.live_check")
+            said = live.statement_of(arguments)
+            code: int = live.live_check(loaded.value, base, arguments.seconds or DEFAULT_S, said)
+            return code
+        pipeline = Pipeline(loaded.value, base, lambda *_: None)
+        check_output(output)
     meant = meanings(Config) if arguments.explain else {}
     in_force = values(loaded.value)
     rows = [(path, _shown(in_force[path]), key.unit, loaded.origins[path]) for path, key in keys(Config)]
@@ -65,7 +64,6 @@ def main(argv: list[str]) -> int:
         print(f"calibration holds from {low:.4g} to {high:.4g} deg/s and {cold:.4g} to {warm:.4g} degC: {source}")
     print(f"the gyro's scale is {'' if pipeline.estimator.estimates_gyro_scale else 'not '}estimated")
     print(f"wheel travel is resolved to {pipeline.encoders.resolution_m * 1e3:.4g} mm")
-    output = loaded.value.output.beside(arguments.config.parent)
     if output.ros2 and not output.connect and output.zenoh_config is None:
         print(
             "note: ROS 2's router is usually at tcp/localhost:7447; name it in output.connect and change output.listen"

@@ -8,14 +8,12 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 import drd
 from drd.commands import command, shipped_file
-from drd.commands.installation import Installation
+from drd.commands.installation import Installation, say
 from drd.commands.locked import install_locked
 from drd.config.schema import ConfigError
 
@@ -80,7 +78,7 @@ Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage, or pac
 
 
 def main(argv: list[str]) -> int:
-    """Install or uninstall; says each file and what to type next."""
+    """Install or uninstall; print each file and what to type next."""
     parser = _parser()
     arguments = parser.parse_args(argv)
     if arguments.purge and not arguments.uninstall:
@@ -138,14 +136,13 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
     config, group = f"{CONFIGS}/{name}.yaml", _serial_group(root)
     if arguments.lock is not None:
         install_locked(program, shipped_file("systemd", LOCK) if arguments.lock == SHIPPED else Path(arguments.lock))
-    with _installation(root) as files:
+    with Installation.read(root) as files:
         files.put(UNIT, _unit(program, group), f"starts {program}")
         files.put(RULES, _rules(group), "edit it: your gyro's serial number")
         files.put_once(config, _shipped("config", f"{arguments.example}.yaml"), f"edit it: this is {arguments.example}")
-        drop_ins = ("realtime", arguments.realtime), ("slcan", arguments.slcan), ("tls", arguments.tls)
-        for drop_in, wanted in drop_ins:
-            if wanted or f"{DROP_INS}/{drop_in}.conf" in files.files:
-                files.put(f"{DROP_INS}/{drop_in}.conf", _shipped("systemd", f"{drop_in}.conf"))
+        for option in ("realtime", "slcan", "tls"):
+            if getattr(arguments, option) or f"{DROP_INS}/{option}.conf" in files.files:
+                files.put(f"{DROP_INS}/{option}.conf", _shipped("systemd", f"{option}.conf"))
         if arguments.log_refused or MANAGER in files.files:
             files.put(MANAGER, _shipped("systemd", "log-refused.conf"), "then systemctl daemon-reexec")
         if arguments.tls:
@@ -161,36 +158,32 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
 
 
 def _uninstall(root: Path, purge: bool) -> None:
-    with _installation(root) as files:
+    with Installation.read(root) as files:
         if not files.files:
             print(f"nothing is installed under {root} (by this command)")
             return
-        instances = sorted(Path(f).stem for f in files.files if _is_config(f))
+        instances = sorted(Path(f).stem for f in files.files if Path(f).match(f"{CONFIGS}/*.yaml"))
         _stop(root)
         files.remove(lambda f: f.startswith(f"{CONFIGS}/"), purge)
         for folder in [root / state / f"drd-{name}" for state in STATES for name in instances]:
-            _remove_state(files, folder, purge)
+            _remove_state(folder, purge)
     if _is_live(root):
         _run("systemctl", "daemon-reload")
         _run("udevadm", "control", "--reload")
 
 
-def _is_config(name: str) -> bool:
-    return Path(name).parent == Path(CONFIGS) and Path(name).suffix == ".yaml"
-
-
-def _remove_state(files: Installation, folder: Path, purge: bool) -> None:
+def _remove_state(folder: Path, purge: bool) -> None:
     if folder.is_symlink():
         if purge:
             folder.unlink()
     elif folder.is_dir():
         if purge:
             shutil.rmtree(folder)
-        files.say("removed" if purge else "kept", folder, "" if purge else "state and recordings; --purge removes it")
+        say("removed" if purge else "kept", folder, "" if purge else "state and recordings; --purge removes it")
 
 
 def _stop(root: Path) -> None:
-    """No instance runs or is enabled any more. Where no systemd runs, only the links that enable one are removed."""
+    """Stop and disable all instances; where no systemd runs, only remove the links that enable one."""
     units = root / "etc/systemd/system"
     enabled = sorted(link for link in units.glob("*.wants/drd@*.service") if link.is_symlink())
     if _is_live(root):
@@ -206,7 +199,7 @@ def _is_live(root: Path) -> bool:
 
 
 def _run(*command: str) -> None:
-    """A command of the system; that it fails is told and changes nothing."""
+    """Run a command of the system; a failure is printed and changes nothing."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60.0)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -214,20 +207,6 @@ def _run(*command: str) -> None:
         return
     if done.returncode:
         print(f"{shlex.join(command)}: {done.stderr.strip() or f'exit code {done.returncode}'}")
-
-
-@contextmanager
-def _installation(root: Path) -> Iterator[Installation]:
-    """The files under `root`; the manifest is written whatever happens, so that it knows of each file that was."""
-
-    def say(what: str, path: Path, remark: str) -> None:
-        print(f"{what:9}  {path}{f'  ({remark})' if remark else ''}")
-
-    files = Installation.read(root, say)
-    try:
-        yield files
-    finally:
-        files.save()
 
 
 def _program(given: str | None, root: Path) -> str:

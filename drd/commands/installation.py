@@ -6,34 +6,33 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from drd.config.schema import ConfigError
+from drd.state.store import replace_file
 
 MANIFEST = "etc/drd/.installed.json"
 _MANIFEST_VERSION = 1
-
-Say = Callable[[str, Path, str], None]  # what was done, to which file, and a remark
 
 
 @dataclass
 class Installation:
     """What stands under `root` by this program: each file with the SHA-256 of what was written, each folder made.
 
-    `say` hears of every file. Methods raise OSError. The manifest is written by `save`.
+    What becomes of each file is printed. Methods raise OSError. In a `with` statement the manifest is written at the
+    end, whatever happens, so that it knows of each file that was.
     """
 
     root: Path
-    say: Say
     files: dict[str, str] = field(default_factory=dict)  # by path relative to `root`
     folders: list[str] = field(default_factory=list)  # in the order they were made
 
     @classmethod
-    def read(cls, root: Path, say: Say) -> "Installation":
-        """As the manifest has it, or an empty one. Raises ConfigError for a manifest that cannot be understood."""
+    def read(cls, root: Path) -> "Installation":
+        """Read the manifest, if there is one. Raises ConfigError for one that cannot be understood."""
         file = root / MANIFEST
         if not file.exists():
-            return cls(root, say)
+            return cls(root)
         try:
             value: Any = json.loads(file.read_text(encoding="utf-8"))
             if value["version"] != _MANIFEST_VERSION:
@@ -43,23 +42,29 @@ class Installation:
                 raise ValueError("a path that leads out of the root")
         except (ValueError, TypeError, KeyError) as error:
             raise ConfigError(str(file), "", "the list of installed files that drd wrote", str(error)) from error
-        return cls(root, say, files, folders)
+        return cls(root, files, folders)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.save()
 
     def put(self, name: str, text: str, remark: str = "") -> None:
         """Write a file, unless somebody has changed or put there another: then NAME.new beside it."""
         path, beside = self.root / name, f"{name}.new"
         if not os.path.lexists(path):
             self._write(name, text)
-            self.say("wrote", path, remark)
-        elif not path.is_symlink() and _sha256(path) == _digest(text):
+            say("wrote", path, remark)
+        elif _sha256(path) == _digest(text):
             self.files[name] = _digest(text)
-            self.say("unchanged", path, "")
+            say("unchanged", path)
         elif self._is_as_written(name):
             self._write(name, text)
-            self.say("updated", path, remark)
+            say("updated", path, remark)
         else:
             self._write(beside, text)
-            self.say("kept", path, f"not as it was installed; this version is {Path(beside).name} beside it")
+            say("kept", path, f"not as it was installed; this version is {Path(beside).name} beside it")
             return
         if beside in self.files:
             self._remove(beside)
@@ -68,10 +73,10 @@ class Installation:
         """Write a file only where there is none: from then on it is its owner's."""
         path = self.root / name
         if os.path.lexists(path):
-            self.say("kept", path, "it is yours")
+            say("kept", path, "it is yours")
         else:
             self._write(name, text)
-            self.say("wrote", path, remark)
+            say("wrote", path, remark)
 
     def remove(self, yours: Callable[[str], bool], purge: bool) -> None:
         """Remove what was installed. What is `yours` or has been changed stays, unless `purge`."""
@@ -81,9 +86,9 @@ class Installation:
                 del self.files[name]
             elif purge or (self._is_as_written(name) and not yours(name)):
                 self._remove(name)
-                self.say("removed", path, "")
+                say("removed", path)
             else:
-                self.say("kept", path, f"{'it is yours' if yours(name) else 'changed'}; --purge removes it")
+                say("kept", path, f"{'it is yours' if yours(name) else 'changed'}; --purge removes it")
 
     def save(self) -> None:
         """Write the manifest; where nothing is left, remove it and the folders that were made for it."""
@@ -91,7 +96,7 @@ class Installation:
         if self.files:
             self._make_folder(file.parent)
             value = {"version": _MANIFEST_VERSION, "files": self.files, "folders": self.folders}
-            _replace(file, json.dumps(value, indent=1) + "\n")
+            _write_text(file, json.dumps(value, indent=1) + "\n")
             return
         file.unlink(missing_ok=True)
         for name in reversed(self.folders):
@@ -100,16 +105,14 @@ class Installation:
             except FileNotFoundError:
                 pass
             except OSError:  # somebody keeps other files there
-                self.say("kept", self.root / name, "it holds other files")
-        self.folders = []
+                say("kept", self.root / name, "it holds other files")
 
     def _is_as_written(self, name: str) -> bool:
-        path = self.root / name
-        return not path.is_symlink() and path.is_file() and _sha256(path) == self.files.get(name)
+        return _sha256(self.root / name) == self.files.get(name, "")
 
     def _write(self, name: str, text: str) -> None:
         self._make_folder((self.root / name).parent)
-        _replace(self.root / name, text)
+        _write_text(self.root / name, text)
         self.files[name] = _digest(text)
 
     def _remove(self, name: str) -> None:
@@ -125,23 +128,19 @@ class Installation:
                 self.folders.append(str(f.relative_to(self.root)))
 
 
-def _replace(file: Path, text: str) -> None:
-    """All or nothing, readable by everybody."""
-    beside = file.with_name(f".{file.name}.part")
-    try:
-        with beside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            os.fchmod(stream.fileno(), 0o644)
-            stream.flush()
-            os.fsync(stream.fileno())
-        beside.replace(file)
-    finally:
-        beside.unlink(missing_ok=True)
+def say(what: str, path: Path, remark: str = "") -> None:
+    """Print what was done to which file."""
+    print(f"{what:9}  {path}{f'  ({remark})' if remark else ''}")
+
+
+def _write_text(file: Path, text: str) -> None:
+    replace_file(file, text.encode(), 0o644)  # readable by everybody
 
 
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
+def _sha256(file: Path) -> str | None:
+    """Digest of the content; None for a link, or what is no file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() and not file.is_symlink() else None

@@ -34,7 +34,7 @@ tell apart what the sensors alone cannot."""
 def live_check(config: Config, base: Path, seconds: float, said: Statement) -> int:
     """Open the ports, watch, print the findings. Returns 1 where there is a fault. Raises ConfigError."""
     kept = Samples()
-    pipeline = Pipeline(config, base, lambda *_: None, kept)
+    pipeline = Pipeline(config, base, lambda *_: None, [kept])
     print(WHAT_TO_DO.format(seconds=seconds), flush=True)
     watch = _Watch(config, pipeline, kept)
     asyncio.run(watch.run(seconds))

@@ -60,7 +60,7 @@ def name(architecture: int, number: int) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Print them, and how often."""
+    """Print the refused calls, and how often each was."""
     command("drd refused", DESCRIPTION, EPILOG).parse_args(argv)
     call = ("journalctl", "--boot", "--no-pager", "--output=cat", "_TRANSPORT=kernel", "+", "_TRANSPORT=audit")
     try:

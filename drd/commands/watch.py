@@ -3,11 +3,11 @@
 import argparse
 import json
 import math
-import os
 import shutil
 import sys
 import time
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,7 +43,10 @@ ONCE_S: Final = 5.0
 
 
 def main(argv: list[str]) -> int:
-    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard."""
+    """Show until Ctrl-C or `--seconds`. Exit code 0; 1 where nothing could be reached or was heard.
+
+    Raises BrokenPipeError where the reader of standard output has left.
+    """
     arguments = _arguments(argv)
     plain = arguments.plain or not sys.stdout.isatty()
     where = arguments.connect if arguments.zenoh_config is None else str(arguments.zenoh_config)
@@ -61,10 +64,6 @@ def main(argv: list[str]) -> int:
         print("Is drd running there, and is this one of its output.listen end points?", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        return 0
-    except BrokenPipeError:
-        # The reader (head, less) has left. Python would complain once more when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if not heard and (arguments.json or arguments.once):
         print(f"drd watch: no pose heard under '{arguments.prefix}' at {where} within {seconds:g} s", file=sys.stderr)
@@ -152,13 +151,13 @@ class View:
         return self._heard_s is not None
 
     def take_pose(self, payload: bytes, now_s: float) -> None:
-        """A message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""
+        """Take a message of `prefix/pose`, heard at `now_s` (CLOCK_MONOTONIC)."""
         if (pose := self._object(payload)) is not None:
             self._pose, self._heard_s, self.heard = pose, now_s, True
             self._take_time(pose.get("monotonic_ns"))
 
     def _take_time(self, t_ns: Any) -> None:
-        """Poses come in batches, so their rate is that of their own times."""
+        """Note a pose's own time for the rate, since poses come in batches."""
         times = self._times_ns
         if not isinstance(t_ns, int) or (times and t_ns < times[-1]):  # another daemon's clock
             times.clear()
@@ -168,7 +167,7 @@ class View:
             times.popleft()
 
     def take_health(self, payload: bytes) -> None:
-        """A message of `prefix/health`; what is looked at are the findings, and the whole numbers under `counters`."""
+        """Take a message of `prefix/health`; looked at are the findings, and the whole numbers under `counters`."""
         if (health := self._object(payload)) is not None:
             counts = dict(_counters(health.get("counters"), ""))
             self._changed = {k: n - self._counts[k] for k, n in counts.items() if n != self._counts.get(k, n)}
@@ -223,12 +222,9 @@ class View:
         ]
 
     def _object(self, payload: bytes) -> dict[str, Any] | None:
-        try:
-            value = json.loads(payload)
-        except (ValueError, RecursionError):
-            value = None
-        if isinstance(value, dict):
-            return value
+        with suppress(ValueError, RecursionError):
+            if isinstance(value := json.loads(payload), dict):
+                return value
         self.unreadable += 1
         return None
 
@@ -257,12 +253,12 @@ def _sigma(covariance: Any, i: int) -> float | None:
 
 
 def _number(value: Any, factor: float = 1.0, digits: int = 3) -> str:
-    """Eight wide; `-` where there is none."""
+    """The number, eight wide; `-` where there is none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 1e12:
         return f"{'-':>8}"
     return f"{value * factor:8.{digits}f}"
 
 
 def _text(value: Any) -> str:
-    """What came over the network must not steer the terminal."""
+    """Printable text: what came over the network must not steer the terminal."""
     return "".join(c if c.isprintable() else "?" for c in value[:200]) if isinstance(value, str) else "-"

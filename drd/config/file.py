@@ -1,6 +1,9 @@
 """Reading the configuration file, and what only several of its keys together can say."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 from drd.config.keys import Config, Encoders
@@ -44,72 +47,62 @@ def check_layout(loaded: Loaded[Config]) -> None:
 
 def check_estimate(loaded: Loaded[Config]) -> None:
     """Raise ConfigError where keys of times, heading or outputs do not go together."""
-    _refuse(loaded, [*_timing(loaded.value), *_rest(loaded.value)])
+    _refuse(loaded, chain(_times(loaded.value), _outputs(loaded.value)))
 
 
-Complaint = tuple[str, str, str]
+Complaint = tuple[str, str, str]  # key path, expected and got
 
 
-def _refuse(loaded: Loaded[Config], found: list[Complaint]) -> None:
+def _refuse(loaded: Loaded[Config], found: Iterable[Complaint]) -> None:
+    """Raise ConfigError of the first."""
     for path, expected, got in found:
         raise ConfigError(loaded.place(path), path, expected, got)
 
 
-def _encoders(e: Encoders) -> list[Complaint]:
-    """Key path, expected and got of what is wrong with the encoders."""
-    found: list[Complaint] = []
+def _encoders(e: Encoders) -> Iterator[Complaint]:
+    """What is wrong with the encoders."""
     by_counts = {"cia406": True, "odrive": e.odrive.message == "counts", "dbc": e.dbc.quantity == "counts"}
     if by_counts.get(e.layout, False) and e.counts_per_revolution is None:
-        found.append(("encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"))
+        yield "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"
     from can import VALID_INTERFACES  # noqa: PLC0415  # replay and diagnosis do without python-can
 
     if e.interface not in VALID_INTERFACES:
-        found.append(("encoders.interface", f"one of {', '.join(sorted(VALID_INTERFACES))}", repr(e.interface)))
+        yield "encoders.interface", f"one of {', '.join(sorted(VALID_INTERFACES))}", repr(e.interface)
     if e.layout == "dbc":
-        names = {
-            "encoders.dbc.file": e.dbc.file,
-            "encoders.left.message": e.left.message,
-            "encoders.left.signal": e.left.signal,
-            "encoders.right.message": e.right.message,
-            "encoders.right.signal": e.right.signal,
-        }
-        found += [(path, "a name, since the layout is dbc", "nothing") for path, name in names.items() if name is None]
+        for path in ("dbc.file", "left.message", "left.signal", "right.message", "right.signal"):
+            if attrgetter(path)(e) is None:
+                yield f"encoders.{path}", "a name, since the layout is dbc", "nothing"
     elif e.layout != "agilex" and e.left.node == e.right.node:
-        found.append(("encoders.right.node", "another node than the left wheel's", str(e.right.node)))
+        yield "encoders.right.node", "another node than the left wheel's", str(e.right.node)
     if e.cia406.byte_offset + e.cia406.byte_length > 8:
         got = f"offset {e.cia406.byte_offset} and length {e.cia406.byte_length}"
-        found.append(("encoders.cia406.byte_length", "a field that ends within 8 bytes", got))
-    return found
+        yield "encoders.cia406.byte_length", "a field that ends within 8 bytes", got
 
 
-def _timing(c: Config) -> list[Complaint]:
+def _times(c: Config) -> Iterator[Complaint]:
     """Times that do not go together."""
-    found: list[Complaint] = []
     bias, wait_s = c.estimation.static_bias, c.estimation.reorder_s
     if 0 < bias.duration_s < bias.minimum_s:
         expected = f"at most duration_s ({bias.duration_s:g})"
-        found.append(("estimation.static_bias.minimum_s", expected, f"{bias.minimum_s:g}"))
+        yield "estimation.static_bias.minimum_s", expected, f"{bias.minimum_s:g}"
     gyro_age_s = c.fog.latency_s + 1.0 / c.fog.rate_hz
     if c.fog.protocol != "none" and gyro_age_s >= wait_s:
         expected = f"more than a gyro sample's age, latency_s and one period ({gyro_age_s:g} s)"
-        found.append(("estimation.reorder_s", expected, f"{wait_s:g}"))
+        yield "estimation.reorder_s", expected, f"{wait_s:g}"
     for name, part in (("fog", c.fog), ("encoders", c.encoders)):
         age_s = part.latency_s + 1.0 / part.rate_hz
         if part.silent_after_s <= age_s:
             expected = f"more than a sample's age, latency_s and one period ({age_s:g} s)"
-            found.append((f"{name}.silent_after_s", expected, f"{part.silent_after_s:g}"))
-    return found
+            yield f"{name}.silent_after_s", expected, f"{part.silent_after_s:g}"
 
 
-def _rest(c: Config) -> list[Complaint]:
-    """Outputs."""
-    found: list[Complaint] = []
+def _outputs(c: Config) -> Iterator[Complaint]:
+    """Outputs that the robot's sensors, or Zenoh, do not permit."""
     if c.output.publish_on == "gyro" and c.fog.protocol == "none":
-        found.append(("output.publish_on", "wheels, since the robot has no gyro", "'gyro'"))
+        yield "output.publish_on", "wheels, since the robot has no gyro", "'gyro'"
     if c.estimation.heading == "gyro" and c.fog.protocol == "none":
-        found.append(("estimation.heading", "filter, since the robot has no gyro", "'gyro'"))
+        yield "estimation.heading", "filter, since the robot has no gyro", "'gyro'"
     chunks = c.output.prefix.split("/")
     if set("*$?#") & set(c.output.prefix) or "" in chunks or any(chunk.startswith("@") for chunk in chunks):
         expected = "a Zenoh key without *, $, ?, #, leading @ and outer or double slashes"
-        found.append(("output.prefix", expected, repr(c.output.prefix)))
-    return found
+        yield "output.prefix", expected, repr(c.output.prefix)

@@ -374,7 +374,7 @@ class Output:
     ros2_topics: Ros2Topics = Ros2Topics()
 
     def beside(self, folder: Path) -> "Output":
-        """The same with its file found from `folder`, where the configuration lies."""
+        """This section with its file found from `folder`, where the configuration lies."""
         return self if self.zenoh_config is None else replace(self, zenoh_config=str(folder / self.zenoh_config))
 
 

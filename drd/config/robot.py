@@ -107,7 +107,7 @@ class Robot:
         return any(getattr(self, name) is not None for name in SHEET)
 
     def without_gyro(self) -> "Robot":
-        """The same robot; nothing is known of a gyro."""
+        """The robot with nothing known of a gyro."""
         return replace(self, **dict.fromkeys(SHEET))  # type: ignore[arg-type]  # each may be None
 
     def sections(self) -> dict[str, Any]:
@@ -115,7 +115,7 @@ class Robot:
         return nested({path: getattr(self, name) for name, path in PATHS.items()})
 
     def checked(self) -> "Robot":
-        """The same, of plain numbers. Raises ConfigError where a value is not of its type or out of its range."""
+        """The robot with plain numbers. Raises ConfigError where a value is not of its type or out of its range."""
         stated = {path: _plain(getattr(self, name)) for name, path in PATHS.items()}
         known = {path: value for path, value in stated.items() if value is not None and not is_nan(value)}
         try:

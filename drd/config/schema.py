@@ -39,7 +39,7 @@ class ConfigError(Exception):
         self.where, self.path, self.expected, self.got = where, path, expected, got
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[str, str, str, str]]:
-        """From one process to another: the text alone would not make it again."""
+        """How to pickle it: the text alone would not make it again."""
         return ConfigError, (self.where, self.path, self.expected, self.got)
 
 
@@ -51,19 +51,17 @@ class Key:
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
-    choices: tuple[str, ...] = ()
 
     @property
     def expected(self) -> str:
-        """As an error has it."""
+        """What is expected, as an error says it."""
         unit = f" in {self.unit}" if self.unit else ""
         words = {bool: "true or false", int: f"a whole number{unit}", float: f"a number{unit}", types.NoneType: "null"}
-        text = words.get(self.kind, f"a {self.unit or 'text'}")
+        text, items = words.get(self.kind, f"a {self.unit or 'text'}"), typing.get_args(self.kind)
         if typing.get_origin(self.kind) is tuple:
-            items = typing.get_args(self.kind)
             text = f"a list of {self.unit or 'texts'}" if ... in items else self.unit or f"{len(items)} finite numbers"
-        if self.choices:
-            text = f"one of {', '.join(self.choices)}" if len(self.choices) > 1 else repr(self.choices[0])
+        elif typing.get_origin(self.kind) is Literal:
+            text = f"one of {', '.join(items)}" if len(items) > 1 else repr(items[0])
         if math.isfinite(self.low):
             text += f" from {_number(self.low)}" + (f" to {_number(self.high)}" if math.isfinite(self.high) else "")
         return text
@@ -80,7 +78,7 @@ def _arms(hint: Any) -> tuple[Key, ...]:
     limits = next((note for note in notes if isinstance(note, msgspec.Meta)), msgspec.Meta())
     low = -math.inf if limits.ge is None else limits.ge
     high = (LARGEST_INT if kind is int else math.inf) if limits.le is None else limits.le
-    return (Key(kind, unit, low, high, typing.get_args(kind) if typing.get_origin(kind) is Literal else ()),)
+    return (Key(kind, unit, low, high),)
 
 
 @functools.cache
@@ -204,7 +202,7 @@ class _Reader:
         return f"{self.where}:{self.nodes[path].start_mark.line + 1}" if path in self.nodes else ""
 
     def error(self, path: str) -> ConfigError:
-        """What stands at `path`, or is missing there, is not of its type."""
+        """The error that what stands at `path`, or is missing there, is not of its type."""
         node, arms = self.nodes.get(path), [arm for arm in _arms(self.hints[path]) if not _is_section(arm.kind)]
         got = "nothing (the key is required)" if node is None else _shown(node)
         if isinstance(node, yaml.ScalarNode) and node.style in {"'", '"'} and arms[0].kind in (bool, int, float):
@@ -275,7 +273,7 @@ class _Reader:
 
 
 def is_nan(value: Any) -> bool:
-    """Not a number: not stated. A key with this default need not be stated, and null says that it is not."""
+    """Whether it is NaN, not stated. A key with this default need not be stated, and null says that it is not."""
     return isinstance(value, float) and math.isnan(value)
 
 
@@ -311,7 +309,7 @@ def _yaml_problem(error: Exception, text: str) -> tuple[str, str]:
 
 
 def _number(value: float) -> str:
-    """Without an exponent where it is whole."""
+    """The number as text, without an exponent where it is whole."""
     return str(int(value)) if value == int(value) else f"{value:g}"
 
 

@@ -4,7 +4,6 @@ Identifiers as in CiA 301's predefined connection set; default mapping of TPDO1 
 little-endian, in bytes 0 to 3 (Lika IF55 ROT CB manual p. 55).
 """
 
-from math import pi
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +25,7 @@ class Cia406(Layout):
 
     def __init__(self, encoders: Encoders, base: Path):
         self._nodes = nodes(encoders, base, 1, 127)
-        self._counts_per_revolution = counts_per_revolution(encoders, base)
+        self.counts_per_revolution = counts_per_revolution(encoders, base)
         key = encoders.cia406
         self._field = slice(key.byte_offset, key.byte_offset + key.byte_length)
         self._start_nodes = key.start_nodes
@@ -41,10 +40,6 @@ class Cia406(Layout):
         self.counters = {"wrong_length": 0, "boot_ups": 0, "emergencies": 0}
         if key.sync_period_s is not None:
             self.cyclic = (CanFrame(0, SYNC_ID, False, b""), key.sync_period_s)
-
-    def metres_per_count(self, radius_m: float) -> float:
-        """Travel of one count."""
-        return 2.0 * pi * radius_m / self._counts_per_revolution
 
     def start_frames(self) -> tuple[CanFrame, ...]:
         """NMT start for both nodes, where cia406.start_nodes asks for it."""

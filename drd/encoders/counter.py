@@ -34,7 +34,7 @@ class Travel(ABC):
         self._value: float | None = None
 
     def restart(self) -> None:
-        """The device started anew: its next reading is a new start."""
+        """Take the next reading for a new start: the device has started anew."""
         self.counters["restarts"] += 1
         self._value = None
 

@@ -5,7 +5,7 @@ Needs cantools (the extra drd[dbc]), which is imported and given the file when t
 
 import re
 from copy import copy
-from math import isfinite, pi
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -80,7 +80,8 @@ class Dbc(Layout):
             raise ConfigError(str(base), side_key(Side.RIGHT, "signal"), "another signal than the left wheel's", got)
         self.reports_speed = encoders.dbc.quantity == "speed"
         self._speed_unit_m_s = encoders.dbc.speed_unit_m_s
-        self._counts_per_revolution = 1.0 if self.reports_speed else counts_per_revolution(encoders, base)
+        if not self.reports_speed:
+            self.counts_per_revolution = counts_per_revolution(encoders, base)
         self._fields: dict[tuple[int, bool], list[tuple[Side, _Field]]] = {}
         for side, (message, signal) in found.items():
             field = _Field(message, signal, base, side)
@@ -88,10 +89,6 @@ class Dbc(Layout):
         self.can_ids = tuple(self._fields)
         self.modulus_counts: int | None = None if self.reports_speed else _modulus_counts(found, base)
         self.counters = {"wrong_length": 0, "undecodable": 0, "not_finite": 0}
-
-    def metres_per_count(self, radius_m: float) -> float:
-        """Travel of one count."""
-        return 1.0 if self.reports_speed else 2.0 * pi * radius_m / self._counts_per_revolution
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
         """The wanted signals that this frame holds; a multiplexed message may hold none."""

@@ -1,5 +1,6 @@
 """What every layout of encoder frames offers: which frames it reads, and what they say."""
 
+from math import pi
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -23,6 +24,7 @@ class Layout(Protocol):
 
     `can_ids`: the identifiers it reads, each with whether it is an extended (29-bit) one.
     `modulus_counts`: count at which the counter starts again; None: it never does (float revolutions, speed).
+    `counts_per_revolution`: counts of one turn of the wheel; 1 where a reading is in revolutions.
     `reports_speed`: a reading is the speed of the wheel's rim in m/s instead of a count.
     `cyclic`: a frame that the daemon shall send again and again, and its period in seconds.
     """
@@ -30,16 +32,16 @@ class Layout(Protocol):
     can_ids: tuple[tuple[int, bool], ...]
     modulus_counts: int | None
     counters: dict[str, int]
+    counts_per_revolution: float = 1.0
     reports_speed: bool = False
     cyclic: tuple[CanFrame, float] | None = None
 
     def metres_per_count(self, radius_m: float) -> float:
         """Travel of a wheel of this radius in one count; 1 where readings are speeds."""
-        ...
+        return 1.0 if self.reports_speed else 2.0 * pi * radius_m / self.counts_per_revolution
 
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
         """What the frame says; empty when it is bad (counted) or none of the layout's business."""
-        ...
 
     def start_frames(self) -> tuple[CanFrame, ...]:
         """Frames to send after each opening of the bus."""

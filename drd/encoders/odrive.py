@@ -3,7 +3,7 @@
 Its stock DBC declares the floats as integers, so this layout unpacks the bytes itself.
 """
 
-from math import isfinite, pi
+from math import isfinite
 from pathlib import Path
 from struct import Struct
 from typing import Final
@@ -23,22 +23,18 @@ class Odrive(Layout):
 
     def __init__(self, encoders: Encoders, base: Path):
         counts = encoders.odrive.message == "counts"
-        self._command, self._data = (COUNTS, COUNTS_DATA) if counts else (ESTIMATES, ESTIMATES_DATA)
-        # An estimate counts in revolutions.
-        self._counts_per_revolution = counts_per_revolution(encoders, base) if counts else 1.0
-        self._sides = {node << 5 | self._command: side for side, node in nodes(encoders, base, 0, 63).items()}
-        self.can_ids = tuple((can_id, False) for can_id in self._sides)
+        command, self._data = (COUNTS, COUNTS_DATA) if counts else (ESTIMATES, ESTIMATES_DATA)
+        if counts:
+            self.counts_per_revolution = counts_per_revolution(encoders, base)
+        self._sides = {(node << 5 | command, False): side for side, node in nodes(encoders, base, 0, 63).items()}
+        self.can_ids = tuple(self._sides)
         self.modulus_counts: int | None = 1 << 32 if counts else None
         self.counters = {"wrong_length": 0, "not_finite": 0}
 
-    def metres_per_count(self, radius_m: float) -> float:
-        """Travel of one count, or of one revolution where estimates are read."""
-        return 2.0 * pi * radius_m / self._counts_per_revolution
-
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
         """One side's position."""
-        side = self._sides.get(frame.can_id)
-        if side is None or frame.extended:
+        side = self._sides.get((frame.can_id, frame.extended))
+        if side is None:
             return ()
         if len(frame.data) != self._data.size:
             self.counters["wrong_length"] += 1

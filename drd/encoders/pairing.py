@@ -45,7 +45,7 @@ class _Track:
         return older.travel_m + (newer.travel_m - older.travel_m) * part
 
     def use(self) -> None:
-        """Both points have served a pair."""
+        """Note that both points have served a pair."""
         for point in (self.older, self.newer):
             if point is not None:
                 point.used = True

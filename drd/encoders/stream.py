@@ -33,15 +33,15 @@ class EncoderStream:
         self.last_ns: dict[Side, int | None] = dict.fromkeys(Side)
         self._known_ids = frozenset(self.can_ids)
         self._latency_ns = round(encoders.latency_s * NS_PER_S)
-        self._metres = self._metres_per_unit(encoders, robot)
+        scale = {Side.LEFT: robot.left_scale, Side.RIGHT: robot.right_scale}
+        self._metres_per_rad = {side: robot.wheel_radius_m * scale[side] for side in Side}
+        unit_m = self._layout.metres_per_count(robot.wheel_radius_m)
+        # Forward travel of one unit of each side's total.
+        self._metres = {side: (-unit_m if w.reversed else unit_m) * scale[side] for side, w in wheels(encoders).items()}
         counted = self._layout.modulus_counts is not None and not self._layout.reports_speed
         self.resolution_m = max(map(abs, self._metres.values())) if counted else UNCOUNTED_RESOLUTION_M
         self._travels = {side: self._travel(side, encoders, robot, base) for side in Side}
         self._pairing = Pairing(encoders.pair_window_s, encoders.gap_s, 1.0 / encoders.rate_hz)
-        self._metres_per_rad = {
-            Side.LEFT: robot.wheel_radius_m * robot.left_scale,
-            Side.RIGHT: robot.wheel_radius_m * robot.right_scale,
-        }
         self._newest: WheelSample | None = None
         self._replies: deque[CanFrame] = deque(maxlen=MAX_REPLIES)
         self._counters = {"frames": 0, "foreign": 0, "samples": 0}
@@ -82,7 +82,7 @@ class EncoderStream:
         return WheelTurns(sample.t_ns, end[1] / left_m, end[2] / right_m, left_rad_s, right_rad_s)
 
     def restart(self) -> None:
-        """The bus was opened again. The counters ran on: whether their motion is lost is the gap's length alone."""
+        """Forget replies: the bus was opened again. Counters ran on: whether motion is lost, the gap's length tells."""
         self._replies.clear()
 
     def start_frames(self) -> tuple[CanFrame, ...]:
@@ -103,12 +103,6 @@ class EncoderStream:
             return None
         self.last_ns[side] = t_ns
         return self._pairing.add(side, sampled_ns, travel.total * self._metres[side], moved=outcome is Outcome.MOVED)
-
-    def _metres_per_unit(self, encoders: Encoders, robot: Robot) -> dict[Side, float]:
-        """Forward travel of one unit of each side's total."""
-        unit_m = self._layout.metres_per_count(robot.wheel_radius_m)
-        scale = {Side.LEFT: robot.left_scale, Side.RIGHT: robot.right_scale}
-        return {side: (-unit_m if w.reversed else unit_m) * scale[side] for side, w in wheels(encoders).items()}
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
         """The side's accumulator. Raises ConfigError where even readings without any loss could not be used."""

@@ -3,7 +3,6 @@
 Source: vedderb/bldc, documentation/comm_can.md and comm/comm_can.c: six tachometer counts per electrical turn.
 """
 
-from math import pi
 from pathlib import Path
 from struct import Struct
 from typing import Final
@@ -22,20 +21,16 @@ class Vesc(Layout):
 
     def __init__(self, encoders: Encoders, base: Path):
         vesc = encoders.vesc
-        self._counts_per_revolution = COUNTS_PER_ELECTRICAL_TURN * vesc.pole_pairs * vesc.gear_ratio
-        self._sides = {STATUS_5 << 8 | node: side for side, node in nodes(encoders, base, 0, 255).items()}
-        self.can_ids = tuple((can_id, True) for can_id in self._sides)
+        self.counts_per_revolution = COUNTS_PER_ELECTRICAL_TURN * vesc.pole_pairs * vesc.gear_ratio
+        self._sides = {(STATUS_5 << 8 | node, True): side for side, node in nodes(encoders, base, 0, 255).items()}
+        self.can_ids = tuple(self._sides)
         self.modulus_counts: int | None = 1 << 32
         self.counters = {"wrong_length": 0}
 
-    def metres_per_count(self, radius_m: float) -> float:
-        """Travel of one tachometer count."""
-        return 2.0 * pi * radius_m / self._counts_per_revolution
-
     def decode(self, frame: CanFrame) -> tuple[WheelReading | CounterRestart, ...]:
         """One side's tachometer."""
-        side = self._sides.get(frame.can_id)
-        if side is None or not frame.extended:
+        side = self._sides.get((frame.can_id, frame.extended))
+        if side is None:
             return ()
         if len(frame.data) != STATUS_5_DATA.size:
             self.counters["wrong_length"] += 1

@@ -94,14 +94,14 @@ class SampleClock:
         self.restart()
 
     def restart(self) -> None:
-        """The port was opened again: the phase is new and what was missed is not counted; the period stays."""
+        """Begin with a new phase, the port being open again; what was missed is not counted, the period stays."""
         self._synchronised = self._is_stalled = False
         self._last_sequence: int | None = None
         self._arrival_s = self._phase_s = self._phase_var = self._covariance = 0.0
         self._forget_evidence()
 
     def stalled(self) -> None:
-        """The host stood still: packets that come late have waited, and are not the first after a loss."""
+        """Note that the host stood still: packets that come late have waited, and are not the first after a loss."""
         self._is_stalled = True
 
     def stamp(self, sequences: Sequence[int | None], arrival_ns: int) -> list[Stamp]:

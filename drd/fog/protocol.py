@@ -19,8 +19,6 @@ class FogProtocol(Protocol):
 
     def feed(self, data: bytes) -> list[FogReading]:
         """Take the next bytes; return the readings that they complete."""
-        ...
 
     def reset(self) -> None:
         """Forget what was before: the port was opened again."""
-        ...

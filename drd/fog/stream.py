@@ -61,11 +61,11 @@ class FogStream:
         return samples
 
     def stalled(self) -> None:
-        """The host stood still: what arrives next has waited."""
+        """Note that the host stood still: what arrives next has waited."""
         self._clock.stalled()
 
     def restart(self) -> None:
-        """The port was opened again: forget half a packet, the phase and a sample that waits for confirmation."""
+        """Forget half a packet, the phase and a sample that waits for confirmation: the port was opened again."""
         self._protocol.reset()
         self._clock.restart()
         self._newest = None

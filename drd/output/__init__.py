@@ -1,1 +1,1 @@
-"""output."""
+"""What the daemon tells over Zenoh, and is asked."""

@@ -18,6 +18,7 @@ UNKNOWN_VARIANCE = 1e6
 NOT_MEASURED = -1.0
 
 _ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR_LE, no options
+EMPTY = _ENCAPSULATION + b"\0"  # a message without fields, for which rosidl puts a byte
 _STAMP = struct.Struct("<iI")  # builtin_interfaces/Time: int32 sec, uint32 nanosec
 _COUNT = struct.Struct("<I")
 _POSE_COVARIANCE = 7
@@ -35,29 +36,29 @@ class CdrWriter:
         self.data = bytearray(start)
 
     def pad(self, alignment: int) -> None:
-        """Zeros up to the next multiple of `alignment` bytes."""
+        """Append zeros up to the next multiple of `alignment` bytes."""
         self.data += bytes(-(len(self.data) - len(_ENCAPSULATION)) % alignment)
 
     def count(self, value: int) -> None:
-        """A uint32, as which a sequence's length goes ahead of it."""
+        """Append a uint32, as which a sequence's length goes ahead of it."""
         self.pad(4)
         self.data += _COUNT.pack(value)
 
     def text(self, text: str) -> None:
-        """uint32 length with the terminating zero, then the bytes and that zero."""
+        """Append a string: uint32 length with the terminating zero, then the bytes and that zero."""
         data = text.encode("utf-8", "replace") + b"\0"
         self.count(len(data))
         self.data += data
 
     def doubles(self, values: Sequence[float]) -> None:
-        """A sequence of float64."""
+        """Append a sequence of float64."""
         self.count(len(values))
         if values:
             self.pad(8)
             self.data += struct.pack(f"<{len(values)}d", *values)
 
     def header(self, wall_ns: int, frame_id: str) -> None:
-        """std_msgs/Header."""
+        """Append a std_msgs/Header."""
         self.pad(4)
         self.data += _stamp(wall_ns)
         self.text(frame_id)
@@ -72,12 +73,12 @@ class CdrReader:
         self._body, self._at = data[len(_ENCAPSULATION) :], 0
 
     def header(self) -> tuple[int, str]:
-        """std_msgs/Header: stamp in ns, and frame."""
+        """Take a std_msgs/Header: stamp in ns, and frame."""
         seconds, nanoseconds = self._take(_STAMP, 4)
         return seconds * NS_PER_S + nanoseconds, self.text()
 
     def text(self) -> str:
-        """A string."""
+        """Take a string."""
         (length,) = self._take(_COUNT, 4)
         end = self._at + length
         if not 0 < length <= len(self._body) - self._at:
@@ -86,7 +87,7 @@ class CdrReader:
         return data.decode()
 
     def doubles(self, count: int) -> tuple[float, ...]:
-        """So many float64 without their count, which is fixed."""
+        """Take so many float64, whose count is fixed and not in the message."""
         return self._take(struct.Struct(f"<{count}d"), 8)
 
     def _take(self, form: struct.Struct, alignment: int) -> tuple[Any, ...]:
@@ -97,7 +98,7 @@ class CdrReader:
         return form.unpack_from(self._body, at)
 
 
-class _Laid:
+class _Template:
     """A message of fixed strings: header, texts, then nothing but doubles, which `values` has."""
 
     def __init__(self, before: bytes, texts: Sequence[str], values: list[float]):
@@ -133,11 +134,11 @@ class OdometryEncoder:
         for i in range(6):
             values[_POSE_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
             values[_TWIST_COVARIANCE + 7 * i] = UNKNOWN_VARIANCE
-        self._laid = _Laid(b"", (frame_id, child_frame_id), values)
+        self._message = _Template(b"", (frame_id, child_frame_id), values)
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
         """One message."""
-        v = self._laid.values
+        v = self._message.values
         v[0], v[1] = pose.x_m, pose.y_m
         v[5], v[6] = quaternion_zw(pose.heading_rad)
         xx, xy, xh, yy, yh, hh = pose.covariance
@@ -148,7 +149,7 @@ class OdometryEncoder:
         v[c + 30], v[c + 31], v[c + 35] = xh, yh, hh
         v[_TWIST], v[_TWIST + 5] = pose.speed_m_s, pose.rate_rad_s
         v[_TWIST_COVARIANCE], v[_TWIST_COVARIANCE + 35] = pose.speed_sigma_m_s**2, pose.rate_sigma_rad_s**2
-        return self._laid.encode(wall_ns)
+        return self._message.encode(wall_ns)
 
 
 class TransformEncoder:
@@ -156,14 +157,14 @@ class TransformEncoder:
 
     def __init__(self, frame_id: str, child_frame_id: str):
         # translation 3, quaternion 4, behind the sequence's length
-        self._laid = _Laid(_COUNT.pack(1), (frame_id, child_frame_id), [0.0] * 7)
+        self._message = _Template(_COUNT.pack(1), (frame_id, child_frame_id), [0.0] * 7)
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
         """One message."""
-        v = self._laid.values
+        v = self._message.values
         v[0], v[1] = pose.x_m, pose.y_m
         v[5], v[6] = quaternion_zw(pose.heading_rad)
-        return self._laid.encode(wall_ns)
+        return self._message.encode(wall_ns)
 
 
 class ImuEncoder:
@@ -179,15 +180,15 @@ class ImuEncoder:
         for at in (4, 8, 16, 20):
             values[at] = UNKNOWN_VARIANCE
         values[28] = NOT_MEASURED
-        self._laid = _Laid(b"", (frame_id,), values)
+        self._message = _Template(b"", (frame_id,), values)
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
         """One message."""
-        v = self._laid.values
+        v = self._message.values
         v[2], v[3] = quaternion_zw(pose.heading_rad)
         v[_IMU_YAW_VARIANCE] = pose.covariance[5]
         v[_IMU_RATE_Z], v[_IMU_RATE_Z_VARIANCE] = pose.rate_rad_s, pose.rate_sigma_rad_s**2
-        return self._laid.encode(wall_ns)
+        return self._message.encode(wall_ns)
 
 
 class JointStateEncoder:
@@ -242,11 +243,6 @@ def encode_trigger(success: bool, message: str) -> bytes:
     writer.data.append(success)
     writer.text(message)
     return bytes(writer.data)
-
-
-def encode_empty() -> bytes:
-    """A message without fields, for which rosidl puts a byte."""
-    return _ENCAPSULATION + b"\0"
 
 
 def _stamp(wall_ns: int) -> bytes:

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import zenoh
+
 from drd.output.allowance import Allowance
 
 log = logging.getLogger(__name__)
@@ -37,11 +39,11 @@ class CommandLog:
         self._unwritten = 0
 
     def accepted(self, key: str, payload: Any) -> None:
-        """A command was carried out; `payload` is the query's, zenoh.ZBytes or None."""
+        """Log a command that was carried out; `payload` is the query's, zenoh.ZBytes or None."""
         self._later(lambda: self._write(key, payload, "accepted"))
 
     def refused(self, key: str, payload: Any, reason: str) -> bool:
-        """A command was not carried out; whether that is written, too."""
+        """Log a command that was not carried out, if there are not too many; returns whether."""
         allowed = self._allowance.take()
         with self._lock:
             unwritten = self._unwritten
@@ -60,10 +62,13 @@ class CommandLog:
 
 def neighbours(session: Any) -> list[str]:
     """The other end of each open link of a zenoh.Session: its certificate's common name, if it has one, and address."""
-    return [f"{link.auth_identifier or 'unknown'!a} at {link.dst}" for link in session.info.links()]
+    try:
+        return [f"{link.auth_identifier or 'unknown'!a} at {link.dst}" for link in session.info.links()]
+    except zenoh.ZError:  # the session is closed
+        return []
 
 
 def _shown(payload: Any) -> str:
-    """Quoted, in ASCII and bounded: a payload can neither break the line nor fill the log."""
+    """The payload quoted, in ASCII and bounded: it can neither break the line nor fill the log."""
     data = payload.to_bytes() if payload is not None else b""
     return repr(data[:MAX_SHOWN])[1:] + ("..." if len(data) > MAX_SHOWN else "")

@@ -8,13 +8,8 @@ from drd.output.cdr import Diagnostic
 from drd.samples import Validity
 
 OK, WARN, ERROR = 0, 1, 2
-# As robot_monitor colours them: initialising passes by itself, and the pose is no worse for it than degraded.
-LEVELS: Final = {
-    Validity.VALID: OK,
-    Validity.INITIALISING: WARN,
-    Validity.DEGRADED: WARN,
-    Validity.INVALID: ERROR,
-}
+# As robot_monitor colours them. The rest warns: initialising passes by itself, and is no worse than degraded.
+LEVELS: Final = {Validity.VALID: OK, Validity.INVALID: ERROR}
 
 
 def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
@@ -22,7 +17,7 @@ def diagnostics(health: Mapping[str, Any]) -> list[Diagnostic]:
     validity, robot = Validity(health["validity"]), health["robot"]
     reasons = {reason["source"]: reason["text"] for reason in health["reasons"]}
     message = "; ".join([validity.value, *(f"{source}: {text}" for source, text in reasons.items())])
-    found = [Diagnostic(LEVELS[validity], "drd: pose", message, robot, reasons | _scalars(health))]
+    found = [Diagnostic(LEVELS.get(validity, WARN), "drd: pose", message, robot, reasons | _scalars(health))]
     if (recording := health.get("recording")) is not None:
         trouble = recording["reason"]
         level = OK if trouble is None else WARN

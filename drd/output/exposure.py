@@ -1,14 +1,12 @@
 """What the Zenoh configuration lets others do, said before somebody finds it out."""
 
 import ipaddress
-import json
 from collections.abc import Iterator
-from typing import Any
 
 import zenoh
 
 from drd.config.keys import Output
-from drd.output.session import session_config
+from drd.output.session import session_config, value_of
 
 _ENCRYPTED = ("tls", "quic")
 
@@ -30,19 +28,19 @@ def _open_doors(config: zenoh.Config, output: Output) -> Iterator[str]:
     plain = [endpoint for endpoint in outside if endpoint.partition("/")[0] not in _ENCRYPTED]
     if plain:
         yield f"whoever reaches {', '.join(plain)} can read the robot's pose{allowed}: no encryption, no login"
-    elif outside and not _value(config, "transport/link/tls/enable_mtls"):
+    elif outside and not value_of(config, "transport/link/tls/enable_mtls"):
         yield f"whoever reaches {', '.join(outside)} can read the robot's pose{allowed}: tls/enable_mtls is not true"
-    elif outside and not _value(config, "access_control/enabled"):
+    elif outside and not value_of(config, "access_control/enabled"):
         yield f"every certificate of the authority can read the robot's pose{allowed}: access_control is off"
-    if _value(config, "scouting/multicast/enabled") is not False:
+    if value_of(config, "scouting/multicast/enabled") is not False:
         yield "scouting/multicast is on: Zenoh connects to whoever answers in the network"
 
 
 def _endpoints(config: zenoh.Config) -> list[str]:
     """Where it listens; Zenoh takes a list for all modes, or one for each."""
-    found = _value(config, "listen/endpoints")
+    found = value_of(config, "listen/endpoints")
     if isinstance(found, dict):
-        found = found.get(_value(config, "mode") or "peer", [])
+        found = found.get(value_of(config, "mode") or "peer", [])
     return [str(endpoint) for endpoint in found or []]
 
 
@@ -56,7 +54,3 @@ def is_local(endpoint: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:  # a name
         return host == "localhost"
-
-
-def _value(config: zenoh.Config, path: str) -> Any:
-    return json.loads(config.get_json(path))

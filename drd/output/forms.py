@@ -2,12 +2,13 @@
 
 import math
 import time
-from typing import Any, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
 
 import zenoh
 
 from drd.output import ros2
-from drd.output.cdr import CdrReader, encode_empty, encode_trigger
+from drd.output.cdr import EMPTY, CdrReader, encode_trigger
 from drd.output.messages import Refused, decode_request, encode
 
 COMMANDS = ("set_pose", "reset", "calibrate_bias")
@@ -23,30 +24,29 @@ class Reply(NamedTuple):
     attachment: bytes | None = None
 
 
-class Form(Protocol):
-    """`name` of the handler, `key` of the queryable; `complete` as Zenoh has it."""
-
-    name: str
-    key: str
-    complete: bool
-
-    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
-        """The handler's request. Raises Refused."""
-
-    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
-        """The answer with the handler's values; `attachment` is the query's."""
-
-    def refusal(self, attachment: bytes, text: str) -> Reply:
-        """Why it is not carried out."""
-
-
-class JsonForm:
-    """A JSON object each way, without attachments."""
+class Form(ABC):
+    """How a query is read and answered. `name`: the handler's; `key`: the queryable's; `complete` as Zenoh has it."""
 
     complete = False
 
     def __init__(self, name: str, key: str):
         self.name, self.key = name, key
+
+    @abstractmethod
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
+        """The handler's request. Raises Refused."""
+
+    @abstractmethod
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:
+        """The answer with the handler's values; `attachment` is the query's."""
+
+    @abstractmethod
+    def refusal(self, attachment: bytes, text: str) -> Reply:
+        """The answer that says why it is not carried out."""
+
+
+class JsonForm(Form):
+    """A JSON object each way, without attachments."""
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002  # others' clients may have one
         """See Form."""
@@ -61,47 +61,42 @@ class JsonForm:
         return Reply(encode({"error": text}), zenoh.Encoding.APPLICATION_JSON, failed=True)
 
 
-class _Service:
-    """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer."""
+class _Service(Form):
+    """A service of rmw_zenoh: CDR each way; the attachment of a request comes back with the answer, `done`."""
 
     complete = True  # rmw_zenoh asks complete queryables only
+    done: bytes
 
-    def __init__(self, name: str, key: str):
-        self.name, self.key = name, key
+    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
+        """See Form."""
+        if len(attachment) != ros2.ATTACHMENT_BYTES:
+            raise Refused(f"attachment of {len(attachment)} bytes; rmw_zenoh's has {ros2.ATTACHMENT_BYTES}")
+        return {}
+
+    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
+        """See Form."""
+        return _reply(attachment, self.done)
 
     def refusal(self, attachment: bytes, text: str) -> Reply:  # noqa: ARG002
         """See Form."""
         return Reply(text.encode(), zenoh.Encoding.TEXT_PLAIN, failed=True)
 
-    @staticmethod
-    def _check(attachment: bytes) -> None:
-        if len(attachment) != ros2.ATTACHMENT_BYTES:
-            raise Refused(f"attachment of {len(attachment)} bytes; rmw_zenoh's has {ros2.ATTACHMENT_BYTES}")
 
-    @staticmethod
-    def _good(attachment: bytes, payload: bytes) -> Reply:
-        return Reply(
-            payload, zenoh.Encoding.APPLICATION_CDR, attachment=ros2.reply_attachment(attachment, time.time_ns())
-        )
+def _reply(attachment: bytes, payload: bytes) -> Reply:
+    echo = ros2.reply_attachment(attachment, time.time_ns())
+    return Reply(payload, zenoh.Encoding.APPLICATION_CDR, attachment=echo)
 
 
 class TriggerService(_Service):
     """std_srvs/Trigger: nothing to say, and the answer tells whether it was done."""
 
-    def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:  # noqa: ARG002
-        """See Form."""
-        self._check(attachment)
-        return {}
-
-    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
-        """See Form."""
-        return self._good(attachment, encode_trigger(True, ""))
+    done = encode_trigger(True, "")
 
     def refusal(self, attachment: bytes, text: str) -> Reply:
         """See Form."""
         if len(attachment) != ros2.ATTACHMENT_BYTES:
             return super().refusal(attachment, text)
-        return self._good(attachment, encode_trigger(False, text))
+        return _reply(attachment, encode_trigger(False, text))
 
 
 class SetPoseService(_Service):
@@ -110,18 +105,16 @@ class SetPoseService(_Service):
     Taken is the planar part: x, y, yaw, the larger standard deviation of the position's ellipse, that of yaw.
     """
 
+    done = EMPTY
+
     def __init__(self, name: str, key: str, frame_id: str):
         super().__init__(name, key)
         self._frame_id = frame_id
 
     def read(self, payload: bytes, attachment: bytes) -> dict[str, Any]:
         """See Form."""
-        self._check(attachment)
+        super().read(payload, attachment)
         return pose_request(payload, self._frame_id)
-
-    def answer(self, attachment: bytes, values: dict[str, Any]) -> Reply:  # noqa: ARG002
-        """See Form."""
-        return self._good(attachment, encode_empty())
 
 
 def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:

@@ -134,7 +134,8 @@ class Scene:
         if self._count == MOST_POINTS:
             self._thin()
         self._last_m = (x_m, y_m)
-        self._put(self._count, x_m, y_m)
+        x_m, y_m = ((value / GRID_M + 0.5) // 1.0 * GRID_M for value in (x_m, y_m))
+        _POINT.pack_into(self._points, self._count * _POINT.size, b"\x2a\x12", _X, x_m, _Y, y_m)
         self._count += 1
 
     def encode(self, pose: Pose, wall_ns: int) -> bytes:
@@ -146,10 +147,6 @@ class Scene:
         size = field(2, doubles(x=across_m, y=across_m, z=DISC_M))
         bound = stamp + self._bound + field(10, self._disc + size + self._colours[pose.validity])
         return field(2, path) + field(2, bound)
-
-    def _put(self, index: int, x_m: float, y_m: float) -> None:
-        x_m, y_m = ((value / GRID_M + 0.5) // 1.0 * GRID_M for value in (x_m, y_m))
-        _POINT.pack_into(self._points, index * _POINT.size, b"\x2a\x12", _X, x_m, _Y, y_m)
 
     def _thin(self) -> None:
         """Keep every second point, the first of all among them."""

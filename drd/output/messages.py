@@ -54,11 +54,6 @@ def pose_json(pose: Pose, wall_ns: int) -> bytes:
     return encode(pose_dict(pose, wall_ns))
 
 
-def health_json(payload: Mapping[str, Any]) -> bytes:
-    """The health as JSON."""
-    return encode(payload)
-
-
 def encode(value: Mapping[str, Any]) -> bytes:
     """Compact JSON in ASCII. Non-finite numbers become null; what JSON has no word for becomes text."""
     with suppress(TypeError, ValueError):  # it knows no numpy
@@ -96,7 +91,7 @@ def _whole(text: str) -> int:
 
 
 def _plain(value: Any) -> Any:
-    """Only what strict JSON can say."""
+    """The value in what strict JSON can say."""
     if isinstance(value, Enum):
         value = value.value
     elif callable(tolist := getattr(value, "tolist", None)):  # numpy scalars and arrays

@@ -74,7 +74,7 @@ def schema_file(
 
 
 def _fields(text: str, types: Mapping[str, str], enums: Mapping[str, Sequence[str]]) -> Iterator[bytes]:
-    """A FieldDescriptorProto for each."""
+    """A FieldDescriptorProto of each field."""
     for number, part in enumerate(text.split(", "), 1):
         *repeated, kind, name = part.split()
         scalar = _SCALARS.get(kind)

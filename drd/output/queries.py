@@ -6,6 +6,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -50,7 +51,7 @@ class QueryDesk:
         self._closed = False
         self._session: Any = None
         self._outbox: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._command_log = CommandLog(self._neighbours, self._outbox.put)
+        self._command_log = CommandLog(lambda: neighbours(self._session), self._outbox.put)
         self.counters = counters
         counters.update(dict.fromkeys(("queries", "query_errors", "queries_refused", "commands"), 0))
         threading.Thread(target=self._work, name="zenoh-replies", daemon=True).start()
@@ -63,7 +64,7 @@ class QueryDesk:
         """
         self._session = session
         for form in (*(JsonForm(name, f"{prefix}/{name}") for name in (*QUESTIONS, *COMMANDS)), *services):
-            callback = zenoh.handlers.Callback(self._callback(form), indirect=False)
+            callback = zenoh.handlers.Callback(partial(self._receive, form), indirect=False)
             session.declare_queryable(form.key, callback, complete=form.complete)
 
     def close(self) -> None:
@@ -71,11 +72,8 @@ class QueryDesk:
         self._closed = True
         self._outbox.put(None)
 
-    def _callback(self, form: Form) -> Callable[[Any], None]:
-        return lambda query: self._receive(form, query)
-
     def _receive(self, form: Form, query: Any) -> None:
-        """In Zenoh's thread: only bounded work, and nothing raises."""
+        """Take a query in; in Zenoh's thread, so with bounded work, and nothing raises."""
         self._count("queries")
         if form.name in COMMANDS and str(query.key_expr) != form.key:
             # A get on `prefix/**` means to read; it must not reset the robot.
@@ -92,8 +90,7 @@ class QueryDesk:
                 self._refuse(form, query, "query_errors", str(error))
                 return
             if not self._submit(form, query, request):
-                busy = f"stopping, or busy with {MAX_IN_FLIGHT} queries"
-                self._refuse(form, query, "queries_refused", busy)
+                self._refuse(form, query, "queries_refused", f"stopping, or busy with {MAX_IN_FLIGHT} queries")
 
     def _submit(self, form: Form, query: Any, request: dict[str, Any]) -> bool:
         with self._lock:
@@ -108,32 +105,23 @@ class QueryDesk:
         return True
 
     def _handle(self, form: Form, query: Any, request: dict[str, Any]) -> None:
-        """In the event loop."""
-        refusal = None
+        """Answer a query; in the event loop."""
         try:
             reply = form.answer(_attachment(query), self._handlers[form.name](request))
             if form.name in COMMANDS:
                 self._count("commands")
                 self._command_log.accepted(form.key, query.payload)
         except Refused as error:
-            refusal = str(error)
+            reply, _ = self._refusal(form, query, "query_errors", str(error))
         except Exception:
             log.exception("zenoh: handler=%s failed", form.name)
-            refusal = "internal error, see the log"
-        if refusal is not None:
-            reply, _ = self._refusal(form, query, "query_errors", refusal)
+            reply, _ = self._refusal(form, query, "query_errors", "internal error, see the log")
         self._outbox.put(lambda: _send(form, query, reply))
         self._outbox.put(self._release)
 
     def _work(self) -> None:
         while (work := self._outbox.get()) is not None:
             work()
-
-    def _neighbours(self) -> list[str]:
-        try:
-            return neighbours(self._session) if self._session is not None else []
-        except zenoh.ZError:  # the session is closed
-            return []
 
     def _refuse(self, form: Form, query: Any, counter: str, text: str) -> None:
         reply, is_logged = self._refusal(form, query, counter, text)

@@ -76,7 +76,7 @@ class Ros2Publishers:
         return self._joints is not None
 
     def publish_pose(self, pose: Pose, odometry: bytes, wall_ns: int) -> None:
-        """The pose in all its forms; `odometry` is it as CDR."""
+        """Publish the pose in all its forms; `odometry` is it as CDR."""
         self.odometry.put(odometry, wall_ns)
         if self._tf is not None:
             self._tf.put(self._tf_encoder.encode(pose, wall_ns), wall_ns)
@@ -84,7 +84,7 @@ class Ros2Publishers:
             self._imu.put(self._imu_encoder.encode(pose, wall_ns), wall_ns)
 
     def publish_turns(self, turns: WheelTurns, wall_ns: int) -> None:
-        """The wheels' turns, once for each sample of theirs; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`."""
+        """Publish the wheels' turns, once for each sample of theirs; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`."""
         if self._joints is None or turns.t_ns == self._joints_ns:
             return
         self._joints_ns = turns.t_ns
@@ -92,7 +92,7 @@ class Ros2Publishers:
         self._joints.put(self._joint_encoder.encode(positions, velocities, wall_ns), wall_ns)
 
     def publish_health(self, health: Mapping[str, Any]) -> None:
-        """The health as diagnostics."""
+        """Publish the health as diagnostics."""
         if self._diagnostics is not None:
             wall_ns = health["wall_ns"]
             self._diagnostics.put(encode_diagnostics(diagnostics(health), wall_ns), wall_ns)

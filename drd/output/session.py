@@ -110,13 +110,17 @@ class Limits(NamedTuple):
 def limits(output: Output) -> Limits:
     """The limits in force. Raises as `session_config` does."""
     config = session_config(output)
-    sessions = json.loads(config.get_json("transport/unicast/max_sessions"))
-    wait_us = json.loads(config.get_json("transport/link/tx/queue/congestion_control/drop/wait_before_drop"))
-    return Limits(sessions, wait_us * NS_PER_US)
+    wait_us = value_of(config, "transport/link/tx/queue/congestion_control/drop/wait_before_drop")
+    return Limits(value_of(config, "transport/unicast/max_sessions"), wait_us * NS_PER_US)
+
+
+def value_of(config: zenoh.Config, path: str) -> Any:
+    """What stands at `path`, as JSON has it."""
+    return json.loads(config.get_json(path))
 
 
 def check_output(output: Output) -> None:
-    """What can be known without opening a session. Raises ConfigError naming the key."""
+    """Check what can be known without opening a session. Raises ConfigError naming the key."""
     _check_ros2(output)
     if output.zenoh_config is not None:
         _from_file(output.zenoh_config)
@@ -169,7 +173,7 @@ def unreadable_files(output: Output) -> list[str]:
     """Each TLS file of `output.zenoh_config` that cannot be opened, with the reason; Zenoh's error does not name it."""
     if output.zenoh_config is None:
         return []
-    found, files = [], json.loads(_from_file(output.zenoh_config).get_json("transport/link/tls"))
+    found, files = [], value_of(_from_file(output.zenoh_config), "transport/link/tls")
     for name in _TLS_FILES:
         if file := files[name]:
             try:
@@ -185,7 +189,7 @@ def tidy(error: zenoh.ZError) -> str:
 
 
 def _blamed(text: str, output: Output) -> str:
-    """Unreachable neighbours fail no start, so only a protocol that Zenoh does not know can be `connect`'s fault."""
+    """The key at fault: unreachable neighbours fail no start, a protocol of `connect` that Zenoh does not know does."""
     for endpoint in output.connect:
         if f"for {endpoint.partition('/')[0]} protocol" in text:
             return "output.connect"

@@ -13,7 +13,7 @@ from drd.config.keys import Output
 from drd.config.schema import ConfigError
 from drd.output.cdr import OdometryEncoder
 from drd.output.exposure import exposure
-from drd.output.messages import encode, health_json, pose_json
+from drd.output.messages import encode, pose_json
 from drd.output.queries import Handler, QueryDesk
 from drd.output.ros2_publishers import ODOMETRY, Ros2Publishers
 from drd.output.session import limits, open_session, tidy
@@ -41,7 +41,6 @@ class ZenohLink:
         self.counters = dict.fromkeys(("poses", "health", "findings", "put_errors", "full_queues"), 0)
         self._neighbours = 0
         self._encoder = OdometryEncoder(output.frame_id, output.child_frame_id)
-        self._ros2: Ros2Publishers | None = None
         self._closing: threading.Thread | None = None
         self._closed_well = True
         self._session = open_session(output)
@@ -81,7 +80,7 @@ class ZenohLink:
         return self._ros2 is not None and self._ros2.wants_turns
 
     def publish_pose(self, pose: Pose, wall_ns: int) -> None:
-        """The pose in all its forms; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`. Never raises for the network."""
+        """Publish the pose in all forms; `wall_ns` is CLOCK_REALTIME at `pose.t_ns`. Never raises for the network."""
         odometry = self._encoder.encode(pose, wall_ns)
         sent = self._tried(self._pose.put, pose_json(pose, wall_ns))
         sent &= self._tried(self._odom.put, odometry)
@@ -90,19 +89,19 @@ class ZenohLink:
         self.counters["poses"] += sent
 
     def publish_turns(self, turns: WheelTurns, wall_ns: int) -> None:
-        """The wheels' turns; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`. Never raises for the network."""
+        """Publish the wheels' turns; `wall_ns` is CLOCK_REALTIME at `turns.t_ns`. Never raises for the network."""
         if self._ros2 is not None:
             self._tried(self._ros2.publish_turns, turns, wall_ns)
 
     def publish_health(self, payload: Mapping[str, Any]) -> None:
-        """The health as JSON. Never raises for the network."""
-        sent = self._tried(self._health.put, health_json(payload))
+        """Publish the health as JSON. Never raises for the network."""
+        sent = self._tried(self._health.put, encode(payload))
         if self._ros2 is not None:
             sent &= self._tried(self._ros2.publish_health, payload)
         self.counters["health"] += sent
 
     def publish_findings(self, payload: Mapping[str, Any]) -> None:
-        """What the monitor says as JSON. Never raises for the network."""
+        """Publish what the monitor says as JSON. Never raises for the network."""
         self.counters["findings"] += self._tried(self._findings.put, encode(payload))
 
     def neighbours(self) -> int:

@@ -1,1 +1,1 @@
-"""ports."""
+"""The serial port and the CAN bus."""

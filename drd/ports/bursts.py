@@ -8,7 +8,7 @@ from drd.units import NS_PER_S
 
 
 class Bursts:
-    """Frames that waited (in an adapter, or while the host stood still) are all read at one moment.
+    """Spreads the times of frames that waited (in an adapter, or for the host) and were all read at one moment.
 
     Taken for their times, that moment would make a speed of many times the robot's. So the frames of one identifier
     that were read together follow the one before the burst at the nominal period, or closer where there is no room;

@@ -19,7 +19,7 @@ from drd.config.keys import Encoders
 from drd.ports import can_errors
 from drd.ports.bursts import Bursts
 from drd.ports.clock import ReceiveClock
-from drd.ports.port import Port, reason_of
+from drd.ports.port import FIRST_WAIT_S, Port, reason_of
 from drd.ports.serial_port import request_low_latency
 from drd.ports.slcan import SlcanBus, open_bus
 from drd.samples import CanFrame
@@ -183,6 +183,8 @@ class CanPort(Port):
             self._file_number = None
 
     def _on_readable(self, bus: can.BusABC) -> None:
+        if not self._is_open or bus is not self._bus:  # lost before its turn came
+            return
         try:
             # Frames that are left after so many wake the loop again: only SlcanBus keeps complete frames back.
             for _ in range(min(FRAMES_PER_WAKE_UP, self._encoders.queue_frames)):
@@ -192,12 +194,8 @@ class CanPort(Port):
             self._lose(reason_of(error))
         else:
             if isinstance(bus, SlcanBus) and bus.has_line:
-                self._loop.call_soon(self._go_on_reading, bus)
+                self._loop.call_soon(self._on_readable, bus)
         self._deliver()
-
-    def _go_on_reading(self, bus: can.BusABC) -> None:
-        if self._is_open and bus is self._bus:
-            self._on_readable(bus)
 
     def _read_in_thread(self, bus: can.BusABC) -> None:
         try:
@@ -212,7 +210,8 @@ class CanPort(Port):
         try:
             message = bus.recv(timeout_s)
         except Exception as error:
-            if not _is_garbage(bus, error):
+            # slcan raises these because of a line that is no frame, others where the adapter is gone.
+            if not (isinstance(bus, SlcanBus) and isinstance(error, (ValueError, KeyError, IndexError))):
                 raise
             self.counters["bad_frames"] += 1
             return True
@@ -271,7 +270,7 @@ class CanPort(Port):
         if self._is_open:
             self._report(self._bus_state)
         if batch:
-            self._backoff.reset()
+            self._wait_s = FIRST_WAIT_S
             self._heard_ns = batch[-1].t_ns
             self._on_frames(self._bursts.spread(batch) if isinstance(self._bus, SlcanBus) else batch)
 
@@ -304,11 +303,6 @@ def _bus_arguments(encoders: Encoders, can_ids: Sequence[tuple[int, bool]]) -> d
         # slcan sleeps 2 s after opening unless told; timeout 0 keeps recv(0) from waiting for a byte.
         arguments |= {"sleep_after_open": encoders.open_delay_s, "timeout": 0}
     return arguments
-
-
-def _is_garbage(bus: can.BusABC, error: Exception) -> bool:
-    """Whether slcan raised because of a line that is no frame, rather than because the adapter is gone."""
-    return isinstance(bus, SlcanBus) and isinstance(error, (ValueError, KeyError, IndexError))
 
 
 def _interface_index(name: str) -> int | None:

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
-from drd.ports.backoff import Backoff
-
 VANISHED_CHECK_S: Final = 1.0
+# Waits before a device is opened again: each twice the one before, until it has delivered data.
+FIRST_WAIT_S: Final = 0.1
+LONGEST_WAIT_S: Final = 2.0
 
 
 class Port(ABC):
@@ -27,7 +28,7 @@ class Port(ABC):
         self._on_state = on_state
         self._state: str | None = "not opened yet"
         self._is_open = False
-        self._backoff = Backoff()
+        self._wait_s = FIRST_WAIT_S  # before the next opening
         self._loop: asyncio.AbstractEventLoop
         self._worker: ThreadPoolExecutor
         self._lost: asyncio.Future[str]
@@ -40,7 +41,8 @@ class Port(ABC):
         try:
             while True:
                 await self._open_and_read()
-                await asyncio.sleep(self._backoff.next_s())
+                wait_s, self._wait_s = self._wait_s, min(2.0 * self._wait_s, LONGEST_WAIT_S)
+                await asyncio.sleep(wait_s)
         finally:
             self._worker.shutdown(wait=False)
 

@@ -11,7 +11,7 @@ from typing import Final
 import serial
 
 from drd.config.keys import Fog
-from drd.ports.port import Port, reason_of
+from drd.ports.port import FIRST_WAIT_S, Port, reason_of
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ class SerialPort(Port):
             self._lose(reason_of(error))
             return
         if data:
-            self._backoff.reset()
+            self._wait_s = FIRST_WAIT_S
             self.counters["bytes"] += len(data)
             self._on_bytes(data, t_ns)
 

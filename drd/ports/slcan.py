@@ -15,7 +15,7 @@ HEAD: Final = re.compile(rb"(t[0-7][0-9A-Fa-f]{2}|T[01][0-9A-Fa-f]{7})[0-8]")
 
 
 class SlcanBus(slcanBus):
-    """Lines that have been read wait in here: who waits for the file descriptor asks `has_line`, too.
+    """Reads many bytes at a time. Lines wait in here: who waits for the file descriptor asks `has_line`, too.
 
     Data frames of other identifiers than those of `can_filters`, which must name single ones, are skipped unread.
     """

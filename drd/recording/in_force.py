@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -19,7 +19,7 @@ DBC: Final = "encoders.dbc"
 def files_in_force(loaded: Loaded[Config], base: Path) -> dict[str, bytes]:
     """Attachments by name. `base` is the folder that relative paths start from. Raises ConfigError."""
     config = loaded.value
-    found = {IN_FORCE: yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False).encode()}
+    found = {IN_FORCE: yaml.safe_dump(dataclasses.asdict(config), sort_keys=False).encode()}
     named = {
         AS_WRITTEN: (loaded.file if loaded.file != "(text)" else None, ""),
         CALIBRATION: (config.calibration.file, "calibration.file"),
@@ -33,10 +33,3 @@ def files_in_force(loaded: Loaded[Config], base: Path) -> dict[str, bytes]:
             except OSError as error:
                 raise ConfigError(str(file), path, "a readable file", str(error.strerror)) from error
     return found
-
-
-def _plain(value: Any) -> Any:
-    """Lists for tuples, which YAML's safe form does not know."""
-    if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    return list(value) if isinstance(value, tuple) else value

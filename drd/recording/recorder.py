@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 from drd import __version__
 from drd.config.keys import Config
 from drd.config.schema import Loaded
+from drd.pipeline import Observer
 from drd.recording.file import CHUNK_BYTES, RecordingFile
 from drd.recording.folder import make_room, part_file, recordings_folder, run_name
 from drd.recording.in_force import files_in_force
@@ -43,7 +44,7 @@ class _Entry(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-class HandedOver(ABC):
+class HandedOver(Observer, ABC):
     """Takes all that a run hands over, an entry of one kind each."""
 
     def fog_bytes(self, data: bytes, arrival_ns: int) -> None:

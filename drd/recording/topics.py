@@ -1,6 +1,5 @@
 """Topics, schemas and the encoding of each message; runs in the recorder's thread."""
 
-import base64
 import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -183,12 +182,10 @@ class Encoder:
         }
 
     def _fog_bytes(self, data: bytes, arrival_ns: int) -> list[Message]:
-        return [Message(RAW_FOG, arrival_ns, encode({"monotonic_ns": arrival_ns, "data": _text(data)}))]
+        return [Message(RAW_FOG, arrival_ns, encode({"monotonic_ns": arrival_ns, "data": data}))]
 
     def _frames(self, frames: Sequence[CanFrame]) -> list[Message]:
-        rows = [
-            {"monotonic_ns": f.t_ns, "can_id": f.can_id, "extended": f.extended, "data": _text(f.data)} for f in frames
-        ]
+        rows = [{"monotonic_ns": f.t_ns, "can_id": f.can_id, "extended": f.extended, "data": f.data} for f in frames]
         return [Message(RAW_CAN, frames[-1].t_ns, encode({"frames": rows}))]
 
     def _event(self, name: str, now_ns: int, values: Mapping[str, Any]) -> list[Message]:
@@ -215,10 +212,6 @@ class Encoder:
 
     def _findings(self, findings: Mapping[str, Any]) -> list[Message]:
         return [Message("/findings", findings["monotonic_ns"], encode(findings))]
-
-
-def _text(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
 
 
 def _sample(sample: GyroSample | WheelSample) -> bytes:

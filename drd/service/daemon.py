@@ -27,7 +27,6 @@ from drd.service import realtime
 from drd.service.inputs import Inputs
 from drd.service.losses import Losses
 from drd.service.monitoring import Monitoring
-from drd.service.observers import Observers
 from drd.service.reload import Prepared, prepare
 from drd.service.systemd import Notifier
 from drd.service.taking import Taking
@@ -53,22 +52,21 @@ class Daemon:
 
     def __init__(self, loaded: Loaded[Config], base: Path):
         self._loaded, self._config = loaded, loaded.value
-        self._output = self._config.output.beside(base)
         self._recorder = make_recorder(loaded, base)
         self._memory = MemoryKeeper(self._config)
         self._monitoring = Monitoring(self._on_findings, self._memory, self._on_constants)
-        observers = (self._recorder, self._monitoring) if self._recorder is not None else (self._monitoring,)
-        self.pipeline = Pipeline(self._config, base, self._on_pose, Observers(*observers))
+        observers = [observer for observer in (self._recorder, self._monitoring) if observer is not None]
+        self.pipeline = Pipeline(self._config, base, self._on_pose, observers)
         self._taking = Taking(self.pipeline)
         self._put_monitor_in_force()
         self._state = StateKeeper(self._config, self.pipeline)
         self._notifier = Notifier()
-        self._link: ZenohLink | None = None
+        self._link: ZenohLink
         self._pose: Pose | None = None
         self._pose_wall_ns = 0
         self._started_ns = time.monotonic_ns()
         self._traffic, self._losses = Traffic(), Losses()
-        self._inputs: Inputs | None = None
+        self._inputs: Inputs
         self._unreported: set[str] = set()
         self._ready = False
         self._base = base
@@ -78,7 +76,7 @@ class Daemon:
         self._input_tasks: list[asyncio.Task[None]] = []
 
     async def run(self, stop: asyncio.Event) -> bool:
-        """Until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
+        """Work until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
         loop = asyncio.get_running_loop()
         handlers = {
             "pose": self._answer_pose,
@@ -89,7 +87,7 @@ class Daemon:
             "reset": self._reset,
             "calibrate_bias": self._calibrate_bias,
         }
-        self._link = ZenohLink(self._output, handlers, loop)
+        self._link = ZenohLink(self._config.output.beside(self._base), handlers, loop)
         if self._recorder is not None:
             self._recorder.start()
         self._state.begin(time.monotonic_ns())
@@ -130,7 +128,7 @@ class Daemon:
         self._unreported.discard(source)
 
     async def _keep_time(self) -> None:
-        """The estimator's own beat: silence is noticed, the watchdog fed, the health published."""
+        """At each tick notice silence and keep the state; feed the watchdog and publish the health when it is time."""
         watchdog_s = self._notifier.watchdog_period_s or math.inf
         next_watchdog_s = next_health_s = 0.0
         while True:
@@ -177,12 +175,13 @@ class Daemon:
                 self._notifier.ready(self._status())
 
     async def _put_in_force(self, prepared: Prepared) -> None:
-        """Pose and covariance go on; ports are opened anew where their sections changed."""
-        reopen = prepared.moves_ports(self._config)
+        """Go on with the new configuration, from the same pose; open ports anew where their sections changed."""
+        old, new = self._config, prepared.loaded.value
+        reopen = (new.fog, new.encoders) != (old.fog, old.encoders)
         if reopen:
             await self._tasks.cancel(self._input_tasks)
         anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
-        self._loaded, self._config = prepared.loaded, prepared.loaded.value
+        self._loaded, self._config = prepared.loaded, new
         self._put_monitor_in_force()
         if reopen:
             self._open_inputs()
@@ -201,8 +200,6 @@ class Daemon:
     # ---- outputs -----------------------------------------------------------------------------------------------
 
     def _on_pose(self, pose: Pose, input_ns: int) -> None:
-        if self._link is None:
-            return
         now_ns, wall_ns, _ = read_both(time.monotonic_ns, time.time_ns)
         self._pose, self._pose_wall_ns = pose, wall_ns - (now_ns - pose.t_ns)
         self._link.publish_pose(pose, self._pose_wall_ns)
@@ -213,7 +210,6 @@ class Daemon:
         self._traffic.add(time.monotonic_ns() - input_ns)
 
     def _publish_health(self) -> None:
-        assert self._link is not None
         self._traffic.close_period(time.monotonic_ns(), self.pipeline.encoders.counters["samples"])
         health = self._health()
         self._losses.look(health)
@@ -224,7 +220,6 @@ class Daemon:
             self._notifier.status(self._status())
 
     def _on_findings(self) -> None:
-        assert self._link is not None
         findings = self._findings()
         self._link.publish_findings(findings)
         if self._recorder is not None:
@@ -243,10 +238,7 @@ class Daemon:
         health["monotonic_ns"], health["wall_ns"] = now_ns, time.time_ns()
         health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
         health |= self._traffic.last
-        if self._inputs is not None:
-            health["counters"] |= self._inputs.counters()
-        assert self._link is not None
-        health["counters"]["zenoh"] = dict(self._link.counters)
+        health["counters"] |= {**self._inputs.counters(), "zenoh": dict(self._link.counters)}
         health["neighbours"] = self._link.neighbours()
         # Of its own: a full disk is no reason to trust the pose less.
         health["recording"] = self._recorder.health() if self._recorder is not None else None
@@ -329,16 +321,8 @@ def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
     return Recorder(loaded, base)
 
 
-def is_on_terminal() -> bool:
-    """Whether a person started this from a terminal, rather than a service manager."""
-    try:
-        return os.isatty(0)
-    except OSError:
-        return False
-
-
 def run(loaded: Loaded[Config], base: Path) -> int:
-    """Run the daemon until SIGINT or SIGTERM; the process's exit code. Raises ConfigError before the start.
+    """Run the daemon until SIGINT or SIGTERM; returns the exit code. Raises ConfigError before the start.
 
     SIGHUP has the configuration read again, unless a terminal's closing sends it.
     """
@@ -356,7 +340,7 @@ def run(loaded: Loaded[Config], base: Path) -> int:
 
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, end)
-        if not is_on_terminal():  # where a hang-up means that the terminal was closed
+        if not os.isatty(0):  # on a terminal a hang-up means that it was closed
             loop.add_signal_handler(signal.SIGHUP, daemon.ask_for_reload)
         return await daemon.run(stop)
 

@@ -30,14 +30,14 @@ class Inputs:
             self.ports["fog.port"] = self._line
 
     def work(self) -> list[Coroutine[Any, Any, None]]:
-        """What must run for as long as the inputs are wanted."""
+        """Coroutines that must run for as long as the inputs are wanted."""
         work = [port.run() for port in self.ports.values()]
         if self._pipeline.encoders.cyclic is not None:
             work.append(self._send_cyclic(*self._pipeline.encoders.cyclic))
         return work
 
     def counters(self) -> dict[str, dict[str, int]]:
-        """Of each port."""
+        """Counters of each port, by its source."""
         return {name: dict(port.counters) for name, port in self.ports.items()}
 
     def _on_frames(self, frames: Sequence[CanFrame]) -> None:

@@ -17,7 +17,7 @@ TOLD: Final = {
 
 
 class Losses:
-    """Looks at the health's counters."""
+    """Tells in the log of counters of the health that have begun to rise."""
 
     def __init__(self) -> None:
         self._told: set[tuple[str, str]] = set()

@@ -20,6 +20,8 @@ GAP, GYRO, WHEELS, FIX = range(4)
 # A batch is one packet, which the socket takes whole or not at all. A tenth of a second of a 1000 Hz gyro.
 BATCH_RECORDS: Final = 128
 LARGEST_PACKET_BYTES: Final = 1 << 16
+# Python's, for the process. -P: the folder that drd is started in is no place for modules.
+ARGUMENTS: Final = ("-P", "-m", "drd.service.monitor_process")
 
 
 class Setup(Struct, frozen=True):
@@ -57,8 +59,3 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     wanted: dict[str, Constant | None] = {}
     notes: list[str] = []
     error: str | None = None
-
-
-def arguments() -> list[str]:
-    """What starts the process: -P, since the folder that drd is started in is no place for modules."""
-    return ["-P", "-m", "drd.service.monitor_process"]

@@ -11,15 +11,7 @@ from typing import Any, Final
 
 import msgspec
 
-from drd.service.monitor_channel import (
-    BATCH_RECORDS,
-    GAP,
-    LARGEST_PACKET_BYTES,
-    RECORD,
-    Report,
-    Setup,
-    arguments,
-)
+from drd.service.monitor_channel import ARGUMENTS, BATCH_RECORDS, GAP, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
 
 # Samples that wait for a slow monitor: with the kernel's own part of each packet some 10 s of samples.
@@ -46,7 +38,7 @@ class Child:
                 self.channel.setblocking(False)
                 self.channel.send(msgspec.json.encode(setup))
                 self.child = subprocess.Popen(
-                    [sys.executable, *arguments()],
+                    [sys.executable, *ARGUMENTS],
                     stdin=theirs.fileno(),
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -62,7 +54,7 @@ class Child:
         self.dropped = 0
 
     def put(self, kind: int, sample: tuple[Any, ...], last: float = 0.0) -> None:
-        """A sample, or a pose, into the batch, which is handed over when it is full."""
+        """Add a sample, or a pose, to the batch; a full one is handed over first."""
         if self._count > BATCH_RECORDS:
             self.flush()
         RECORD.pack_into(self._batch, self._count * RECORD.size, kind, *sample[:4], last)
@@ -88,12 +80,12 @@ class Child:
             self._gap_ns = None
 
     def check(self) -> None:
-        """Raises Ended where it has taken nothing for too long."""
+        """Raise Ended where it has taken nothing for too long."""
         if self._gap_ns is not None and (time.monotonic_ns() - self._gap_ns) * S_PER_NS > HUNG_S:
             raise Ended(f"it has taken no samples for {HUNG_S:g} s")
 
     def report(self) -> Report | None:
-        """The next report that is there. Raises Ended."""
+        """The next report that has arrived, if any. Raises Ended."""
         try:
             packet = self.channel.recv(LARGEST_PACKET_BYTES)
         except BlockingIOError:
@@ -108,7 +100,7 @@ class Child:
         return report
 
     def end(self) -> str:
-        """End it at once; how it had ended already, in words. Waits for the kernel."""
+        """End it at once and wait for the kernel; returns how it had ended already, in words."""
         self.channel.close()
         code = self.child.poll()
         if code is None:  # it closes its end just before
@@ -123,6 +115,6 @@ class Child:
 
 
 def _environment() -> dict[str, str]:
-    """The daemon's own, but what systemd tells the daemon; modules are found where the daemon finds them."""
+    """The daemon's environment without what systemd tells it; modules are found where the daemon finds them."""
     found = {name: value for name, value in os.environ.items() if name not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
     return found | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), "OPENBLAS_NUM_THREADS": "1"}

@@ -42,11 +42,11 @@ class Feed:
         self._applying = Applying()
         self._calibration = setup.calibration
         self._is_new = False
-        self._now_s = 0.0
         self.samples = self.gaps = 0
 
     def take(self, packet: bytes) -> bool:
-        """The records of one packet. Raises whatever the monitor does."""
+        """Hand the records of one packet over. Raises whatever the monitor does."""
+        before_s = self.monitor.now_s
         for kind, t_ns, a, b, c, d in RECORD.iter_unpack(packet):
             if kind == GAP:
                 self.gaps += 1
@@ -63,11 +63,10 @@ class Feed:
                 # The monitor sees a gap of the gyro by the stamps; one of the wheels must be said.
                 self.monitor.wheels(WheelSample(t_ns, a, b, c, max(d, UNSEEN_S) if self._is_new else d))
                 self._is_new = False
-        before_s, self._now_s = self._now_s, self.monitor.now_s
-        return self._now_s != before_s
+        return self.monitor.now_s != before_s
 
     def report(self, notes: list[str]) -> Report:
-        """What is known by now."""
+        """Report what is known by now."""
         findings = self._lasting.findings()
         self._applying.look(self.monitor, [f for f in findings if not is_wear(f)])
         return Report(
@@ -87,7 +86,7 @@ class Feed:
 
 
 def resident_bytes() -> int:
-    """The memory that it takes; the largest that getrusage tells is that of the daemon, which started it."""
+    """Memory of this process; the largest that getrusage tells is that of the daemon, which started it."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
@@ -113,7 +112,7 @@ def step_back() -> list[str]:
 
 
 def serve(channel: socket.socket) -> None:
-    """Until the other end is closed. Raises whatever goes wrong."""
+    """Take samples and send reports until the other end is closed. Raises whatever goes wrong."""
     notes = step_back()
     feed = Feed(msgspec.json.decode(channel.recv(LARGEST_PACKET_BYTES), type=Setup))
     gc.freeze()
@@ -124,7 +123,7 @@ def serve(channel: socket.socket) -> None:
 
 
 def main() -> int:
-    """Exit code 0 where the daemon has left, 1 after an error."""
+    """Serve the daemon; exit code 0 where it has left, 1 after an error."""
     # It ends when the daemon does, and not before: a terminal and systemd signal both at once.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

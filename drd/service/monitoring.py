@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -12,7 +12,8 @@ import msgspec
 from drd.config.keys import Config
 from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
-from drd.samples import CanFrame, GyroSample, WheelSample
+from drd.pipeline import Observer
+from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
 from drd.service.monitor_child import Child, Ended
 from drd.state.memory_file import MemoryKeeper, basis_of
@@ -28,8 +29,8 @@ LONGEST_PAUSE_S: Final = 300.0
 GOOD_S: Final = 60.0
 
 
-class Monitoring:
-    """An Observer of the pipeline that has a monitor look at the samples, in a process of its own.
+class Monitoring(Observer):
+    """Has a monitor, in a process of its own, look at the pipeline's samples.
 
     Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
     is started again, after pauses that double. `on_change` is called when the findings are others than before,
@@ -39,8 +40,8 @@ class Monitoring:
     def __init__(
         self,
         on_change: Callable[[], None],
-        keeper: MemoryKeeper | None = None,
-        on_constants: Callable[[Mapping[str, Constant | None]], None] = lambda _: None,
+        keeper: MemoryKeeper,
+        on_constants: Callable[[Mapping[str, Constant | None]], None],
     ):
         self._on_change, self._keeper, self._on_constants = on_change, keeper, on_constants
         self._setup: Setup | None = None
@@ -54,12 +55,6 @@ class Monitoring:
         self.is_enabled = False
 
     # ---- the pipeline's observer -------------------------------------------------------------------------------
-
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        """See Observer; not looked at."""
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """See Observer; not looked at."""
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
         """A pose that was set is one to measure distances from."""
@@ -109,12 +104,9 @@ class Monitoring:
         }
 
     def summary(self) -> list[dict[str, Any]]:
-        """The findings in brief."""
-        return [
-            {"effect": f.effect, "text": f.text, "probability": f.probability, "since_ns": f.since_ns,
-             "until_ns": f.until_ns}
-            for f in self._report.findings
-        ]  # fmt: skip
+        """Each finding in brief, for the health."""
+        names = ("effect", "text", "probability", "since_ns", "until_ns")
+        return [{name: getattr(finding, name) for name in names} for finding in self._report.findings]
 
     def health(self) -> dict[str, Any] | None:
         """State, reason, counts of samples and restarts, and what it costs; None where it is not asked for."""
@@ -130,7 +122,7 @@ class Monitoring:
             "restarts": self.restarts,
             "cpu_s": report.cpu_s,
             "memory_mb": report.memory_mb,
-            "memory": self._keeper.health() if self._keeper is not None else None,
+            "memory": self._keeper.health(),
             "pid": process.child.pid if process is not None else None,
         }
 
@@ -167,21 +159,19 @@ class Monitoring:
                 await self._pause(text or how)
 
     def _with_memory(self, setup: Setup) -> Setup:
-        if self._keeper is None:
-            return setup
         memory = self._keeper.memory(basis_of(setup.config, setup.calibration))
         now_ns = time.monotonic_ns()
         return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
 
     async def _serve(self, process: Child) -> None:
-        """Until another set-up is wanted. Raises Ended."""
+        """Exchange samples and reports until another set-up is wanted. Raises Ended."""
         self._process = process
         while not self._changed.is_set():
             await asyncio.sleep(PERIOD_S)
             self._exchange(process)
 
     async def _end(self, process: Child) -> str:
-        """End it; how it had ended by itself."""
+        """End the process; returns how it had ended by itself."""
         self._process = None
         self._dropped += process.dropped
         if (time.monotonic_ns() - process.began_ns) * S_PER_NS > GOOD_S:
@@ -189,12 +179,12 @@ class Monitoring:
         return await asyncio.to_thread(process.end)
 
     def _exchange(self, process: Child) -> None:
-        """Samples out, reports in."""
+        """Hand samples over and take reports in."""
         process.flush()
         while (report := process.report()) is not None:
             for note in report.notes:
                 self._warn(note)
-            if self._keeper is not None and report.day is not None and report.day != self._report.day:
+            if report.day is not None and report.day != self._report.day:
                 self._keeper.put(report.day)
             self._reason = "; ".join(report.notes)
             self._tell("running" if report.is_judging else "not judging", report)
@@ -202,17 +192,17 @@ class Monitoring:
         process.check()
 
     async def _pause(self, text: str) -> None:
-        """After the process has ended by itself."""
+        """Wait before the next start, after the process has ended by itself."""
         self._reason = text
         self.restarts += 1
-        self._warn(f"{self._reason}; it is started again")
+        self._warn(f"{text}; it is started again")
         self._tell("waiting", Report())
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), pause_s)
 
     def _warn(self, text: str) -> None:
-        """Once for each text: one that ends again and again must not fill the log."""
+        """Log each text once: a process that ends again and again must not fill the log."""
         if text not in self._told:
             self._told.add(text)
             log.warning("monitor: %s", text)

@@ -24,11 +24,6 @@ class Prepared:
     files: dict[str, str]
     waiting: list[str]
 
-    def moves_ports(self, running: Config) -> bool:
-        """Whether the ports must be opened anew."""
-        new = self.loaded.value
-        return (new.fog, new.encoders) != (running.fog, running.encoders)
-
 
 def prepare(running: Loaded[Config], base: Path) -> Prepared:
     """Read the running configuration's file again, with all files that it names. Raises ConfigError; changes nothing.

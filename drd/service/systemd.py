@@ -19,23 +19,23 @@ class Notifier:
         self.watchdog_period_s = _watchdog_period_s(environment)
 
     def ready(self, status: str) -> None:
-        """Start-up is over: units ordered after this one may start."""
+        """Say that start-up is over: units ordered after this one may start."""
         self._send(f"READY=1\nSTATUS={_line(status)}")
 
     def status(self, text: str) -> None:
-        """One line for `systemctl status`."""
+        """Set the line that `systemctl status` shows."""
         self._send(f"STATUS={_line(text)}")
 
     def watchdog(self) -> None:
-        """Alive; to be sent at least every `watchdog_period_s`, from the loop that must not stand still."""
+        """Say that the loop is alive; to be sent from it at least every `watchdog_period_s`."""
         self._send("WATCHDOG=1")
 
     def reloading(self) -> None:
-        """The configuration is being read again; `ready` ends it. (The time is what Type=notify-reload asks for.)"""
+        """Say that the configuration is being read again; `ready` ends it. Type=notify-reload asks for the time."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // NS_PER_US}")
 
     def stopping(self) -> None:
-        """Shutting down of our own accord."""
+        """Say that the daemon shuts down of its own accord."""
         self._send("STOPPING=1")
 
     def _send(self, text: str) -> None:
@@ -60,5 +60,5 @@ def _watchdog_period_s(environment: Mapping[str, str]) -> float | None:
 
 
 def _line(text: str) -> str:
-    """A line break would start another assignment."""
+    """The text in one line: a line break would start another assignment."""
     return " ".join(text.splitlines())

@@ -22,14 +22,14 @@ class Taking:
         self._refused: set[str] = set()
 
     def put_in_force(self, is_on: bool) -> None:
-        """Off: all that was taken is given back."""
+        """Switch on or off; off gives back all that was taken."""
         self._is_on = is_on
         if not is_on:
             for name in list(self._pipeline.estimator.knowledge.applied.taken):
                 self._change(name, None, "monitor.apply is off")
 
     def want(self, wanted: Mapping[str, Constant | None]) -> None:
-        """Constants by name; None: to be given back; absent: the monitor has nothing to say of it."""
+        """Take constants by name; None: give it back; absent: the monitor has nothing to say of it."""
         if not self._is_on:
             return
         for name, constant in wanted.items():

@@ -6,21 +6,21 @@ from typing import Any
 
 
 class Tasks:
-    """To be made in the running loop. `ended` is done once a task has ended by itself, with its exception if any."""
+    """Tasks of the running loop. `ended` is done once one has ended by itself, with its exception if any."""
 
     def __init__(self) -> None:
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._running: set[asyncio.Task[None]] = set()
 
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-        """Run it."""
+        """Run a coroutine as a task."""
         task = asyncio.create_task(work)
         self._running.add(task)
         task.add_done_callback(self._on_end)
         return task
 
     async def cancel(self, tasks: Sequence[asyncio.Task[None]] | None = None) -> None:
-        """End these, or all, and wait until they have."""
+        """Cancel these tasks, or all of them, and wait until they have ended."""
         tasks = list(self._running) if tasks is None else tasks
         for task in tasks:
             task.cancel()

@@ -15,13 +15,13 @@ class Traffic:
         self._count = self._sum_ns = self._max_ns = self._wheel_samples = 0
 
     def add(self, latency_ns: int) -> None:
-        """One pose was published."""
+        """Count a pose that was published."""
         self._count += 1
         self._sum_ns += latency_ns
         self._max_ns = max(self._max_ns, latency_ns)
 
     def close_period(self, now_ns: int, wheel_samples: int) -> None:
-        """Make `last` of what was added since the period before.
+        """Make `last` of what was added since the last call.
 
         `wheel_samples` counts them from the start, or from a reload.
         """

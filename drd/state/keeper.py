@@ -31,8 +31,7 @@ class StateKeeper:
 
     def __init__(self, config: Config, pipeline: Pipeline):
         self._config, self._pipeline = config, pipeline
-        file = state_file(config.state.folder, os.environ.get("STATE_DIRECTORY"), config.robot.name)
-        self._store = Store(file, encoded, decoded) if config.state.enabled and file is not None else None
+        self._store = Store(file, encoded, decoded) if (file := state_file(config)) is not None else None
         self._boot_id = this_boot(os.environ)
         self._due_ns = 0
         self._said_at_rest = False

@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import logging
-import os
+from itertools import pairwise
 from typing import Any, Final
 
 import msgspec
@@ -21,8 +21,7 @@ VERSION: Final = 1
 
 def encoded(memory: Memory) -> bytes:
     """The file's bytes."""
-    body = msgspec.json.encode(memory) + b"\n"
-    return sealed("memory", VERSION, body)
+    return sealed("memory", VERSION, msgspec.json.encode(memory) + b"\n")
 
 
 def decoded(data: bytes) -> Memory:
@@ -32,7 +31,7 @@ def decoded(data: bytes) -> Memory:
         found = msgspec.json.decode(body, type=Memory)
     except (ValueError, RecursionError) as error:
         raise StateError(str(error)[:200]) from error
-    if any(b.wall_ns < a.wall_ns for a, b in zip(found.days, found.days[1:], strict=False)):
+    if any(b.wall_ns < a.wall_ns for a, b in pairwise(found.days)):
         raise StateError("its days are not in order of time")
     return found
 
@@ -51,9 +50,8 @@ class MemoryKeeper:
     """Keeps a robot's memory in a file beside its state. A file that cannot be used is kept aside, and counted."""
 
     def __init__(self, config: Config):
-        file = state_file(config.state.folder, os.environ.get("STATE_DIRECTORY"), config.robot.name)
-        is_kept = config.state.enabled and file is not None
-        self._store = Store(file.with_suffix(".memory"), encoded, decoded) if is_kept and file is not None else None
+        file = state_file(config)
+        self._store = Store(file.with_suffix(".memory"), encoded, decoded) if file is not None else None
         self._before: Memory | None = None
         self._memory: Memory | None = None
 
@@ -77,7 +75,7 @@ class MemoryKeeper:
         return self._before
 
     def put(self, day: Day) -> None:
-        """The drive so far, in place of what was put of it before."""
+        """Remember the drive so far, in place of what was put of it before."""
         if self._store is None or self._before is None:
             return
         memory = remember(self._before, day)

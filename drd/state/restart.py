@@ -95,19 +95,20 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     estimate = dataclasses.replace(
         saved.estimate, nominal=kf.nominal, P=kf.P.copy(), lost=lost, speed_m_s=0.0, rate_rad_s=0.0, learned=learned
     )
-    anew = learned_anew(other_wheels, other_gyro)
-    sentences = [_pose_sentence(saved, off_s, config, lost), _bias_sentence(kf), *anew]
-    bias_known = kf.sigma(GYRO_BIAS) < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
+    bias_rad_s = kf.sigma(GYRO_BIAS)
+    bias_text = f"gyro bias known to {bias_rad_s * DEG_PER_RAD * S_PER_H:.2g} deg/h"
+    sentences = [_pose_sentence(saved, off_s, config, lost), bias_text, *learned_anew(other_wheels, other_gyro)]
+    bias_known = bias_rad_s < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
     return Restart(estimate, bias_known, off_s, "; ".join(sentences))
 
 
 def _counts_from_start(effect: Effect) -> bool:
-    """What it takes off the gyro is relative to the first samples: the old bias goes with the old start."""
+    """Whether what it takes off the gyro is relative to the first samples: the old bias goes with the old start."""
     return effect.channel == "gyro" and ("time" in effect.covariate or "temperature" in effect.covariate)
 
 
 def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pipeline) -> None:  # (41)
-    """Random walks over the time off, a gyro that was perhaps switched off, other load; at most a cold start's."""
+    """Add random walks over the time off, a gyro perhaps switched off, another load; at most a cold start's."""
     s, k, settings = pipeline.estimator.sigmas, pipeline.estimator.noise, config.state
 
     def walked(variance_per_s: float) -> float:
@@ -126,7 +127,7 @@ def _widen_learned(kf: Filter, off_s: float | None, config: Config, pipeline: Pi
 
 
 def _widen_pose(kf: Filter, then: Estimate, unseen_s: float, position_m: float, heading_rad: float) -> None:  # (41)
-    """The robot may have been pushed; and if it was not seen to stand, it drove on. (36)"""
+    """Widen the pose: the robot may have been pushed and, if not seen to stand, have driven on. (36)"""
     kf.add_position_variance(position_m**2)
     kf.add_heading_variance(heading_rad**2, both=True)
     speed, rate = abs(then.speed_m_s), abs(then.rate_rad_s)
@@ -146,12 +147,8 @@ def _pose_sentence(saved: Saved, off_s: float | None, config: Config, lost: bool
     return f"warm restart {off}: {pose}" + (", only set_pose or reset make it good" if lost else "")
 
 
-def _bias_sentence(kf: Filter) -> str:
-    return f"gyro bias known to {kf.sigma(GYRO_BIAS) * DEG_PER_RAD * S_PER_H:.2g} deg/h"
-
-
 def duration(seconds: float) -> str:
-    """Such as 42 s, 7.5 min, 3.2 h or 12 days."""
+    """The time as text, such as 42 s, 7.5 min, 3.2 h or 12 days."""
     for limit, unit, text in ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (172_800.0, 3600.0, "h")):
         if seconds < limit:
             return f"{seconds / unit:.3g} {text}"

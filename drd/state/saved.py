@@ -4,6 +4,7 @@ import dataclasses
 import json
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
@@ -39,10 +40,8 @@ def this_boot(environment: Mapping[str, str]) -> str:
     """The boot's id, "" where nobody tells. The unit hands it over, since its sandbox hides the kernel's file."""
     boot_id = environment.get("DRD_BOOT_ID", "")
     if not boot_id:
-        try:
+        with suppress(OSError, ValueError):
             boot_id = BOOT_ID.read_text(encoding="ascii")
-        except (OSError, ValueError):
-            boot_id = ""
     # systemd writes the same digits without hyphens.
     return boot_id.strip().replace("-", "")
 

@@ -5,11 +5,12 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
+from drd.config.keys import Config
 from drd.state.saved import LARGEST_BYTES
 from drd.state.sealed import StateError
 from drd.units import NS_PER_S
@@ -23,16 +24,16 @@ KEPT_ASIDE: Final = 5
 SLOW_NS: Final = 10 * NS_PER_S
 
 
-def state_file(folder: str | None, state_directory: str | None, robot: str) -> Path | None:
-    """Where a robot's state lies; None: nowhere, since neither configuration nor service manager names a folder.
+def state_file(config: Config, environment: Mapping[str, str] = os.environ) -> Path | None:
+    """Where a robot's state lies; None: it is not to be kept, or neither the configuration nor systemd names a folder.
 
-    `state_directory` is systemd's variable of that name, which may list several; a relative `folder` starts there.
+    A relative `state.folder` starts from systemd's $STATE_DIRECTORY, of which there may be several.
     """
-    service = state_directory.split(":")[0] if state_directory else None
-    if folder is None and service is None:
+    folder, service = config.state.folder, environment.get("STATE_DIRECTORY", "").split(":")[0]
+    if not config.state.enabled or (folder is None and not service):
         return None
-    name = re.sub(r"[^A-Za-z0-9_.]+", "_", robot)
-    return Path(service or ".") / (folder or "") / f"{name}.state"
+    name = re.sub(r"[^A-Za-z0-9_.]+", "_", config.robot.name)
+    return Path(service) / (folder or "") / f"{name}.state"
 
 
 class Store(Generic[T]):
@@ -152,12 +153,14 @@ class Store(Generic[T]):
         self._trouble = trouble
 
 
-def replace_file(file: Path, data: bytes) -> None:
-    """Write `file` anew, whole or not at all, and wait until the disk has it. Raises OSError."""
+def replace_file(file: Path, data: bytes, mode: int | None = None) -> None:
+    """Write `file` anew, whole or not at all, and wait until the disk has it; `mode`: permissions. Raises OSError."""
     file.parent.mkdir(parents=True, exist_ok=True)
     beside = file.with_name(f".{file.name}.new")
     try:
         with beside.open("wb") as stream:
+            if mode is not None:
+                os.fchmod(stream.fileno(), mode)
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())

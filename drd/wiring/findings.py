@@ -1,5 +1,6 @@
 """The results of a wiring check, and what the user says that the robot did."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -46,6 +47,6 @@ def unknown(check: str, text: str, remedy: str = "") -> Finding:
     return Finding(check, Outcome.UNKNOWN, text, remedy)
 
 
-def faults(findings: list[Finding]) -> list[Finding]:
-    """Only those."""
+def faults(findings: Iterable[Finding]) -> list[Finding]:
+    """The findings that are faults."""
     return [finding for finding in findings if finding.outcome is Outcome.FAULT]

@@ -23,7 +23,7 @@ UNKNOWN_ASYMMETRY: Final = 0.05
 # Share of the travel's square that does not go with the turn; turn over travel, squared, below which that is the same.
 INDEPENDENT: Final = 0.1
 ALMOST_STRAIGHT: Final = 0.01
-# The prior is weighed by what is left over, which the asymmetry itself makes smaller.
+# The prior is weighed by the residual, which the asymmetry itself makes smaller.
 PASSES: Final = 4
 # Neighbouring windows share slip and ground: so many are taken together for the uncertainty.
 BLOCK: Final = 5
@@ -31,7 +31,7 @@ BLOCK: Final = 5
 
 @dataclass(frozen=True)
 class Fit:
-    """`turn = ratio gyro + asymmetry travel`: the two values, their sigmas, and the sum of squares left over, rad^2."""
+    """`turn = ratio gyro + asymmetry travel`: the values, their sigmas, and the sum of the squared residuals, rad^2."""
 
     ratio: float
     ratio_sigma: float
@@ -49,25 +49,25 @@ def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit
     gg, gs, ss = float(gyro @ gyro) + 1e-12, float(gyro @ travel), float(travel @ travel) + 1e-12
     ratio, asymmetry = min(max(float(gyro @ turn) / gg, low), high), 0.0
     for _ in range(PASSES):
-        left_over = turn - ratio * gyro - asymmetry * travel
-        prior = float(np.mean(left_over**2)) / ASYMMETRY_PRIOR**2 + 1e-12
+        residual = turn - ratio * gyro - asymmetry * travel
+        prior = float(np.mean(residual**2)) / ASYMMETRY_PRIOR**2 + 1e-12
         matrix = np.array([[gg, gs], [gs, ss + prior]])
         asymmetry = float(np.linalg.solve(matrix, [gyro @ turn, travel @ turn])[1])
         asymmetry = min(max(asymmetry, -LARGEST_ASYMMETRY), LARGEST_ASYMMETRY)
         ratio = min(max(float(gyro @ (turn - asymmetry * travel)) / gg, low), high)
-    left_over = turn - ratio * gyro - asymmetry * travel
-    sigmas = _sigmas(np.column_stack([gyro, travel]), left_over)
+    residual = turn - ratio * gyro - asymmetry * travel
+    sigmas = _sigmas(np.column_stack([gyro, travel]), residual)
     # Going always on one arc, what the wheels' turn owes to the turning and what to the way differs by slips of time.
     if ss - gs**2 / gg < INDEPENDENT * ss and gg > ALMOST_STRAIGHT * ss:
         sigmas[1] = math.inf
     if sigmas[1] > KNOWN:  # then the sides are taken for equal
         ratio, asymmetry = min(max(float(gyro @ turn) / gg, low), high), 0.0
-        left_over = turn - ratio * gyro
-        sigmas[0] = math.hypot(_sigmas(gyro[:, None], left_over)[0], UNKNOWN_ASYMMETRY * gs / gg)
-    return Fit(ratio, float(sigmas[0]), asymmetry, float(sigmas[1]), float(left_over @ left_over))
+        residual = turn - ratio * gyro
+        sigmas[0] = math.hypot(_sigmas(gyro[:, None], residual)[0], UNKNOWN_ASYMMETRY * gs / gg)
+    return Fit(ratio, float(sigmas[0]), asymmetry, float(sigmas[1]), float(residual @ residual))
 
 
-def _sigmas(regressors: Array, left_over: Array) -> Array:
+def _sigmas(regressors: Array, residual: Array) -> Array:
     """Standard deviations, the larger of the textbook's and those from the scatter of blocks' scores."""
     n, m = regressors.shape
     if n <= m:
@@ -75,36 +75,26 @@ def _sigmas(regressors: Array, left_over: Array) -> Array:
     information = regressors.T @ regressors
     # What no window moves has no information: its sigma becomes huge instead of infinite.
     inverse = np.linalg.inv(information + (1e-9 * np.trace(information) + 1e-30) * np.eye(m))
-    plain = np.diag(inverse) * float(left_over @ left_over) / (n - m)
-    scores = regressors * left_over[:, None]
+    plain = np.diag(inverse) * float(residual @ residual) / (n - m)
+    scores = regressors * residual[:, None]
     size = BLOCK if n >= 6 * BLOCK else 1
     blocks = np.array([scores[k : k + size].sum(axis=0) for k in range(0, n, size)])
     robust = np.diag(inverse @ (blocks.T @ blocks) @ inverse) * n / (n - m)
     return np.asarray(np.sqrt(np.maximum(np.maximum(plain, robust), 0.0)), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Senses:
-    """Fits of the four ways in which the wheels may go with the gyro, by (one side inverted, opposite sense)."""
-
-    fits: dict[tuple[bool, bool], Fit]
-
-    def best(self) -> tuple[bool, bool]:
-        """The way that leaves least over."""
-        return min(self.fits, key=lambda way: self.fits[way].cost)
-
-
 def goes_with(turn: Array, gyro: Array) -> bool:
     """Whether the wheels' turn is the gyro's, at any ratio."""
     free = float(gyro @ turn) / (float(gyro @ gyro) + 1e-12)
-    left_over = float(turn @ turn) - free**2 * float(gyro @ gyro)
-    return float(np.abs(turn).sum()) > ENOUGH_RAD and left_over < UNEXPLAINED * float(turn @ turn)
+    residual = float(turn @ turn) - free**2 * float(gyro @ gyro)
+    return float(np.abs(turn).sum()) > ENOUGH_RAD and residual < UNEXPLAINED * float(turn @ turn)
 
 
-def fit_senses(turn: Array, travel: Array, gyro: Array) -> Senses:
-    """With one side inverted, turn and travel change places. As configured the ratio may be large: counts are wrong.
+def fit_senses(turn: Array, travel: Array, gyro: Array) -> dict[tuple[bool, bool], Fit]:
+    """Fits of the four ways in which the wheels may go with the gyro, by (one side inverted, opposite sense).
 
-    It may be small, the gyro's unit being wrong, only where the wheels' turn goes with the gyro's and their travel does
+    With one side inverted, turn and travel change places. As configured the ratio may be large: counts are wrong. It
+    may be small, the gyro's unit being wrong, only where the wheels' turn goes with the gyro's and their travel does
     not: a robot with an inverted side that goes almost straight looks alike.
     """
     inverted = {
@@ -118,4 +108,4 @@ def fit_senses(turn: Array, travel: Array, gyro: Array) -> Senses:
         (False, False): fit(turn, travel, gyro, least, LARGEST_RATIO),
         (False, True): fit(turn, travel, gyro, -LARGEST_RATIO, -least),
     }
-    return Senses(configured | inverted)
+    return configured | inverted

@@ -19,7 +19,7 @@ class Wiring:
         return self.gyro + self.swapped + (self.left or self.right)
 
     def words(self) -> str:
-        """What is wrong."""
+        """What is wrong, in words."""
         wheels = {
             (True, True): "both wheels count backwards",
             (True, False): "the left wheel counts backwards",
@@ -29,10 +29,9 @@ class Wiring:
         return " and ".join([*parts, *([wheels[self.left, self.right]] if self.left or self.right else [])])
 
     def coefficients(self) -> tuple[int, int, int, int]:
-        """Of speed and yaw rate in the wheels' difference (right - left), then in their sum."""
-        left, right = ((1, 1), (1, -1)) if self.swapped else ((1, -1), (1, 1))
-        l, r = -1 if self.left else 1, -1 if self.right else 1  # noqa: E741
-        return tuple((r * right[k] + s * l * left[k]) // 2 for s in (-1, 1) for k in (0, 1))  # type: ignore[return-value]
+        """Coefficients of speed and yaw rate in the wheels' difference (right - left), then in their sum."""
+        left, right, sides = (-1 if is_wrong else 1 for is_wrong in (self.left, self.right, self.swapped))
+        return (right - left) // 2, sides * (right + left) // 2, (right + left) // 2, sides * (right - left) // 2
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from drd.samples import GyroSample, Side, WheelSample
 from drd.units import RAD_PER_DEG
 from drd.wiring import words
 from drd.wiring.findings import Finding, Outcome, Statement, faults, unknown
-from drd.wiring.fit import KNOWN, LEAST_RATIO, PLAUSIBLE_RATIO, Fit, Senses, fit, fit_senses, goes_with
+from drd.wiring.fit import KNOWN, LEAST_RATIO, PLAUSIBLE_RATIO, Fit, fit, fit_senses, goes_with
 from drd.wiring.hypotheses import Seen, Wiring, explanations
 from drd.wiring.signals import dead_sides, gyro_alive, held
 from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, wheel_curve
@@ -21,7 +21,7 @@ WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG
 ENOUGH_TURN_RAD: Final = 45.0 * RAD_PER_DEG
 BLIND_TURN_RAD: Final = 180.0 * RAD_PER_DEG
 BLIND_SHARE: Final = 0.1
-# Another wiring must leave over so much less (of the square) than the configured one, which slip may spoil.
+# Another wiring's residual must be so much smaller (its square) than the configured one's, which slip may spoil.
 CLEARLY: Final = 4.0
 SLACK_RAD: Final = 15.0 * RAD_PER_DEG
 # Below this share the wheels' turn has nothing to do with the gyro's.
@@ -51,6 +51,11 @@ class Geometry:
     resolution_m: float
     has_gyro: bool = True
 
+    @property
+    def still_m(self) -> float:
+        """Travel of a wheel that stands: noise in the last digit, or a flexing axle."""
+        return max(3.0 * self.resolution_m, 1e-3)
+
 
 @dataclass(frozen=True)
 class _Turns:
@@ -63,7 +68,7 @@ class _Turns:
 
     @property
     def turned_rad(self) -> float:
-        """By the gyro, to both sides together."""
+        """Turning that the gyro saw, to both sides together."""
         return total(self.gyro)
 
     @property
@@ -87,18 +92,15 @@ def judge(
     Equations (42) to (45). It takes about 0.1 s for an hour of samples.
     """
     said = said or Statement()
-    if not wheels or (robot.has_gyro and not gyro):
-        return words.no_data(len(gyro), len(wheels), robot.has_gyro)
+    if silent := words.no_data(gyro, wheels, robot.has_gyro):
+        return silent
     zero_ns = wheels[0].t_ns
     wheel, turned = wheel_curve(wheels, zero_ns), gyro_curve(gyro, zero_ns) if robot.has_gyro else None
-    assert wheel is not None
-    # Noise in the last digit, or a flexing axle.
-    still_m = max(3.0 * robot.resolution_m, 1e-3)
-    windows = common_windows(turned, wheel, still_m)
+    windows = common_windows(turned, wheel, robot.still_m)
     findings = [words.data(gyro if robot.has_gyro else None, wheels)]
     if windows.left_m.size == 0:
         return [*findings, unknown("motion", "no two seconds without a gap", "Watch for longer.")]
-    moving = dead_sides(windows, robot.tread_m, still_m, said, robot.has_gyro)
+    moving = dead_sides(windows, robot.tread_m, robot.still_m, said, robot.has_gyro)
     alive = [gyro_alive(gyro, windows, said, robot.tread_m)] if robot.has_gyro else []
     findings += [moving, *alive, *(held(side, wheels, robot.resolution_m) for side in Side)]
     if moving.outcome is not Outcome.GOOD or faults(alive):
@@ -119,19 +121,18 @@ def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geomet
         return [_directions(seen, said, evidence, robot), _distance(turns, said)]
     if turns.turned_rad < ENOUGH_TURN_RAD and not _gyro_is_small(turns):
         return _hardly_turned(turns, said)
-    senses = fit_senses(turns.turn, turns.travel, turns.gyro)
-    best = _way(senses)
-    side = (-1.0, 1.0) if not best[0] else (1.0, 1.0)
-    late = lag(gyro, wheels, *side)
+    fits = fit_senses(turns.turn, turns.travel, turns.gyro)
+    best = _way(fits)
+    late = lag(gyro, wheels, 1.0 if best[0] else -1.0, 1.0)
     if late is not None:
-        still_m = max(3.0 * robot.resolution_m, 1e-3)
-        turns = _turns(common_windows(gyro, wheels, still_m, late.lag_s), robot.tread_m)
-        senses = fit_senses(turns.turn, turns.travel, turns.gyro)
-        best = _way(senses)
-    chosen = senses.fits[best]
+        turns = _turns(common_windows(gyro, wheels, robot.still_m, late.lag_s), robot.tread_m)
+        fits = fit_senses(turns.turn, turns.travel, turns.gyro)
+        best = _way(fits)
+    chosen = fits[best]
     explained = turns.travel if best[0] else turns.turn
     if 1.0 - chosen.cost / float(explained @ explained + 1e-12) < EXPLAINED:
-        return [*_unrelated(turns, chosen), words.lag(late, LATE_S)]
+        share = 1.0 - chosen.cost / float(turns.turn @ turns.turn + 1e-12)
+        return [words.unrelated(turns.turned_rad, total(turns.turn), share), words.lag(late, LATE_S)]
     seen = Seen(one_inverted=best[0], opposite=best[1], gyro_turn=_sign(turns.gyro, said.turned))
     seen = _with_drive(seen, turns, said)
     found = [_directions(seen, said, words.compared(turns.turned_rad, chosen), robot)]
@@ -147,11 +148,10 @@ def _gyro_is_small(turns: _Turns) -> bool:
     return goes_with(turns.turn, turns.gyro) and not goes_with(turns.travel, turns.gyro)
 
 
-def _way(senses: Senses) -> tuple[bool, bool]:
-    """As configured, unless another way is clearly better.  # (43)"""
-    best, configured = senses.best(), (False, False)
-    cost = senses.fits[configured].cost
-    return best if cost > CLEARLY * senses.fits[best].cost + SLACK_RAD**2 else configured
+def _way(fits: dict[tuple[bool, bool], Fit]) -> tuple[bool, bool]:
+    """The way with the least residual, if clearly better than the configured one; else that.  # (43)"""
+    best, configured = min(fits, key=lambda way: fits[way].cost), (False, False)
+    return best if fits[configured].cost > CLEARLY * fits[best].cost + SLACK_RAD**2 else configured
 
 
 def _sign(motion: Array, stated: int) -> int | None:
@@ -177,15 +177,15 @@ def _stated(turns: _Turns, said: Statement) -> tuple[Seen, str]:
     seen = Seen(one_inverted=inverted)
     if inverted is not None or (said.drove and said.turned):
         turned = turns.travel if inverted else turns.turn
-        seen = Seen(one_inverted=inverted, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
-        seen = _with_drive(seen, turns, said) if said.drove else seen
+        seen = replace(seen, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
+        seen = _with_drive(seen, turns, said)
     return seen, words.wheels_alone(turns.turn, turns.travel * turns.tread_m / 2.0)
 
 
 def _directions(seen: Seen, said: Statement, evidence: str, robot: Geometry) -> Finding:
     """Which sensor has which sign, and which side is which."""
     possible = explanations(seen, robot.has_gyro)
-    if possible == [] or possible == [Wiring()]:
+    if possible in ([], [Wiring()]):
         return words.directions_good(seen, said, evidence)
     return words.directions_fault(possible, seen, said, evidence)
 
@@ -203,11 +203,6 @@ def _hardly_turned(turns: _Turns, said: Statement) -> list[Finding]:
         seen = _with_drive(Seen(one_inverted=True), turns, said)
         return [words.claims_to_turn(total(turns.turn), turns.turned_rad, explanations(seen), said)]
     return [words.blind(total(claimed), turns.turned_rad, said)]
-
-
-def _unrelated(turns: _Turns, chosen: Fit) -> list[Finding]:
-    share = 1.0 - chosen.cost / float(turns.turn @ turns.turn + 1e-12)
-    return [words.unrelated(turns.turned_rad, total(turns.turn), share)]
 
 
 def _asymmetry(turns: _Turns, chosen: Fit) -> Finding:

@@ -1,17 +1,14 @@
 """The decoded samples of a pipeline, kept for the judgement."""
 
-from collections.abc import Sequence
-from typing import Any
-
 from drd.config.keys import Robot
-from drd.pipeline import Pipeline
-from drd.samples import CanFrame, GyroSample, WheelSample
+from drd.pipeline import Observer, Pipeline
+from drd.samples import GyroSample, WheelSample
 from drd.wiring.findings import Finding, Statement
 from drd.wiring.judge import Geometry, judge
 
 
-class Samples:
-    """An observer of a pipeline; hand it to `Pipeline` as its recorder."""
+class Samples(Observer):
+    """Keeps the samples of a pipeline that it observes, and counts the gyro's bytes."""
 
     def __init__(self) -> None:
         self.gyro_samples: list[GyroSample] = []
@@ -27,9 +24,6 @@ class Samples:
         """Bytes from the gyro's serial line."""
         self.byte_count += len(data)
 
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """Nothing that the judgement needs."""
-
     def gyro(self, sample: GyroSample) -> None:
         """A gyro sample."""
         self.gyro_samples.append(sample)
@@ -37,6 +31,3 @@ class Samples:
     def wheels(self, sample: WheelSample) -> None:
         """A sample of both wheels."""
         self.wheel_samples.append(sample)
-
-    def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """Nothing that the judgement needs."""

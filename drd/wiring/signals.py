@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.samples import GyroSample, Side, WheelSample
-from drd.units import DEG_PER_RAD, RAD_PER_DEG
+from drd.units import DEG_PER_RAD
 from drd.wiring.findings import Finding, Statement, fault, good, unknown
 from drd.wiring.windows import Windows
 
@@ -15,7 +15,7 @@ from drd.wiring.windows import Windows
 STILL_SHARE: Final = 0.01
 ENOUGH_M: Final = 0.5
 ENOUGH_TREADS: Final = 2.0
-TURNED_RAD: Final = 45.0 * RAD_PER_DEG
+TURNED_DEG: Final = 45.0
 # A wheel that stands while the other runs is the centre of the circle: so much of the motion must then be turning, and
 # the gyro must see so much of it. Turning on the spot with a dead counter would show twice the turn.
 PIVOT_EXPLAINED: Final = 0.9
@@ -62,7 +62,7 @@ def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement
 
 def _parked(windows: Windows, ways: str, said: Statement) -> Finding:
     turned_deg = float(np.abs(windows.gyro_rad).sum()) * DEG_PER_RAD
-    if turned_deg * RAD_PER_DEG < TURNED_RAD and not (said.drove or said.turned):
+    if turned_deg < TURNED_DEG and not (said.drove or said.turned):
         told = f"{ways}, the gyro turned {turned_deg:.0f} deg: the robot is parked"
         return unknown("encoders", told, "Push or drive it: straight ahead, then to the left.")
     text = f"{ways}, while the gyro turned {turned_deg:.0f} deg"

@@ -58,19 +58,15 @@ class Lag:
     sigma_s: float
 
 
-def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve | None:
-    """Turned angle over time since `zero_ns`; None without samples."""
-    if not samples:
-        return None
+def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve:
+    """Turned angle over time since `zero_ns`; there must be a sample."""
     t_ns, interval_s, rate_rad_s, _ = zip(*samples, strict=True)
     span_s = np.array(interval_s)
     return _curve(t_ns, zero_ns, span_s, np.array(rate_rad_s)[:, None] * span_s[:, None])
 
 
-def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve | None:
-    """Travel of the left and of the right wheel over time since `zero_ns`; None without samples."""
-    if not samples:
-        return None
+def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve:
+    """Travel of the left and of the right wheel over time since `zero_ns`; there must be a sample."""
     t_ns, interval_s, left_m, right_m, _ = zip(*samples, strict=True)
     return _curve(t_ns, zero_ns, np.array(interval_s), np.column_stack([left_m, right_m]))
 
@@ -137,14 +133,14 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     wheel_rate, rates = wheel_rate[seen], rates[:, seen]
     if wheel_rate.size < 2 or min(np.ptp(wheel_rate), np.ptp(rates, axis=1).min()) == 0.0:
         return None
-    match = np.abs([np.corrcoef(wheel_rate, shifted)[0, 1] for shifted in rates])
-    k = int(match.argmax())
-    if k in (0, len(match) - 1) or match[k] < LAG_CORRELATION:
+    correlation = np.abs([np.corrcoef(wheel_rate, shifted)[0, 1] for shifted in rates])
+    k = int(correlation.argmax())
+    if k in (0, len(correlation) - 1) or correlation[k] < LAG_CORRELATION:
         return None
-    bend = match[k - 1] - 2.0 * match[k] + match[k + 1]
-    part = 0.5 * (match[k - 1] - match[k + 1]) / bend if bend < 0.0 else 0.0
+    bend = correlation[k - 1] - 2.0 * correlation[k] + correlation[k + 1]
+    part = 0.5 * (correlation[k - 1] - correlation[k + 1]) / bend if bend < 0.0 else 0.0
     slope = np.gradient(wheel_rate, GRID_S)
-    left_over = wheel_rate.std() * np.sqrt(1.0 - match[k] ** 2)
+    residual = wheel_rate.std() * np.sqrt(1.0 - correlation[k] ** 2)
     # What differs (unequal wheels, slip) stays for seconds: only windows count as independent.
-    sigma_s = float(left_over / (slope.std() * np.sqrt(wheel_rate.size * GRID_S / WINDOW_S))) + 1e-3
+    sigma_s = float(residual / (slope.std() * np.sqrt(wheel_rate.size * GRID_S / WINDOW_S))) + 1e-3
     return Lag(float(shifts_s[k] + part * GRID_S), sigma_s) if sigma_s <= LAG_SIGMA_S else None

@@ -28,8 +28,8 @@ STRAIGHT: Final = "drive straight ahead, then say --drove forward (or backward)"
 LEFT: Final = "turn to the left, then say --turned left (or right)"
 
 
-def no_data(gyro: int, wheels: int, has_gyro: bool) -> list[Finding]:
-    """Where a sensor has given nothing."""
+def no_data(gyro: Sequence[GyroSample], wheels: Sequence[WheelSample], has_gyro: bool) -> list[Finding]:
+    """Faults of the sensors that have given nothing."""
     found = []
     if has_gyro and not gyro:
         found.append(fault("gyro", "no sample", "Is it powered, and are fog.port, fog.baud and fog.protocol right?"))
@@ -65,7 +65,7 @@ def wheels_alone(turn_rad: Array, travel_m: Array) -> str:
 
 
 def directions_good(seen: Seen, said: Statement, evidence: str) -> Finding:
-    """No contradiction; what only the user could tell is said."""
+    """Finding without a contradiction; it asks for what only the user can tell."""
     missing = _missing(seen, said)
     if seen.one_inverted is None and seen.opposite is None and len(missing) == 2:
         return unknown("directions", f"no gyro to compare with; {evidence}", f"To decide, {'; '.join(missing)}.")
@@ -74,7 +74,7 @@ def directions_good(seen: Seen, said: Statement, evidence: str) -> Finding:
 
 
 def directions_fault(possible: list[Wiring], seen: Seen, said: Statement, evidence: str) -> Finding:
-    """What is the wrong way round, or which of several things it is."""
+    """Fault of what is the wrong way round, or of several things one."""
     if seen.one_inverted:
         what = "the wheels' sum turns with the gyro, not their difference: one side counts backwards"
         evidence = evidence.replace("of the wheels", "of the wheels with one side turned round")
@@ -113,12 +113,12 @@ def _action(wiring: Wiring) -> str:
 
 
 def turn_more(turned_rad: float) -> str:
-    """Too little turning for the senses."""
+    """Evidence where the gyro turned too little for the senses."""
     return f"the gyro turned only {turned_rad * DEG_PER_RAD:.0f} deg: turn to the left, half a turn or more"
 
 
 def claims_to_turn(wheels_rad: float, gyro_rad: float, possible: list[Wiring], said: Statement) -> Finding:
-    """The wheels say nothing but turning, the gyro saw none."""
+    """Fault where the wheels say nothing but turning, and the gyro saw none."""
     text = f"the wheels turned {wheels_rad * DEG_PER_RAD:.0f} deg, the gyro {gyro_rad * DEG_PER_RAD:.0f} deg"
     sides = " or ".join(f"{wiring.words()} ({_action(wiring)})" for wiring in possible)
     if said.drove:
@@ -128,14 +128,14 @@ def claims_to_turn(wheels_rad: float, gyro_rad: float, possible: list[Wiring], s
 
 
 def blind(wheels_rad: float, gyro_rad: float, said: Statement) -> Finding:
-    """The wheels turn and travel, the gyro sees nothing of the turn."""
+    """Fault where the wheels turn and travel, and the gyro sees nothing of the turn."""
     text = f"the wheels turned {wheels_rad * DEG_PER_RAD:.0f} deg, the gyro {gyro_rad * DEG_PER_RAD:.0f} deg"
     remedy = "The gyro does not see the turning: is it dead, is fog.axis the vertical one, is fog.protocol right?"
     return fault("directions", text, remedy if said.turned else f"{remedy} Or the wheels spin without the ground.")
 
 
 def unrelated(gyro_rad: float, wheels_rad: float, share: float) -> Finding:
-    """Neither difference nor sum of the wheels goes with the gyro."""
+    """Finding where neither difference nor sum of the wheels goes with the gyro."""
     text = (
         f"the gyro turned {gyro_rad * DEG_PER_RAD:.0f} deg, the wheels {wheels_rad * DEG_PER_RAD:.0f} deg, but only "
         f"{100.0 * max(share, 0.0):.0f} % of the wheels' turning goes with the gyro's"
@@ -189,7 +189,7 @@ def distance(way_m: float, stated_m: float | None) -> Finding:
 
 
 def lag(found: Lag | None, late_s: float) -> Finding:
-    """Whose samples come late."""
+    """Which sensor's samples come late."""
     if found is None:
         return unknown("timing", "the delay between the sensors cannot be seen", "Turn to and fro, with pauses.")
     who = "gyro behind the wheels" if found.lag_s >= 0.0 else "wheels behind the gyro"

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from pathlib import Path
+from typing import Literal, get_args, get_origin
 
 import pytest
 
@@ -92,8 +93,8 @@ def test_a_file_says_of_each_key_what_drd_config_says(file: Path) -> None:
         units_and_limits = facts[:-1]
         if key.unit:
             assert units_and_limits.pop(0) == key.unit, path
-        if key.choices:
-            assert units_and_limits.pop(0) == " | ".join(key.choices), path
+        if get_origin(key.kind) is Literal:
+            assert units_and_limits.pop(0) == " | ".join(get_args(key.kind)), path
         elif key.low > float("-inf"):
             low, high = (float(eval_power(limit)) for limit in units_and_limits.pop(0).split(" to "))
             assert (low, high) == (key.low, key.high), path

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Final
 
 import zenoh
@@ -78,7 +79,7 @@ class _Link:
 def _desk() -> QueryDesk:
     loaded: Loaded[Config] = loads(CONFIG, Config)
     daemon: Any = Daemon(loaded, Path())
-    daemon._link, daemon._pose = _Link(), POSE
+    daemon._link, daemon._inputs, daemon._pose = _Link(), SimpleNamespace(counters=dict), POSE
     handlers = {"pose": daemon._answer_pose, "health": lambda _: daemon._health(), "findings": daemon._answer_findings,
                 "config": daemon._answer_config, "set_pose": daemon._set_pose, "reset": daemon._reset,
                 "calibrate_bias": daemon._calibrate_bias}  # fmt: skip

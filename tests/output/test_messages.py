@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drd.output.messages import MAX_REQUEST_BYTES, Refused, decode_request, encode, health_json, pose_json
+from drd.output.messages import MAX_REQUEST_BYTES, Refused, decode_request, encode, pose_json
 from drd.samples import Pose, Reason, Validity
 
 ANY_FLOAT = st.floats()
@@ -77,7 +77,7 @@ def test_a_number_that_is_not_finite_becomes_null_and_every_other_arrives_exactl
 @given(st.dictionaries(st.text(max_size=5), VALUES, max_size=4))
 @settings(deadline=None)
 def test_any_health_becomes_strict_json(payload: dict[str, Any]) -> None:
-    assert isinstance(strict(health_json(payload)), dict)
+    assert isinstance(strict(encode(payload)), dict)
 
 
 def test_numpy_values_and_strangers_become_plain_json() -> None:

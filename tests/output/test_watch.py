@@ -146,9 +146,8 @@ def test_ctrl_c_ends_it_with_0_and_a_terminal_is_redrawn_in_place(terminal: bool
 
 def test_a_reader_that_leaves_ends_it_without_a_complaint() -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    program = "import sys; from drd.commands.watch import main; sys.exit(main(sys.argv[1:]))"
     with a_daemon() as endpoint:
-        arguments = [sys.executable, "-c", program, "--connect", endpoint, "--seconds", "20"]
+        arguments = [sys.executable, "-m", "drd", "watch", "--connect", endpoint, "--seconds", "20"]
         with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
             assert process.stdout
             assert process.stderr
@@ -233,8 +232,7 @@ def test_deep_nesting_is_survived() -> None:
 
 def watch_in_a_pipe(*arguments: str) -> "subprocess.Popen[bytes]":
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    program = "import sys; from drd.commands.watch import main; sys.exit(main(sys.argv[1:]))"
-    line = [sys.executable, "-c", program, *arguments]
+    line = [sys.executable, "-m", "drd", "watch", *arguments]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment)
 
 

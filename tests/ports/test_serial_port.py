@@ -109,6 +109,29 @@ def test_a_link_that_moves_to_another_device_without_a_hang_up_is_followed(
     asyncio.run(scenario())
 
 
+def test_waits_double_to_two_seconds_and_begin_anew_after_data(
+    make_pty: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line, link, waits_s = make_pty(), tmp_path / "fog", list[float]()
+
+    def speak(state: str | None) -> None:
+        if state is None:
+            line.write(b"x")
+
+    async def sleep(wait_s: float) -> None:
+        waits_s.append(wait_s)
+        if len(waits_s) == 7:
+            link.symlink_to(line.path)
+        elif len(waits_s) == 8:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    port = SerialPort(Fog(port=str(link)), lambda *_: line.hang_up(), speak)
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(port.run())
+    assert waits_s == [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 0.1]
+
+
 @pytest.mark.usefixtures("quick_checks")
 def test_a_device_that_stays_is_not_taken_for_vanished(make_pty: Any, run_port: Any, eventually: Any) -> None:
     async def scenario() -> None:

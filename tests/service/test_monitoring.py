@@ -29,6 +29,7 @@ from drd.monitor.monitor import Monitor
 from drd.pipeline import Observer, Pipeline
 from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import (
+    ARGUMENTS,
     BATCH_RECORDS,
     GAP,
     GYRO,
@@ -37,11 +38,10 @@ from drd.service.monitor_channel import (
     WHEELS,
     Report,
     Setup,
-    arguments,
 )
 from drd.service.monitor_process import Feed
 from drd.service.monitoring import Monitoring
-from drd.service.observers import Observers
+from drd.state.memory_file import MemoryKeeper
 from drd_tools.recordings.mcap_file import open_mcap
 
 # The process has the last place for the processor: of a busy machine it gets one hundredth.
@@ -127,7 +127,8 @@ def with_monitoring(work: Callable[[Monitoring, list[str]], Awaitable[None]], co
 
     async def main() -> None:
         states: list[str] = []
-        monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]))
+        keeper = MemoryKeeper(config)
+        monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]), keeper, lambda _: None)
         monitoring.put_in_force(config, None)
         task = asyncio.create_task(monitoring.run())
         try:
@@ -260,7 +261,7 @@ def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code
         ours.settimeout(PATIENCE_S)
         ours.send(msgspec.json.encode(Setup(config_of(), None)))
         with theirs:
-            child = subprocess.Popen([sys.executable, *arguments()], stdin=theirs.fileno())
+            child = subprocess.Popen([sys.executable, *ARGUMENTS], stdin=theirs.fileno())
         assert msgspec.json.decode(ours.recv(LARGEST_PACKET_BYTES), type=Report).error is None
         if sent:
             ours.send(sent)
@@ -272,9 +273,9 @@ def test_the_process_reports_an_error_and_ends_with_the_daemon(sent: bytes, code
         assert child.wait(PATIENCE_S) == code
 
 
-def poses_of(config: Config, observer: Observer | None) -> list[str]:
+def poses_of(config: Config, *observers: Observer) -> list[str]:
     poses: list[str] = []
-    pipeline = Pipeline(config, Path("/"), lambda pose, _: poses.append(repr(pose)), observer)
+    pipeline = Pipeline(config, Path("/"), lambda pose, _: poses.append(repr(pose)), observers)
     for t_ns, data in Circle(config).arrivals(20.0):
         pipeline.tick(t_ns)
         if isinstance(data, bytes):
@@ -290,8 +291,8 @@ def test_the_poses_are_the_same_to_the_bit_with_it_and_without() -> None:
 
     async def work(monitoring: Monitoring, _: list[str]) -> None:
         await until(lambda: health(monitoring)["state"] == "running")
-        poses = poses_of(config, Observers(monitoring))
-        assert poses == poses_of(config, None)
+        poses = poses_of(config, monitoring)
+        assert poses == poses_of(config)
         assert len(poses) > 350
         await until(lambda: health(monitoring)["samples"] > 300)
         assert health(monitoring)["dropped"] == 0

@@ -2,12 +2,13 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from drd.config.keys import Config
 from drd.fog.dsp17xx import BODY, FRAME_BYTES, HEADER, crc32_mpeg2
+from drd.pipeline import Observer
 from drd.samples import CanFrame, GyroSample, WheelSample
 from drd.units import S_PER_NS
 from soak.faults import BOOT_UP_ID, EMERGENCY_ID, LEFT_ID, RIGHT_ID
@@ -24,7 +25,7 @@ class Row(NamedTuple):
     expected: int
 
 
-class Ledger:
+class Ledger(Observer):
     """Counts deliveries. It is the pipeline's observer, too, and so knows which samples went to the estimator."""
 
     def __init__(self, config: Config):
@@ -105,12 +106,6 @@ class Ledger:
 
     # ---- the pipeline's observer
 
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        """As handed over."""
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """As handed over."""
-
     def gyro(self, sample: GyroSample) -> None:  # noqa: ARG002  # the interface's
         """A gyro sample went to the estimator."""
         self._counts["fog.samples"] += 1
@@ -118,9 +113,6 @@ class Ledger:
     def wheels(self, sample: WheelSample) -> None:  # noqa: ARG002  # the interface's
         """A wheel sample went to the estimator."""
         self._counts["encoders.samples"] += 1
-
-    def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """Nothing is kept."""
 
     # ---- the comparison
 

@@ -1,12 +1,12 @@
 """The monitor's real process beside the soak: gets the samples over its channel, as fast as it takes them."""
 
 import select
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from drd.config.keys import Config
-from drd.samples import CanFrame, GyroSample, WheelSample
+from drd.pipeline import Observer
+from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
 from drd.service.monitor_child import Child
 from drd.units import S_PER_NS
@@ -28,8 +28,8 @@ class Cost:
     gaps: int = 0
 
 
-class Monitored:
-    """An Observer of the pipeline. Raises Ended where the process ends; close it."""
+class Monitored(Observer):
+    """Has a monitor's process look at the samples. Raises Ended where the process ends; close it."""
 
     def __init__(self, config: Config):
         self.cost = Cost()
@@ -40,12 +40,6 @@ class Monitored:
     def close(self) -> None:
         """End the process."""
         self._child.end()
-
-    def fog_bytes(self, data: bytes, arrival_ns: int) -> None:
-        """See Observer; not looked at."""
-
-    def frames(self, frames: Sequence[CanFrame]) -> None:
-        """See Observer; not looked at."""
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
         """A pose that was set."""

@@ -18,7 +18,6 @@ from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.pipeline import Observer, Pipeline
 from drd.samples import Pose, Validity
-from drd.service.observers import Observers
 from drd.units import RAD_PER_DEG, S_PER_NS
 from soak.faults import FAULTS, Fault
 from soak.ledger import Ledger, Row
@@ -108,7 +107,7 @@ class _Run:
     def __init__(self, config: Config, folder: Path, laps: int, seed: int, *beside: Observer):
         self._world = World(config, laps, seed)
         self._ledger = Ledger(config)
-        self._pipeline = Pipeline(config, folder, self._on_pose, Observers(self._ledger, *beside))
+        self._pipeline = Pipeline(config, folder, self._on_pose, (self._ledger, *beside))
         self._result = Soak(laps, found=[Found(fault) for fault in FAULTS])
         self._poses = 0
         self._judged: Found | None = None  # of this lap, from the fault's onset on

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from drd.config.keys import Config, Robot, State
 from drd.estimation.basis import Basis
 from drd.estimation.estimate import Estimate
 from drd.estimation.filter import Filter
@@ -193,4 +194,9 @@ def test_a_file_too_large_to_be_a_state_is_not_read_whole(tmp_path: Path) -> Non
     ],
 )
 def test_where_the_state_lies(folder: str | None, service: str | None, expected: str | None) -> None:
-    assert state_file(folder, service, "my robot/1") == (Path(expected) if expected else None)
+    robot = Robot(name="my robot/1", wheel_radius_m=0.1, tread_m=0.5)
+    environment = {} if service is None else {"STATE_DIRECTORY": service}
+    assert state_file(Config(robot=robot, state=State(folder=folder)), environment) == (
+        Path(expected) if expected else None
+    )
+    assert state_file(Config(robot=robot, state=State(folder=folder, enabled=False)), environment) is None

@@ -113,7 +113,7 @@ def write_mcap(file: Path, recording: Recording, config: Loaded[Config], base: P
             count += 1
             writer.pose(pose, _wall_ns(pose.t_ns))
 
-        pipeline = Pipeline(config.value, base, on_pose, writer)
+        pipeline = Pipeline(config.value, base, on_pose, [writer])
         due_s = 0.0
         for arrival in tqdm(sent, "mcap", unit=" arrivals", disable=None, leave=False, delay=1.0):
             while due_s <= arrival.time_s:

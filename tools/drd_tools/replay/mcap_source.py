@@ -56,7 +56,7 @@ def replay_mcap(
     with tempfile.TemporaryDirectory() as folder:
         in_force, base = config_in_force(parts[-1], Path(folder), config, calibration, model)
         name = file.stem if model is not None else None
-        pipeline = Pipeline(in_force, base, replay.on_pose, kept, name, new_track)
+        pipeline = Pipeline(in_force, base, replay.on_pose, [kept], name, new_track)
     with no_garbage():
         replay.run(pipeline, parts)
     counters = pipeline.counters()
