@@ -239,6 +239,7 @@ class Daemon:
         health["uptime_s"] = (now_ns - self._started_ns) * S_PER_NS
         health |= self._traffic.last
         health["counters"] |= {**self._inputs.counters(), "zenoh": dict(self._link.counters)}
+        health["counters"]["systemd"] = dict(self._notifier.counters)
         health["neighbours"] = self._link.neighbours()
         # Of its own: a full disk is no reason to trust the pose less.
         health["recording"] = self._recorder.health() if self._recorder is not None else None
