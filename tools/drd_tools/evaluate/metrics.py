@@ -110,10 +110,10 @@ def absolute_error(aligned: Pairs) -> Absolute:
     angle_deg = np.abs(wrapped(aligned.estimate[:, 2] - aligned.reference[:, 2])) * DEG_PER_RAD
     return Absolute(
         rows=len(distance_m),
-        position_rmse_m=_rms(distance_m),
+        position_rmse_m=rms(distance_m),
         position_mean_m=float(distance_m.mean()),
         position_max_m=float(distance_m.max()),
-        heading_rmse_deg=_rms(angle_deg),
+        heading_rmse_deg=rms(angle_deg),
         heading_max_deg=float(angle_deg.max()),
     )
 
@@ -136,8 +136,8 @@ def _motion(pose: Array, first: Indices, last: Indices) -> Array:
     return np.column_stack([turned(step[:, :2], -pose[first, 2]), step[:, 2]])
 
 
-def turned(xy: Array, angle_rad: Array) -> Array:
-    """Vectors (m, 2) turned counter-clockwise, each by its own angle (m,)."""
+def turned(xy: Array, angle_rad: Array | float) -> Array:
+    """Turn vectors (m, 2) counter-clockwise, all by one angle or each by its own (m,); one vector (1, 2) by each."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.column_stack([c * xy[:, 0] - s * xy[:, 1], s * xy[:, 0] + c * xy[:, 1]])
 
@@ -203,8 +203,9 @@ def relative_by_time(pairs: Pairs) -> list[Relative]:
 def _relative(size: float, error: Array, ratios: Array | None) -> Relative:
     means = (None, None) if ratios is None else tuple(map(float, ratios.mean(axis=0)))
     position_m, angle_deg = np.hypot(*error[:, :2].T), error[:, 2] * DEG_PER_RAD
-    return Relative(size, len(error), _rms(position_m), _rms(angle_deg), *means)
+    return Relative(size, len(error), rms(position_m), rms(angle_deg), *means)
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
+    """Root mean square."""
     return math.sqrt(float(np.mean(values**2)))

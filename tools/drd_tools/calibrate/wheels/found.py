@@ -29,7 +29,7 @@ class Found:
     drives: Sequence[Drive]
     tests: Sequence[Drive]
     fit: WheelFit
-    apart: tuple[float, float, float]
+    apart: tuple[float, ...]
     other: WheelFit | None
     lag: Lag | None
     rest: Rest | None

@@ -149,7 +149,7 @@ def find_drift(recording: Recording, lag: Lag) -> Drift | None:
     if part is None:
         return None
     middle_s = float(part.at_s.mean())
-    x, covariance = np.array([lag.lag_s, 0.0]), np.zeros((2, 2))
+    x = np.array([lag.lag_s, 0.0])
     for _ in range(MAX_STEPS):
         late_s = x[0] + x[1] * (part.at_s - middle_s)
         part.reweigh(part.regress(late_s)[0])

@@ -134,7 +134,7 @@ def _write_report(output: Path, inputs: Sequence[str], found: Found) -> None:
     shown = [("fitted", longest, fit)]
     if figures:
         # Another one than the fitted panel has, where there is another.
-        held_out = max(figures, key=lambda f: (f.name != longest.name, f.drive.path_m))
+        held_out = max(figures, key=lambda f: (f.drive.name != longest.name, f.drive.path_m))
         shown.append(("held out", held_out.drive, held_out.fit))
     paths_picture(output / "paths.png", shown)
     lines = [_method(fit, drives), *found.notes, *(f"Warning: {text}" for text in found.doubts)]

@@ -1,4 +1,4 @@
-"""Pictures of the wheel calibration, and its page."""
+"""Pictures of the wheel calibration."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,12 +35,13 @@ def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
     with picture(file, 10.0, 1.7 + ROW_IN * len(figures)) as figure:
         both: Any = figure.subplots(1, 2, sharey=True)
         rows = np.arange(len(figures))[::-1]
-        pairs = [[(f.nominal.rms_m, f.calibrated.rms_m) for f in figures]]
-        pairs += [
-            [tuple(np.degrees(np.abs((f.nominal.end_heading_rad, f.calibrated.end_heading_rad)))) for f in figures]
-        ]
-        titles = (("Position, rms along the way", "m"), ("Heading at the end", "deg"))
-        for axes, values, (title, unit) in zip(both, np.array(pairs), titles, strict=True):
+        position_m = np.array([(f.nominal.rms_m, f.calibrated.rms_m) for f in figures])
+        heading_rad = np.array([(f.nominal.end_heading_rad, f.calibrated.end_heading_rad) for f in figures])
+        panels = (
+            ("Position, rms along the way", "m", position_m),
+            ("Heading at the end", "deg", np.degrees(np.abs(heading_rad))),
+        )
+        for axes, (title, unit, values) in zip(both, panels, strict=True):
             axes.hlines(rows, values.min(axis=1), values.max(axis=1), color=TRUE_GREY, linewidth=2)
             axes.plot(values[:, 0], rows, "o", color=VERMILION, label="nominal wheels")
             axes.plot(values[:, 1], rows, "o", color=BLUE, label="calibrated without this recording")
@@ -49,7 +50,7 @@ def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
             else:
                 axes.set_xlim(left=0.0)
             tidy(axes, title, 6, x=f"error / {unit}")
-            axes.set_yticks(rows, [short(f.name, NAME_LETTERS) for f in figures], fontsize=8)
+            axes.set_yticks(rows, [short(f.drive.name, NAME_LETTERS) for f in figures], fontsize=8)
         legend_below(figure, both[0], 2)
 
 

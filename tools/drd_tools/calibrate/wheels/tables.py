@@ -67,7 +67,7 @@ def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
 def held_out_table(found: Found) -> tuple[Sequence[str], list[list[str]]]:
     """Header and rows: held-out figures, nominal -> calibrated, and over all of them."""
     figures, tread_m = found.figures, found.drives[0].nominal.tread_m
-    rows = [_figure_row(f.name, f.drive.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
+    rows = [_figure_row(f.drive.name, f.drive.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
     count = len(figures)
     if count > 1:
         means = []

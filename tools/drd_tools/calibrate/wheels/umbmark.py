@@ -5,7 +5,6 @@ Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes,
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -171,18 +170,19 @@ def leave_one_pair_out(returns: Returns, side_m: float) -> tuple[Array, Array]:
     Pair k, the k-th cw and the k-th ccw run, is corrected by what all other runs say.
     """
     pairs = min(len(returns.cw_m), len(returns.ccw_m))
+    pairs = pairs if pairs > 1 else 0  # with one, nothing is left to correct it by
     before, after = np.zeros((pairs, 2)), np.zeros((pairs, 2))
-    for k in range(pairs if pairs > 1 else 0):
+    for k in range(pairs):
         alpha, beta = _solve(np.delete(returns.cw_m, k, 0), np.delete(returns.ccw_m, k, 0), side_m)
         seen = np.stack([returns.cw_m[k], returns.ccw_m[k]])
         before[k] = np.hypot(*seen.T)
         after[k] = np.hypot(*(seen - predict_m(alpha, beta, side_m)).T)
-    return (before, after) if pairs > 1 else (before[:0], after[:0])
+    return before, after
 
 
 def runs_problem(returns: Returns) -> str:
     """A sentence where there are fewer runs than UMBmark asks for; empty otherwise."""
-    counts: Sequence[int] = (len(returns.cw_m), len(returns.ccw_m))
-    if min(counts) >= RUNS:
+    cw, ccw = len(returns.cw_m), len(returns.ccw_m)
+    if min(cw, ccw) >= RUNS:
         return ""
-    return f"UMBmark asks for {RUNS} runs in each direction; here are {counts[0]} cw and {counts[1]} ccw."
+    return f"UMBmark asks for {RUNS} runs in each direction; here are {cw} cw and {ccw} ccw."
