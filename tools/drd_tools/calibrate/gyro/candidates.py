@@ -15,6 +15,7 @@ from drd_tools.calibrate.gyro.error_function import (
     corner_leverage,
     fit_error_function,
 )
+from drd_tools.evaluate.metrics import rms
 
 ORDERS: Final = tuple(Order(rate, temperature) for rate in range(1, 6) for temperature in range(4))
 FOLDS: Final = 10
@@ -56,11 +57,6 @@ class Candidate:
             return float("inf")
         square = self.residual_deg_s**2
         return float(square.std(ddof=1) / np.sqrt(len(square)) / (2.0 * max(self.held_out_deg_s, 1e-300)))
-
-
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def levels(values: Array, step: float) -> list[float]:

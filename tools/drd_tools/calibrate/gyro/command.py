@@ -20,7 +20,6 @@ from drd_tools.calibrate.gyro.candidates import (
     compare,
     recommend,
     require_observable,
-    rms,
 )
 from drd_tools.calibrate.gyro.data_sets import SETTLE_S, DataSets
 from drd_tools.calibrate.gyro.error_function import FILE_ORDER, ErrorFunction, Order
@@ -29,6 +28,7 @@ from drd_tools.calibrate.gyro.file import write_calibration
 from drd_tools.calibrate.gyro.rate_table import RateTable, data_sets, files_in, read_rate_table
 from drd_tools.calibrate.gyro.report import write_report
 from drd_tools.calibrate.gyro.result import CANDIDATE_HEADER, GyroResult
+from drd_tools.evaluate.metrics import rms
 from drd_tools.report.terminal import print_table
 
 PROG = "drd calibrate gyro"

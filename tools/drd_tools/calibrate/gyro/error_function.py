@@ -95,12 +95,11 @@ class ErrorFunction:
         """What the daemon loads. Raises ValueError where the order does not fit in the file's form."""
         if not self.order.fits_in_file:
             raise ValueError(f"order {self.order}: a calibration file holds up to {FILE_ORDER}")
+        i, j = self.coefficients.shape
         full = np.zeros((FILE_ORDER.rate + 1, FILE_ORDER.temperature + 1))
-        full[: self.order.rate + 1, : self.order.temperature + 1] = self.coefficients
-        index = np.arange(full.size).reshape(full.shape)
-        places = index[: self.order.rate + 1, : self.order.temperature + 1].ravel()
-        covariance = np.zeros((full.size, full.size))
-        covariance[np.ix_(places, places)] = self.covariance
+        full[:i, :j] = self.coefficients
+        covariance = np.zeros((*full.shape, *full.shape))
+        covariance[:i, :j, :i, :j] = self.covariance.reshape(i, j, i, j)
         rows = [(float(b0), float(b1), float(b2)) for b0, b1, b2 in full]
         return Calibration(
             (rows[0], rows[1], rows[2], rows[3]),
@@ -109,7 +108,7 @@ class ErrorFunction:
             float(residual_deg_s),
             provenance,
             residual_before_deg_s,
-            tuple(tuple(row) for row in covariance.tolist()),
+            tuple(map(tuple, covariance.reshape(full.size, full.size).tolist())),
         )
 
     def _regressors(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> tuple[Array, tuple[int, ...]]:

@@ -6,8 +6,9 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C, rms
+from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C
 from drd_tools.calibrate.gyro.data_sets import DataSets
+from drd_tools.evaluate.metrics import rms
 
 RESAMPLES: Final = 1000
 

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.calibrate.gyro.candidates import rate_levels, rms, temperature_levels
+from drd_tools.calibrate.gyro.candidates import rate_levels, temperature_levels
 from drd_tools.calibrate.gyro.data_sets import DataSets
 from drd_tools.calibrate.gyro.error_function import ErrorFunction
 from drd_tools.calibrate.gyro.evaluation import Evaluation
+from drd_tools.evaluate.metrics import rms
 from drd_tools.report.style import BLUE, BOUND, GREY, SERIES, VERMILION, picture, tidy
 
 MOST_RATES = 5

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drd_tools.calibrate.gyro.candidates import Candidate, beyond_the_file, rms
+from drd_tools.calibrate.gyro.candidates import Candidate, beyond_the_file
 from drd_tools.calibrate.gyro.data_sets import DataSets
 from drd_tools.calibrate.gyro.error_function import ErrorFunction, Order
 from drd_tools.calibrate.gyro.evaluation import Evaluation
 from drd_tools.calibrate.gyro.rate_table import EARTH_RATE_DEG_H
+from drd_tools.evaluate.metrics import rms
 
 Rows = list[list[str]]
 CANDIDATE_HEADER = ("order", "coefficients", "held-out / deg/s", "+-", "against chosen", "new data / deg/s", "")

@@ -85,7 +85,7 @@ def analyse(
     whole: StaticLog,
     skip_s: float | None = None,
     simulations: int = SIMULATIONS,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: Callable[[], object] = lambda: None,
 ) -> GyroNoise:
     """All of it. `skip_s`: leave out these seconds instead of the fitted warm-up. `on_step` is called STEPS times.
 

@@ -65,11 +65,7 @@ def main(argv: list[str]) -> int:
             return 1
     whole = read_static_log(log)
     with tqdm(total=STEPS, desc="simulating such logs", disable=None, leave=False) as shown:
-
-        def on_step() -> None:
-            shown.update()
-
-        result = analyse(whole, arguments.skip, on_step=on_step)
+        result = analyse(whole, arguments.skip, on_step=shown.update)
     print(f"Gyro noise from {log}\n")
     print_table(HEADER, rows(result), text=range(len(HEADER)))
     print()

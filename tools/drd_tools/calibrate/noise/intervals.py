@@ -121,7 +121,7 @@ def flicker_density(length: int) -> Array:
 
 
 def intervals(
-    curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], None] = lambda: None
+    curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], object] = lambda: None
 ) -> dict[int, Interval]:
     """90 % intervals of the wanted terms, by inverting a test.
 
