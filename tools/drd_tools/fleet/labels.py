@@ -7,7 +7,7 @@ to the recordings that they match, one after the other; patterns are those of a 
 import csv
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
@@ -37,7 +37,8 @@ class Labels(Struct, frozen=True, forbid_unknown_fields=True):
 
     def over(self, other: "Labels") -> "Labels":
         """These labels, and where they say nothing the other's."""
-        return Labels(*(a if a is not None else b for a, b in zip(_values(self), _values(other), strict=True)))
+        pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
+        return Labels(*(a if a is not None else b for a, b in pairs))
 
     def columns(self) -> dict[str, Any]:
         """As the tables have them."""
@@ -157,14 +158,10 @@ def _date(name: str, found: re.Match[str]) -> datetime:
         raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
 
 
-def _utc(time: datetime | date | None) -> datetime | None:
-    if not isinstance(time, datetime):
+def _utc(time: datetime | None) -> datetime | None:
+    if time is None:
         return None
     return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-
-
-def _values(labels: Labels) -> Sequence[Any]:
-    return [getattr(labels, name) for name in Labels.__struct_fields__]
 
 
 def as_text(own: Labels) -> str:

@@ -196,6 +196,14 @@ class Store:
         self.files.write(NAMES_OF_DONE, _parquet(pa.Table.from_pylist(list(rows), MAINTENANCE)))
 
 
+def existing(path: str) -> Store:
+    """The store that an update has made. Raises ConfigError where there is none."""
+    store = Store(path)
+    if not store.exists:
+        raise ConfigError(path, "", "a store of `drd fleet update`", "none there")
+    return store
+
+
 @contextmanager
 def _parquet_errors(where: str) -> Iterator[None]:
     """What a file that drd did not write, or that was broken since, raises is a ConfigError."""
