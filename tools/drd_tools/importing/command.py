@@ -1,7 +1,6 @@
 """`drd import`: another system's recording into a recording folder, checked for the usual traps."""
 
 import argparse
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from drd_tools.importing.checks import OK, WRONG, Finding
 from drd_tools.importing.convert import EncoderRows, encoder_rows, for_checks, gyro_rad_s, seconds
 from drd_tools.importing.examine import examine
 from drd_tools.importing.matching import Match, angle_of, match
-from drd_tools.importing.options import PROG, parser
+from drd_tools.importing.options import parser
 from drd_tools.importing.sources import open_source
 from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
@@ -46,21 +45,17 @@ class Imported:
 
 
 def main(argv: list[str]) -> int:
-    """List, or import, print and return the exit code."""
+    """List, or import, print and return the exit code. Raises ConfigError on bad input."""
     chosen = parser().parse_args(argv)
-    try:
-        names = [name for name in ("gyro", "wheels", "reference") if getattr(chosen, name) is not None]
-        if not names:
-            print("\n".join(open_source(chosen.file, chosen).listing()))
-            return 0
-        if chosen.output is None:
-            raise ConfigError("command line", "--output", "the folder to make", "nothing")
-        made = read(chosen, names)
-        check(made, chosen)
-        written = write(made, chosen, argv)
-    except ConfigError as error:
-        print(f"{PROG}: {error}", file=sys.stderr)
-        return 2
+    names = [name for name in ("gyro", "wheels", "reference") if getattr(chosen, name) is not None]
+    if not names:
+        print("\n".join(open_source(chosen.file, chosen).listing()))
+        return 0
+    if chosen.output is None:
+        raise ConfigError("command line", "--output", "the folder to make", "nothing")
+    made = read(chosen, names)
+    check(made, chosen)
+    written = write(made, chosen, argv)
     print(
         summary(chosen.output, made.origins, made.findings, made.applied, after(made, chosen.max_lag), _stands_s(made))
     )

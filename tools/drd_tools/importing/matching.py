@@ -104,8 +104,9 @@ def _match(
     most = math.floor(2.0 * max_lag_s / cell_s)
     lags_s: Array = 0.5 * cell_s * np.arange(-most, most + 1, dtype=np.float64)
     b = np.diff(np.interp(edges_s, time_b_s, angle_b)) / cell_s
+    at_lags = (np.diff(np.interp(edges_s - lag_s, time_a_s, angle_a)) / cell_s for lag_s in lags_s)
     begins = np.linspace(0, cells, blocks, endpoint=False).astype(int)
-    sums = np.array([_sums(_rates(edges_s - lag_s, time_a_s, angle_a) / cell_s, b, begins) for lag_s in lags_s])
+    sums = np.array([_sums(a, b, begins) for a in at_lags])
     best = _best(sums.sum(axis=2), lags_s)
     if best is None:
         return None
@@ -117,10 +118,6 @@ def _match(
     lag_sigma_s = math.hypot(float(sigma[0]), LAG_FLOOR * cell_s)
     r_sigma, seconds = float(sigma[2]), cells * cell_s
     return Match(lag_s, lag_sigma_s, gain, float(sigma[1]), correlation, r_sigma, at_edge, seconds)
-
-
-def _rates(edges_s: Array, time_s: Array, angle: Array) -> Array:
-    return np.diff(np.interp(edges_s, time_s, angle))
 
 
 def _sums(a: Array, b: Array, begins: npt.NDArray[np.int_]) -> Array:

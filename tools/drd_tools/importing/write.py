@@ -73,10 +73,10 @@ def prepare(folder: Path) -> None:
 
 def write_robot(file: Path, nominal: Robot, rates_hz: dict[str, float | None]) -> None:
     """robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
-    if nominal.gyro_rate_hz is None and rates_hz.get("gyro"):
-        nominal = replace(nominal, gyro_rate_hz=_rounded(rates_hz["gyro"]))
-    if nominal.encoders_rate_hz is None and rates_hz.get("wheels"):
-        nominal = replace(nominal, encoders_rate_hz=_rounded(rates_hz["wheels"]))
+    if nominal.gyro_rate_hz is None and (rate_hz := rates_hz.get("gyro")):
+        nominal = replace(nominal, gyro_rate_hz=float(f"{rate_hz:.6g}"))
+    if nominal.encoders_rate_hz is None and (rate_hz := rates_hz.get("wheels")):
+        nominal = replace(nominal, encoders_rate_hz=float(f"{rate_hz:.6g}"))
     content = nominal.sections()
     head = "# The robot as stated to drd import; null: not stated. rate_hz is measured where it was not stated.\n"
     file.write_text(head + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
@@ -112,7 +112,3 @@ def hashes(path: Path) -> str | dict[str, str]:
     if path.is_dir():
         return {file.name: file_hash(file) for file in sorted(path.iterdir()) if file.is_file()}
     return file_hash(path)
-
-
-def _rounded(rate_hz: float | None) -> float | None:
-    return None if rate_hz is None else float(f"{rate_hz:.6g}")
