@@ -12,8 +12,9 @@ import numpy as np
 
 from drd.config.keys import Config
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
-from drd_tools.emulate import encoder_frames, fog_packets
+from drd_tools.emulate import fog_packets
 from drd_tools.emulate.canopen_node import CanopenNode, NmtState
+from drd_tools.emulate.encoder_frames import WheelFrameEncoder
 from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
 from drd_tools.emulate.fault import Fault
 from drd_tools.emulate.sensors import SensorErrors, Sensors
@@ -112,7 +113,7 @@ class Emulator:
         self._sensors = Sensors(self.path, config.robot, errors, seed, fault)
         self._random = np.random.default_rng([seed, 3])
         self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
-        self._frames = encoder_frames.make_encoder(encoders, config.robot, base)
+        self._frames = WheelFrameEncoder(encoders, config.robot, base)
         wheels = (encoders.left, encoders.right) if encoders.layout == "cia406" else ()
         self.nodes = tuple(CanopenNode(w.node, autostart=True, heartbeat_s=0.0) for w in wheels)
         self._fog_port = None if self._fog is None else PtyLink(fog.port, "fog.port")
@@ -121,7 +122,7 @@ class Emulator:
         self._fog_schedule = _Schedule(1 / fog_hz, fog.latency_s)
         self._wheel_schedule = _Schedule(1 / encoders.rate_hz, encoders.latency_s)
         self._counted_m = (0.0, 0.0)
-        self._start_ns = 0
+        self.start_ns = 0  # CLOCK_MONOTONIC of the drive's time zero
         self._stop = threading.Event()
         self._lock = threading.Lock()  # one step of the loop, or one unplugging
         self._thread: threading.Thread | None = None
@@ -129,7 +130,7 @@ class Emulator:
     def start(self) -> None:
         """Plug in and drive off. Raises ConfigError, with nothing left behind."""
         self.plug_in()
-        self._start_ns = time.monotonic_ns()
+        self.start_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="drd emulator", daemon=True)
         self._thread.start()
 
@@ -151,11 +152,6 @@ class Emulator:
     def is_running(self) -> bool:
         """Whether its thread is at work."""
         return self._thread is not None and self._thread.is_alive()
-
-    @property
-    def start_ns(self) -> int:
-        """CLOCK_MONOTONIC of the drive's time zero."""
-        return self._start_ns
 
     @property
     def places(self) -> dict[str, str]:
@@ -215,7 +211,7 @@ class Emulator:
             wait_s = min(max(due_s - self._now_s(), 0.0), POLL_S)
 
     def _now_s(self) -> float:
-        return (time.monotonic_ns() - self._start_ns) * S_PER_NS
+        return (time.monotonic_ns() - self.start_ns) * S_PER_NS
 
     def _step(self, now_s: float) -> float:
         frames = self._bus.received()
@@ -250,7 +246,7 @@ class Emulator:
 
     def _send_wheels(self, now: _Schedule) -> None:
         left_m, right_m = self._sensors.travel_m(now.sampled_s, self.left_slip, self.right_slip)
-        t_ns = self._start_ns + round(now.sampled_s * NS_PER_S)
+        t_ns = self.start_ns + round(now.sampled_s * NS_PER_S)
         self.truth.append(Truth(t_ns, *self.path.at(now.sampled_s)[:3], left_m, right_m))
         left_m_s, right_m_s = (
             (m - before) / now.period_s for m, before in zip((left_m, right_m), self._counted_m, strict=True)
