@@ -8,7 +8,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.units import RAD_PER_DEG
-from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, picture, tidy
+from drd_tools.report.style import BLUE, GREEN, ORANGE, TRUE_GREY, VERMILION, draw_path, picture, tidy
 
 
 def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
@@ -17,7 +17,7 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = sides
-        _draw_path(left.subplots(), columns)
+        draw_path(left.subplots(), columns["x_m"], columns["y_m"], "True path, seen from above")
         time_s = columns["time_s"]
         panels: Any = right.subplots(3, 1, sharex=True)
         for axes, name, color, what in zip(
@@ -33,24 +33,6 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         if np.ptp(columns["temperature_c"]) < 0.5:
             panels[2].set_ylim(columns["temperature_c"].mean() - 1.0, columns["temperature_c"].mean() + 1.0)
         panels[2].set_xlabel("time / s")
-
-
-def _draw_path(axes: Any, columns: Mapping[str, Array]) -> None:
-    x, y = columns["x_m"], columns["y_m"]
-    axes.plot(x, y, color=BLUE, linewidth=1.4)
-    ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
-    axes.plot(x[0], y[0], "o", label="start", zorder=5, **ring)
-    axes.plot(x[-1], y[-1], "o", color=INK, markersize=7, label="end", zorder=6)
-    on_the_spot = max(np.ptp(x), np.ptp(y)) < 0.5
-    axes.set_aspect("equal", adjustable="box" if on_the_spot else "datalim")
-    axes.margins(0.08)
-    if on_the_spot:
-        axes.set_xlim(x.mean() - 0.5, x.mean() + 0.5)
-        axes.set_ylim(y.mean() - 0.5, y.mean() + 0.5)
-    axes.set_xlabel("x / m")
-    axes.set_ylabel("y / m")
-    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
-    tidy(axes, "True path, seen from above")
 
 
 def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
