@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from drd_tools.explain.results import Actual, Explanation, Line, Part
+from drd_tools.explain.results import Actual, Explanation, Line
 from drd_tools.limit import text as limit_text
 from drd_tools.limit.causes import HELP
 from drd_tools.report.terminal import metres
@@ -165,7 +165,13 @@ def parts_rows(a: Actual) -> list[list[str]]:
     """Of PARTS_HEADER, then the sum, which is the actual error."""
     parts = [p for p in a.parts if p.position_sigma_m or p.heading_sigma_deg]
     rows = [
-        [p.group, *(f"{v:{form}}" for v, form in zip(_figures(p), ("+.4f", ".4f", "+.4f", ".4f"), strict=True))]
+        [
+            p.group,
+            f"{p.position_m:+.4f}",
+            f"{p.position_sigma_m:.4f}",
+            f"{p.heading_deg:+.4f}",
+            f"{p.heading_sigma_deg:.4f}",
+        ]
         for p in sorted(parts, key=lambda p: -abs(p.position_m))
     ]
     total_m, total_deg = sum(p.position_m for p in a.parts), sum(p.heading_deg for p in a.parts)
@@ -182,10 +188,6 @@ def parts_caption(a: Actual) -> str:
     if a.poses == 1:
         text += " The way is not used, since the reference does not say how good it is (--reference-sigma)."
     return text
-
-
-def _figures(part: Part) -> tuple[float, float, float, float]:
-    return part.position_m, part.position_sigma_m, part.heading_deg, part.heading_sigma_deg
 
 
 def delay_sentence(e: Explanation) -> str:
