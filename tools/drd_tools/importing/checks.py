@@ -45,14 +45,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Turning:
-    """An angle about the vertical over time, shape (n,) each."""
-
-    time_s: Array
-    angle_rad: Array
-
-
-@dataclass(frozen=True)
 class Gravity:
     """What the accelerometer says of the vertical: axis, its sign (+1: the axis points up), how far it is off."""
 

@@ -16,7 +16,7 @@ from drd.units import DEG_PER_RAD, NS_PER_S
 from drd_tools.importing.checks import OK, WRONG, Finding
 from drd_tools.importing.convert import EncoderRows, encoder_rows, for_checks, gyro_rad_s, seconds
 from drd_tools.importing.examine import examine
-from drd_tools.importing.matching import Match, angle_of, match
+from drd_tools.importing.matching import Match, Turning, angle_of, match
 from drd_tools.importing.options import parser
 from drd_tools.importing.sources import open_source
 from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
@@ -161,7 +161,8 @@ def after(made: Imported, max_lag_s: float) -> Match | None:
     turned = (right - left) * nominal.wheel_radius_m / nominal.tread_m
     time_s = seconds(made.gyro.time_ns, zero_ns)
     wheels_s = seconds(made.rows.time_ns, zero_ns)
-    return match(wheels_s, turned, time_s, angle_of(time_s, _rate_rad_s(made)), max_lag_s)
+    gyro = Turning(time_s, angle_of(time_s, _rate_rad_s(made)))
+    return match(Turning(wheels_s, turned), gyro, max_lag_s)
 
 
 def _rate_rad_s(made: Imported) -> Array:
@@ -231,8 +232,7 @@ def _stands_s(made: Imported) -> float:
     if made.rows is None:
         return 0.0
     rows = made.rows
-    moves = (rows.left != rows.left[0]) | (rows.right != rows.right[0]) if rows.are_counts else (
-        (rows.left != 0.0) | (rows.right != 0.0)
-    )  # fmt: skip
+    left, right = (rows.left[0], rows.right[0]) if rows.are_counts else (0.0, 0.0)
+    moves = (rows.left != left) | (rows.right != right)
     first = int(np.argmax(moves)) if moves.any() else len(moves) - 1
     return float(rows.time_ns[max(0, first - 1)] - rows.time_ns[0]) / NS_PER_S

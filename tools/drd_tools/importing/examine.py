@@ -7,7 +7,6 @@ from drd.config.robot import MAX_SPEED_M_S
 from drd_tools.importing.checks import (
     WRONG,
     Finding,
-    Turning,
     check_offset,
     check_peak,
     check_speed,
@@ -16,7 +15,7 @@ from drd_tools.importing.checks import (
     gravity,
     most_turning,
 )
-from drd_tools.importing.matching import Match, angle_of, match
+from drd_tools.importing.matching import Match, Turning, angle_of, match
 from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
 from drd_tools.recordings.folder import ReferenceLog
 
@@ -81,9 +80,9 @@ def examine(
             chosen = names.index(wanted) if wanted is not None else None
         gyro_turned = turnings[chosen] if chosen is not None else None
     seen = Witnesses(
-        _match(turned, gyro_turned, max_lag_s),
-        _match(truth, gyro_turned, max_lag_s),
-        _match(truth, turned, max_lag_s),
+        match(turned, gyro_turned, max_lag_s),
+        match(truth, gyro_turned, max_lag_s),
+        match(truth, turned, max_lag_s),
         sign * felt.sign if felt is not None and felt.axis == chosen else None,
         _forward(wheels, reference),
     )
@@ -124,7 +123,7 @@ def _axis(
     finding: Finding | None = None
     for name, other in (("reference", truth), ("wheels", turned)):
         if other is not None:
-            finding = find_axis([_match(other, t, max_lag_s) for t in turnings], gyro.axes, name, felt)
+            finding = find_axis([match(other, t, max_lag_s) for t in turnings], gyro.axes, name, felt)
             if finding.numbers.get("correlation_" + finding.proposal.get("axis", ""), 0.0) != 0.0:
                 return finding
     if finding is None:
@@ -143,7 +142,7 @@ def _wheels(
     assert other is not None
     total = Turning(wheels.time_s, (wheels.right_m + wheels.left_m) / wheels.tread_m)
     difference = seen.wheels_reference if truth is not None else seen.gyro_wheels
-    odd = check_one_side(difference, _match(other, total, max_lag_s), name)
+    odd = check_one_side(difference, match(other, total, max_lag_s), name)
     return [odd] if odd is not None else [check_sides(seen, mean_m_s)]
 
 
@@ -152,13 +151,6 @@ def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> floa
         return None
     poses = (reference.time_s, reference.x_m, reference.y_m, reference.heading_rad)
     return forward_share(wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m), poses)
-
-
-def _match(truth: Turning | None, other: Turning | None, max_lag_s: float) -> Match | None:
-    """`other` as gain, lag and correlation of `truth`, where there are both."""
-    if truth is None or other is None:
-        return None
-    return match(truth.time_s, truth.angle_rad, other.time_s, other.angle_rad, max_lag_s)
 
 
 def _turned_round(found: Match | None) -> Match | None:

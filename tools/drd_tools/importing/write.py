@@ -33,8 +33,9 @@ def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Robot | Non
     if stated is None and wheels is None and chosen.wheel_radius is None:
         return None
     given = load_config(chosen.config).value.robot if chosen.config is not None and stated is None else None
-    radius_m = chosen.wheel_radius or (stated.wheel_radius_m if stated else given.wheel_radius_m if given else None)
-    tread_m = chosen.tread or (stated.tread_m if stated else given.tread_m if given else None)
+    known = stated or given
+    radius_m = chosen.wheel_radius or (known.wheel_radius_m if known else None)
+    tread_m = chosen.tread or (known.tread_m if known else None)
     for option, what, value in (("--wheel-radius", "wheels' radius", radius_m), ("--tread", "tread", tread_m)):
         if value is None:
             expected = f"the {what} in m (or --robot FILE), since wheels are imported"
