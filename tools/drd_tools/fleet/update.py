@@ -65,7 +65,6 @@ def update(
         touched = list(_analysed(store, rules, engine, call, fresh))
         other += touched
         _relabel(store, rules, known, other)
-        store.compact()
         index = store.index()
         here = {seen.uri for seen in found}
         rows = [
