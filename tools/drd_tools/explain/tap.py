@@ -130,7 +130,6 @@ class TappedFilter(FilterByCause):
     def predict(
         self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float | None, *args: Any, **kwargs: Any
     ) -> None:
-        """As the filter's."""
         self._unseen = False
         self._interval.before_step(self)
         n = self.nominal
@@ -143,7 +142,6 @@ class TappedFilter(FilterByCause):
             self._budget.predict(self._FT, self.Q_causes, -self._interval.delay_s * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
-        """As the filter's."""
         outcome = super().update(rate_rad_s)
         if outcome is Outcome.ACCEPTED and self._is_recorded:
             self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
@@ -153,21 +151,18 @@ class TappedFilter(FilterByCause):
         return outcome
 
     def anchor_gyro(self) -> None:
-        """As the filter's."""
         super().anchor_gyro()
         self._unseen = False
         if self._is_recorded:
             self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
-        """As the filter's."""
         super().anchor_wheels()
         self._unseen = False
         if self._is_recorded:
             self._budget.copy_error(GYRO_HEADING, HEADING)
 
     def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """As the filter's."""
         super().spread_error(source, shares)
         if self._is_recorded:
             self._budget.spread_error(source, shares)
@@ -192,13 +187,11 @@ class TappedFilter(FilterByCause):
                     self._budget.add(cause, i, j, self._p[HH] - hh)
 
     def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
-        """As the filter's."""
         super().add_gyro_bias_variance(variance_rad2_s2)
         if self._is_recorded:
             self._budget.add(causes.BIAS_SILENCE, GYRO_BIAS, GYRO_BIAS, variance_rad2_s2)
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
-        """As the filter's."""
         super().set_pose(x_m, y_m, heading_rad, covariance)
         if not self._is_recorded:
             return
@@ -210,7 +203,6 @@ class TappedFilter(FilterByCause):
         self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
-        """As the filter's."""
         super().set_gyro_bias(bias_rad_s, sigma_rad_s)
         if self._is_recorded:
             self._budget.forget(GYRO_BIAS)
@@ -224,7 +216,6 @@ class TappedFilter(FilterByCause):
             self._budget.add_matrix(causes.SKID_SCALE, self.P - before)
 
     def add_slip_variance(self, variance_s2: float) -> None:
-        """As the filter's."""
         super().add_slip_variance(variance_s2)
         if self._is_recorded:
             self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
@@ -253,7 +244,6 @@ class TappedFilter(FilterByCause):
             self._budget.add_matrix(causes.HANDED_OVER, P)
 
     def forget(self, state: int, sigma: float) -> None:
-        """As the filter's."""
         super().forget(state, sigma)
         if self._is_recorded:
             self._budget.forget(state)

@@ -137,11 +137,8 @@ def start_covariance(s: Sigmas) -> Matrix:
     P[np.ix_([HEADING, GYRO_HEADING], [HEADING, GYRO_HEADING])] = s.heading_rad**2
     P[SCALE_R, SCALE_R] = P[SCALE_L, SCALE_L] = s.wheel_scale**2
     P[TREAD, TREAD], P[GYRO_SCALE, GYRO_SCALE] = s.tread_m**2, s.gyro_scale**2
-    P[GYRO_BIAS, GYRO_BIAS], P[WHEEL_LAG, WHEEL_LAG], P[SLIP, SLIP] = (
-        s.gyro_bias_rad_s**2,
-        s.wheel_lag_s**2,
-        s.slip_s**2,
-    )
+    P[GYRO_BIAS, GYRO_BIAS], P[WHEEL_LAG, WHEEL_LAG] = s.gyro_bias_rad_s**2, s.wheel_lag_s**2
+    P[SLIP, SLIP] = s.slip_s**2
     return P
 
 
