@@ -104,7 +104,7 @@ def _drive(arguments: argparse.Namespace) -> Drive:
 
 
 def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -> bool:
-    """Until a signal, the end of the time, or the emulator's failure, which is reported as True."""
+    """Wait for a signal, the end of the time, or the emulator's failure, which is reported as True."""
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     while emulator.is_running and (left_s := end_s - time.monotonic()) > 0:
         if stopped.wait(min(left_s, 0.5)):

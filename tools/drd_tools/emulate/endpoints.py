@@ -72,7 +72,7 @@ class PtyLink:
             return False
 
     def read(self) -> bytes:
-        """What the other side has written since; may be empty. Never waits."""
+        """Read what the other side has written since; may be empty. Never waits."""
         if self._master is None:
             return b""
         try:

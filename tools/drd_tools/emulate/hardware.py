@@ -155,7 +155,7 @@ class Emulator:
 
     @property
     def places(self) -> dict[str, str]:
-        """Where gyro and CAN bus are, for people."""
+        """Places of gyro and CAN bus, for people."""
         fog = "none" if self._fog_port is None else f"{self._fog_port.path} -> {self._fog_port.device}"
         return {"FOG": fog, "CAN": self._bus.place}
 

@@ -33,7 +33,7 @@ class Nees:
 
     @property
     def verdict(self) -> str:
-        """What the average says, in a word or two."""
+        """Verdict on the average, in a word or two."""
         return "overconfident" if self.average > self.high else "too cautious" if self.average < self.low else "consistent"  # fmt: skip  # noqa: E501
 
 
@@ -116,13 +116,13 @@ def nees(part: str, error: Array, S: Array) -> Nees:
 
 
 def nees_interval(n: float, dof: int, level: float = LEVEL) -> tuple[float, float]:
-    """Where the average of n independent values of `dof` degrees of freedom lies with the probability `level`."""
+    """Interval that holds the average of n independent values of `dof` degrees of freedom with probability `level`."""
     low, high = (chdtri(n * dof, beyond) / n for beyond in (0.5 + level / 2.0, 0.5 - level / 2.0))
     return float(low), float(high)
 
 
 def effective_rows(z: Array) -> float:
-    """How many independent rows the errors over sigma `z` (k, d) are worth, from 1 to k.
+    """Number of independent rows that the errors over sigma `z` (k, d) are worth, from 1 to k.
 
     `n = k / (1 + 2 sum_l (1 - l/k) mean_i r_i(l)^2)`, r_i(l) the correlation of component i at lag l about zero, up to
     its first value <= 0 (Geyer 1992); squares of two Gaussians are correlated by r^2. Errors that are all three times

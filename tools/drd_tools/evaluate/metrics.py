@@ -24,7 +24,7 @@ CLOSED_M, CLOSED_SHARE = 1.0, 0.05
 
 @dataclass(frozen=True)
 class EndError:
-    """At the last common time. Along and cross are in the reference's axes there (forward, left)."""
+    """Error at the last common time. Along and cross are in the reference's axes there (forward, left)."""
 
     time_s: float
     position_m: float
@@ -73,7 +73,7 @@ class Drift:
 
 
 def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
-    """How far off the estimate is at the end.
+    """Error of the estimate at the end.
 
     `|p_n - q_n|` with p the estimate and q the reference, as aligned. The paper's return position error is for closed
     paths: the estimate's displacement from its own start, less the reference's, so whatever the alignment,

@@ -72,7 +72,7 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
 
 
 def no_temperature(run: Run) -> str:
-    """Why a picture has no temperature."""
+    """Sentence on why a picture has no temperature."""
     return f"No temperature: {run.reference} has no fog.csv with temperature_c."
 
 

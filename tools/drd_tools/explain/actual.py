@@ -34,7 +34,7 @@ def errors(table: Array, reference: Reference, time_s: Array, from_s: float) -> 
 
 
 def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, ...], from_s: float) -> Actual:
-    """At the end, and on the way where the reference says how good it is: otherwise its noise would pass for drift."""
+    """Judge the error at the end, and on the way where the reference states its noise, which would pass for drift."""
     table, followed = interval.table(), interval.budget.parts
     assert followed is not None
     mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, interval.kept_ways)

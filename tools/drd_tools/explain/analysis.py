@@ -66,7 +66,7 @@ def _rejections(replayed: Replayed) -> list[str]:
 
 
 def make_plan(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Plan:
-    """With a reference the interval begins and ends with a row of it, since only there the error is known."""
+    """Plan the interval; with a reference it begins and ends with a row of it: only there the error is known."""
     low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
     for name, value_s in (("--from", from_s), ("--to", to_s)):
         if value_s is not None and not source.first_s <= value_s <= source.last_s:
@@ -161,6 +161,6 @@ def _delay(snapshots: list[Snapshot], delay_s: float) -> Delay:
 
 
 def rounded(values: Array) -> Any:
-    """As nested lists of DIGITS significant digits."""
+    """Nested lists of DIGITS significant digits."""
     flat = [float(f"{v:.{DIGITS}g}") for v in values.ravel().tolist()]
     return np.reshape(flat, values.shape).tolist()

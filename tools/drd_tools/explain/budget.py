@@ -83,7 +83,7 @@ class Budget:
                     self.add(cause, i, j, float(covariance[i, j]))
 
     def rebase(self, pose_heading: int, velocity: Matrix) -> None:
-        """From now on errors count from the published pose of this moment. (59)
+        """Let errors count from the published pose of this moment on. (59)
 
         `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (30)
         """

@@ -123,13 +123,13 @@ class Interval:
         return max(getattr(self.clock, "lag_ns", 0), 0) * S_PER_NS
 
     def _velocity(self, kf: Filter) -> Matrix:
-        """Of x, y and heading, by which the published pose is ahead of the filter's for each second of lag. (30)"""
+        """Velocity of x, y and heading, by which the published pose is ahead for each second of lag. (30)"""
         speed_m_s, rate_rad_s = getattr(self.clock, "speed_m_s", 0.0), getattr(self.clock, "rate_rad_s", 0.0)
         heading_rad = kf.heading_rad + rate_rad_s * self._lag_s
         return np.array((speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad), rate_rad_s))
 
     def _unknown_way(self, kf: Filter) -> Matrix:
-        """What one sigma of the scale of all ways, beyond P's, does to the pose. (34)"""
+        """Change of the pose by one sigma of the scale of all ways, beyond P's. (34)"""
         scale, n = self.steering.scale if self.steering is not None else 0.0, kf.nominal
         from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
         return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
@@ -175,8 +175,8 @@ class Interval:
 
 
 def published(kf: Filter, velocity: Matrix) -> Matrix:
-    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead, of which an
-    error around 0 does so only in part. (30)
+    """Jacobian of the published pose by the error state, (3, N): its own errors, and what a wrong lag puts it ahead, of
+    which an error around 0 does so only in part. (30)
     """
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0

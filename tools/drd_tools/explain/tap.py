@@ -62,7 +62,7 @@ def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: Nois
 
 
 class _View(Filter):
-    """What steering looks at, which nothing that it says changes: the filter is told by the estimator's own."""
+    """The filter for steering to look at; what it says changes nothing: the filter is told by the estimator's own."""
 
     def __init__(self, kf: Filter):
         self.nominal, self._p, self.flat_P = kf.nominal, kf._p, kf.flat_P

@@ -136,7 +136,7 @@ def _most_likely(a: Actual) -> str:
 
 
 def budget_rows(e: Explanation, detailed: bool = False) -> list[list[str]]:
-    """Of HEADER, largest first, then the sum; `detailed`: each cause."""
+    """Rows of HEADER, largest first, then the sum; `detailed`: each cause."""
     lines = [line for line in (e.causes if detailed else e.groups) if line.position_m or line.heading_deg]
     lines.sort(key=lambda line: -(line.position_share + line.heading_share))
     return [_row(line, detailed) for line in (*lines, e.total)]
@@ -156,13 +156,13 @@ def _row(line: Line, detailed: bool) -> list[str]:
 
 
 def silent_groups(e: Explanation) -> str:
-    """Which groups have no part in it."""
+    """Sentence on the groups that have no part in it."""
     names = [line.group for line in e.groups if not line.position_m and not line.heading_deg]
     return f"No part in it: {', '.join(names)}." if names else ""
 
 
 def parts_rows(a: Actual) -> list[list[str]]:
-    """Of PARTS_HEADER, then the sum, which is the actual error."""
+    """Rows of PARTS_HEADER, then the sum, which is the actual error."""
     parts = [p for p in a.parts if p.position_sigma_m or p.heading_sigma_deg]
     rows = [
         [
@@ -179,7 +179,7 @@ def parts_rows(a: Actual) -> list[list[str]]:
 
 
 def parts_caption(a: Actual) -> str:
-    """What the table of the parts says."""
+    """Caption of the table of the parts."""
     text = (
         "Most likely part of each cause in the actual error, given the error "
         + (f"at {a.poses} times " if a.poses > 1 else "at the end ")
@@ -191,7 +191,7 @@ def parts_caption(a: Actual) -> str:
 
 
 def delay_sentence(e: Explanation) -> str:
-    """What a late gyro would do; empty where there is none."""
+    """Sentence on what a late gyro would do; empty where there is none."""
     if e.delay is None:
         return ""
     d = e.delay

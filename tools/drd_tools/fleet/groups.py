@@ -176,7 +176,7 @@ def _nats(score: Any, information: Any, jump: float) -> Any:
 
 
 def pruned(p: Population, jump: float) -> Population:
-    """Without the steps that are no longer sure, now that the robots' own changes are known."""
+    """Drop the steps that are no longer sure, now that the robots' own changes are known."""
     sure = [
         s for s in p.steps
         if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(DAYS[s.kind]) > SURE_NATS

@@ -74,7 +74,7 @@ class Drive:
 
     @property
     def start_utc(self) -> datetime:
-        """When it begins, to the second."""
+        """Time at which it begins, to the second."""
         return BEGIN + timedelta(seconds=round(self.day * 86_400.0))
 
 

@@ -41,7 +41,7 @@ class Labels(Struct, frozen=True, forbid_unknown_fields=True):
         return Labels(*(a if a is not None else b for a, b in pairs))
 
     def columns(self) -> dict[str, Any]:
-        """As the tables have them."""
+        """Columns of the tables that hold these labels."""
         start = self.start
         return {"robot": self.robot or UNKNOWN, "place": self.place, "batch": self.batch, "start_utc": _utc(start)}
 
@@ -97,7 +97,7 @@ def read_own(file: Path) -> Labels:
 
 
 def start_of_run(name: str) -> datetime | None:
-    """When a run began, by the name that the daemon gives its file; None for another name."""
+    """Time at which a run began, by the name that the daemon gives its file; None for another name."""
     found = RUN.search(name)
     return None if found is None else datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
 

@@ -68,7 +68,7 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
 
 
 def _others(axes: Any, fitted: Fitted, number: int) -> None:
-    """Where nine of ten of the other robots' levels are."""
+    """Shade where nine of ten of the other robots' levels are."""
     factor = fitted.log.constant.factor
     level = [t.level[-1] for i, t in enumerate(fitted.trends) if i != number and len(t.level)]
     if len(level) > 1:

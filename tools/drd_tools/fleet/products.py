@@ -27,7 +27,7 @@ RCOND: Final = 1e-8  # of a variant's own columns
 
 
 class Constant(NamedTuple):
-    """Where a constant of the robot stands in the catalogue, and its unit."""
+    """Place of a robot's constant in the catalogue, and its unit."""
 
     effect: str
     parameter: str

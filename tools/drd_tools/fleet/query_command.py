@@ -89,7 +89,7 @@ def _print(table: pa.Table, form: str) -> None:
 
 
 def _flat(table: pa.Table) -> pa.Table:
-    """With lists as JSON: CSV knows none."""
+    """Replace lists by JSON: CSV knows none."""
     for i, field in enumerate(table.schema):
         if pa.types.is_list(field.type):
             cells = [None if v is None else json.dumps(v) for v in table[i].to_pylist()]

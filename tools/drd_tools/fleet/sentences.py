@@ -125,7 +125,7 @@ def date(day: float) -> str:
 
 
 def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
-    """How much was looked at, and how much was found."""
+    """Lines on how much was looked at, and how much was found."""
     changed = {e.robot for e in found.found}
     places = _steps(found.fitted.values(), "place")
     batches = _steps(found.fitted.values(), "batch")

@@ -201,7 +201,7 @@ def existing(path: str) -> Store:
 
 @contextmanager
 def _parquet_errors(where: str) -> Iterator[None]:
-    """What a file that drd did not write, or that was broken since, raises is a ConfigError."""
+    """Turn what a file raises that drd did not write, or that was broken since, into a ConfigError."""
     try:
         yield
     except (pa.ArrowException, duckdb.Error, OSError, ValueError) as error:

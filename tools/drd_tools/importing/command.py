@@ -195,7 +195,7 @@ def _shift_as_found(made: Imported, name: str) -> None:
 
 
 def _require(option: str, finding: Finding | None, made: Imported) -> None:
-    """That the data tell what `auto` shall be. Raises ConfigError."""
+    """Raise ConfigError where the data do not tell what `auto` shall be."""
     if finding is None or (finding.verdict != OK and option not in finding.proposal):
         raise _cannot(option, finding, made)
 
@@ -216,7 +216,7 @@ def _ask_units(chosen: argparse.Namespace, name: str) -> None:
 
 
 def _overlap(made: Imported) -> None:
-    """That the streams belong together. Raises ConfigError."""
+    """Raise ConfigError where the streams do not overlap in time."""
     spans = {
         name: (int(values.time_ns[0]), int(values.time_ns[-1]))
         for name in made.origins
@@ -228,7 +228,7 @@ def _overlap(made: Imported) -> None:
 
 
 def _stands_s(made: Imported) -> float:
-    """How long no wheel moves at first."""
+    """Time at the start in which no wheel moves."""
     if made.rows is None:
         return 0.0
     rows = made.rows

@@ -154,7 +154,7 @@ def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> floa
 
 
 def _turned_round(found: Match | None) -> Match | None:
-    """The same match with the delay of the other one of the two: the gyro's clock is the one that is kept."""
+    """Reverse the delay of a match: the gyro's clock is the one that is kept."""
     if found is None:
         return None
     return replace(found, lag_s=-found.lag_s)

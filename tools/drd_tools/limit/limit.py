@@ -49,7 +49,7 @@ STATES: Final = {
 
 @dataclass(frozen=True)
 class Share:
-    """What one group of causes has in the bound, one standard deviation each; squares add up to the whole's.
+    """Share of one group of causes in the bound, one standard deviation each; squares add up to the whole's.
 
     `drift_percent` is the mean over the segments of the group's own, so that its squares do not.
     """
@@ -143,7 +143,7 @@ def start_covariance(s: Sigmas) -> Matrix:
 
 
 def _alternatives(model: ErrorModel, base: Case, drive: Drive) -> Iterator[tuple[str, Case]]:
-    """What could be otherwise, as a case each. (63)"""
+    """Cases in which one thing is otherwise, with what that is. (63)"""
 
     def scaled(*which: int) -> Case:
         weights = base.weights.copy()
@@ -191,7 +191,7 @@ def _deg(variance_rad2: float) -> float:
 
 
 def advice(limit: Limit) -> str:
-    """What would lower the bound most, as a sentence."""
+    """Sentence on what would lower the bound most."""
     if limit.way_m < SHORTEST_M:
         return "The way is too short to say what would help."
     best = limit.changes[0]

@@ -17,7 +17,7 @@ SPOT_PER_M: Final = 3.0  # where turns on the spot are drawn
 def draw(
     file: Path, title: str, motion: Motion, blocks: Blocks, found: Sequence[Manoeuvre], track_m: float, expected: float
 ) -> None:
-    """Path on the left; effective tread and centre of rotation on the right. Raises OSError.
+    """Draw the path on the left; effective tread and centre of rotation on the right. Raises OSError.
 
     `expected`: ratio of effective tread and track for Coulomb friction.
     """

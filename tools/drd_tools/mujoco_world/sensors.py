@@ -40,7 +40,7 @@ class Readings(NamedTuple):
 
 
 def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
-    """What the robot's engineers believe: the drawing's track and radius, the data sheets' noise."""
+    """Nominal robot: the drawing's track and radius, the data sheets' noise."""
     return Robot(
         name=name,
         wheel_radius_m=vehicle.wheel_radius_m,
@@ -77,7 +77,7 @@ def read_sensors(motion: Motion, reference: conditions.Reference, seed: int, nom
 
 
 def _felt(m: Motion, nominal: Robot) -> Felt:
-    """What perfect sensors would say, as means over the rows' intervals."""
+    """Motion that perfect sensors would tell, as means over the rows' intervals."""
     middle_s = 0.5 * (m.time_s[1:] + m.time_s[:-1])
     gyro, left, right = (np.diff(angle) * ROW_HZ for angle in (m.gyro_rad, m.left_rad, m.right_rad))
     return Felt(
@@ -98,7 +98,7 @@ def _felt(m: Motion, nominal: Robot) -> Felt:
 
 
 def gyro_truth(readings: Readings) -> dict[str, float]:
-    """What robot.yaml does not know of the gyro; its bias is that at switch-on + slope (T - COLD_C)."""
+    """Truth of the gyro that robot.yaml does not state; its bias is that at switch-on + slope (T - COLD_C)."""
     return {
         "bias_at_switch_on_deg_s": round(readings.bias_deg_s, 9),
         "bias_temperature_deg_s_per_c": BIAS_DEG_S_PER_C,

@@ -112,7 +112,7 @@ def _start(text: str) -> Start | str:
 
 
 def _check_output(output: Path | None, recording: Recording | None) -> None:
-    """Before the work is done, and before the recording's own files are written over."""
+    """Check the output before the work is done, and before the recording's own files are written over."""
     if output is None:
         return
     if output.suffix != ".csv":

@@ -20,7 +20,7 @@ TOPIC = "/findings"
 
 @dataclass
 class Live:
-    """What a recording has of the live monitor: since which sample, with which constants, each list that it told.
+    """The live monitor in a recording: since which sample, with which constants, each list that it told.
 
     `starts`: how many monitors there were; only of one alone a replay can be the same.
     """

@@ -70,7 +70,7 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
 
 
 def _lasting(steps: Steps, total: int) -> Steps:
-    """Cut, or standing until the end."""
+    """Steps cut to `total`, or followed by standstill until then."""
     return Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
 
 
@@ -119,7 +119,7 @@ def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
 
 
 def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[float, float, float]]:
-    """From the first point along all others; further laps go back to the first and begin again."""
+    """Lap from the first point along all others, and its start; further laps go back to the first and begin again."""
     points, speeds = read_waypoints(file)
     (x, y), (to_x, to_y) = points[:2]
 

@@ -12,7 +12,7 @@ from drd_tools.report.style import BLUE, GREEN, ORANGE, TRUE_GREY, VERMILION, dr
 
 
 def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
-    """Path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
+    """Draw the path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
     with picture(file, 11.0, 6.2) as figure:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
@@ -36,7 +36,7 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
 
 
 def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
-    """What the effects changed in the readings. Raises OSError."""
+    """Draw what the effects changed in the readings. Raises OSError."""
     time_s, gyro = columns["time_s"], columns["gyro_change_deg_s"]
     left, right = columns["left_change_m"], columns["right_change_m"]
     step_s = np.diff(time_s, prepend=time_s[0])

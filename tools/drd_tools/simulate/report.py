@@ -15,7 +15,7 @@ from drd_tools.simulate.pictures import draw_changes, draw_motion
 
 
 def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:
-    """What was driven, and with which effects."""
+    """Sentences on what was driven, and with which effects."""
     x, y = columns["x_m"], columns["y_m"]
     apart_m = float(np.hypot(x[-1] - x[0], y[-1] - y[0]))
     laps, names = about["whole_laps"], [row["effect"] for row in about["effects"]]

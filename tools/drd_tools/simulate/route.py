@@ -48,7 +48,7 @@ class _Way:
 
 @dataclass(frozen=True)
 class _Turn:
-    """On the spot, left positive."""
+    """Turn on the spot, left positive."""
 
     angle_rad: float
     rate_rad_s: float
@@ -78,7 +78,7 @@ class Route:
         self._cells: list[tuple[Array, Array, Array]] = []
 
     def curve(self, length_m: float, curvature_per_m: Array, speed_m_s: float) -> Self:
-        """Cells of equal length, shape (n,); the speed is lowered where yaw rate or lateral acceleration ask for it."""
+        """Drive cells of equal length, shape (n,), slower where yaw rate or lateral acceleration ask for it."""
         cells, bend = len(curvature_per_m), np.abs(curvature_per_m) + 1e-9
         limit = np.minimum(speed_m_s, np.minimum(RATE_LIMIT_RAD_S / bend, np.sqrt(LATERAL_M_S2 / bend)))
         cell_m = np.full(cells, length_m / cells)
@@ -91,7 +91,7 @@ class Route:
         return self
 
     def straight(self, length_m: float, speed_m_s: float) -> Self:
-        """Negative: backwards, from standstill to standstill."""
+        """Drive straight ahead; negative: backwards, from standstill to standstill."""
         if length_m < 0.0:
             self._stop()
         self.curve(abs(length_m), np.zeros(_cells(length_m)), speed_m_s)
@@ -102,7 +102,7 @@ class Route:
         return self
 
     def bend(self, angle_rad: float, length_m: float, speed_m_s: float) -> Self:
-        """A bend whose curvature rises and falls like a cosine, left positive."""
+        """Drive a bend whose curvature rises and falls like a cosine, left positive."""
         u = (np.arange(_cells(length_m)) + 0.5) / _cells(length_m)
         return self.curve(length_m, angle_rad / length_m * (1.0 - np.cos(2.0 * math.pi * u)), speed_m_s)
 
@@ -127,7 +127,7 @@ class Route:
         corner_m: float = 2.0,
         speeds_m_s: Sequence[float] = (),
     ) -> Self:
-        """Straight from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
+        """Drive from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
         corners = np.array([(self.x_m, self.y_m), *points_m])
         legs = np.diff(corners, axis=0)
         lengths, headings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
@@ -163,7 +163,7 @@ class Route:
 
 
 def bend_shape(angle_rad: float) -> tuple[float, float]:
-    """Where a bend of unit length, along x at first, ends: x and y, as parts of its length."""
+    """End of a bend of unit length, along x at first: x and y, as parts of its length."""
     u = (np.arange(2000) + 0.5) / 2000
     heading = angle_rad * (u - np.sin(2.0 * math.pi * u) / (2.0 * math.pi))
     return float(np.cos(heading).mean()), float(np.sin(heading).mean())

@@ -53,7 +53,7 @@ CASES: Final[dict[str, dict[str, Values]]] = {
 
 
 class Change(NamedTuple):
-    """At `time_s` a constant was taken, or, None, given back; `step`: by how much the pose stepped, m and rad."""
+    """A constant that was taken at `time_s`, or, None, given back; `step`: by how much the pose stepped, m and rad."""
 
     time_s: float
     name: str
@@ -130,12 +130,12 @@ class Row(NamedTuple):
 
 
 def of_case(name: str, seed: int) -> Row:
-    """One simulated drive, both ways."""
+    """Compare a simulated drive with it and without."""
     return compared(name, simulated(name, seed))
 
 
 def compared(name: str, recording: Recording) -> Row:
-    """One recording, both ways."""
+    """Compare a recording with it and without."""
     off, on = (driven(recording, is_on) for is_on in (False, True))
     return Row(name, position_rms_m(off, recording), position_rms_m(on, recording), on.changes)
 

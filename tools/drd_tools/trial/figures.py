@@ -257,7 +257,7 @@ def by_effect(pairs: Sequence[Pair]) -> list[Group]:
 
 
 def by_method(name: str, pairs: Sequence[Pair]) -> list[Pair]:
-    """The same records with the scores of a method, where it has seen them."""
+    """Replace the scores by those of a method, for the records that it has seen."""
     return [(r, s if name == OURS else of_names(r, name)) for r, s in pairs if name == OURS or name in r.baselines]
 
 

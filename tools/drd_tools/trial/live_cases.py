@@ -89,7 +89,7 @@ def seen_live() -> list[Effect]:
 
 
 def cases(each: int, nulls: int, seed: int, remembers: bool = False) -> list[Case]:
-    """So many of each effect and d, and so many nulls of each kind; the nulls first."""
+    """Cases: so many of each effect and d, and so many nulls of each kind, which come first."""
     found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed, remembers) for n in range(nulls) for kind in NULLS]
     for n in range(each):
         for effect in seen_live():

@@ -65,7 +65,7 @@ class Hub:
         return self._dropped + sum(client.dropped for client in self._clients)
 
     def send(self, text: str) -> None:
-        """To everybody, without waiting for anybody."""
+        """Send to everybody, without waiting for anybody."""
         for client in self._clients:
             client.put(text)
 

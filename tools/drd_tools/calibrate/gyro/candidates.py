@@ -52,7 +52,7 @@ class Candidate:
 
     @property
     def standard_error_deg_s(self) -> float:
-        """Of `held_out_deg_s`."""
+        """Standard error of `held_out_deg_s`; infinite where not tried."""
         if self.residual_deg_s is None or len(self.residual_deg_s) < 2:
             return float("inf")
         square = self.residual_deg_s**2
@@ -190,7 +190,7 @@ def recommend(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
 
 
 def beyond_the_file(candidates: Sequence[Candidate], chosen: Candidate) -> str:
-    """What a higher order than the file's would bring; a sentence."""
+    """Sentence on what a higher order than the file's would bring; empty where none was tried."""
     higher = [c for c in candidates if c.fitted is not None and not c.order.fits_in_file]
     if not higher:
         return ""

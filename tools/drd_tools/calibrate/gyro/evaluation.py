@@ -26,12 +26,12 @@ class Evaluation:
 
     @property
     def before_deg_s(self) -> Array:
-        """As read. (1)"""
+        """Errors of the readings as they are. (1)"""
         return self.data.error_deg_s
 
     @property
     def factor(self) -> float:
-        """How many times smaller the rms error is after the correction."""
+        """Ratio of the rms error before the correction to that after it."""
         return rms(self.before_deg_s) / max(rms(self.after_deg_s), 1e-300)
 
     def factor_range(self) -> tuple[float, float]:

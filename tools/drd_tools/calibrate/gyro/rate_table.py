@@ -49,7 +49,7 @@ def files_in(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_rate_table(file: Path) -> RateTable:
-    """Columns may stand in any order, others are ignored. Raises ConfigError with file, line and column."""
+    """Read columns in any order; others are ignored. Raises ConfigError with file, line and column."""
     table = read_table(file, (COLUMNS,), among=True, cells={"temperature_c": _temperature_c})
     time_s, table_rate_deg_s, rate_deg_s, temperature_c = table.values.T
     return RateTable(file, time_s, table_rate_deg_s, rate_deg_s, temperature_c, file_hash(file))
@@ -63,7 +63,7 @@ def _temperature_c(cell: str) -> float:
 
 
 def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:
-    """All data sets of the files, checked. With a latitude the laboratory's turn is part of the true rate. (46)
+    """Make the checked data sets of the files. With a latitude the laboratory's turn is part of the true rate. (46)
 
     Raises ConfigError where the columns contradict each other or no data set is left.
     """
@@ -151,7 +151,7 @@ def _check_temperature(tables: Sequence[RateTable]) -> None:
 
 
 def _span(values: Array) -> float:
-    """Without the few percent of spikes."""
+    """Range of the values without the few percent of spikes."""
     low, high = np.percentile(values, (1.0, 99.0))
     return float(high - low)
 

@@ -65,14 +65,14 @@ class GyroResult:
         return lines
 
     def choice(self) -> list[str]:
-        """Why this order."""
+        """Sentences on why this order was chosen."""
         lines = [self.why]
         if self.forced and self.order != self.recommended.order:
             lines.append(f"Order {self.order} was asked for and is what was written.")
         return [line for line in (*lines, beyond_the_file(self.candidates, self.chosen)) if line]
 
     def notes(self) -> list[str]:
-        """What a reader has to know before the calibration is believed."""
+        """Sentences that a reader has to know before believing the calibration."""
         noise = float(np.median(self.data.sigma_deg_s))
         lines = [
             f"The Earth's rate at latitude {self.latitude_deg:g} deg was added to the table's: "

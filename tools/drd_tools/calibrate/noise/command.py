@@ -110,7 +110,7 @@ class Drift:
         self._samples, self._sum, self._squares = 0, 0.0, 0.0
 
     def feed(self, progress: Progress) -> str:
-        """What to say after this much was recorded."""
+        """Take in what was recorded so far; returns what to say about the drift."""
         if progress.recorded_s >= self._ends_s:
             n = max(progress.samples - self._samples, 1)
             mean = (progress.sum_deg - self._sum) / n

@@ -65,7 +65,7 @@ class Simulator:
         return np.concatenate([short, np.maximum(long, 0.0)], axis=1)
 
     def estimates(self, squares: Array, terms: Sequence[int]) -> Array:
-        """What the fit makes of each simulated log: squared coefficients, shape (simulations, 5)."""
+        """Fit each simulated log: squared coefficients, shape (simulations, 5)."""
         return fit(self.shape, self.variances(squares), self._curve.edf, terms).squares
 
 
@@ -157,7 +157,7 @@ def _interval(curve: Curve, found: Fit, simulator: Simulator, term: int) -> Inte
 
 
 def _boundary(holds: Callable[[float], bool], start: float, factor: float) -> float:
-    """Where a condition that holds at `start` ceases to, upwards or downwards: growing steps, then bisection."""
+    """Find where a condition that holds at `start` ceases to, upwards or downwards: growing steps, then bisection."""
     inside, outside = start, start * factor
     for _ in range(GROWTHS):
         if not holds(outside):

@@ -39,7 +39,7 @@ class Wheels(NamedTuple):
 
 @dataclass(frozen=True)
 class Mounting:
-    """How the reference sits on the robot: nuisances of the calibration.
+    """Mounting of the reference on the robot: nuisances of the calibration.
 
     It shows the wheels' motion of `time_s` later, of a point (`forward_m`, `left_m`) from the middle of the axle, with
     `heading_rad` added.
@@ -95,14 +95,14 @@ class Drive:
 
     @property
     def spot_share(self) -> float:
-        """Which part of the turning is done on the spot, the wheels running against each other; 0 to 1."""
+        """Share of the turning that is done on the spot, the wheels running against each other; 0 to 1."""
         left, right = np.diff(self.left_rad), np.diff(self.right_rad)
         turn = np.abs(right - left)
         return float(turn[left * right < 0].sum() / max(float(turn.sum()), 1e-12))
 
     @property
     def turns_rad(self) -> tuple[float, float]:
-        """How far it turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
+        """Angles turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
         sweep = SWEEP_DEG * RAD_PER_DEG
         kept = [float(self.reference_heading_rad[0])]
         for value in self.reference_heading_rad:
@@ -183,7 +183,7 @@ def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
 
 
 def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
-    """What the reference would show at its rows: path, shape (n, 2), and heading, shape (n,)."""
+    """Predict what the reference shows at its rows: path, shape (n, 2), and heading, shape (n,)."""
     xy_m, heading = odometry(drive, wheels, drive.reference_s + mounting.time_s)
     lever_m = turned(np.array([[mounting.forward_m, mounting.left_m]]), heading)
     return xy_m + lever_m, heading + mounting.heading_rad

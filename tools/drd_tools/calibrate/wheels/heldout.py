@@ -18,7 +18,7 @@ BLOCKS: Final = 5
 
 @dataclass(frozen=True)
 class Error:
-    """Of one drive's odometry, started from the reference's pose: at the end, and rms along the way."""
+    """Error of one drive's odometry, started from the reference's pose: at the end, and rms along the way."""
 
     end_m: float
     rms_m: float
@@ -45,7 +45,7 @@ def aligned_path(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Arra
 
 
 def error_of(drive: Drive, wheels: Wheels, mounting: Mounting) -> Error:
-    """The odometry's error with `wheels`."""
+    """Error of the odometry with `wheels`."""
     xy_m, heading = aligned_path(drive, wheels, mounting)
     distance_m = np.hypot(*(xy_m - drive.reference_xy_m).T)
     return Error(float(distance_m[-1]), rms(distance_m), float(heading[-1] - drive.reference_heading_rad[-1]))

@@ -78,7 +78,7 @@ def _at_least(name: str, latency_s: float, rate_hz: float, default_s: float) -> 
 
 
 def _gyro_keys(rest: Rest | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of `estimation.initial` and `estimation.noise` what the gyro's standstills tell."""
+    """Keys of `estimation.initial` and `estimation.noise` that the gyro's standstills tell."""
     initial: dict[str, Any] = {}
     noise: dict[str, Any] = {}
     if rest is not None and rest.noise_deg_per_sqrt_h is not None:

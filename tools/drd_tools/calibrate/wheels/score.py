@@ -11,7 +11,7 @@ from drd_tools.calibrate.wheels.drive import Drive
 
 @dataclass(frozen=True)
 class Scores:
-    """After the recording's own unknowns were eliminated; p shared unknowns, q own ones.
+    """One recording's score and information on p shared unknowns, its q own ones eliminated.
 
     `information`, shape (p, p); `gradient`, shape (p,); `by_window`: the gradient's parts, shape (windows, p), whose
     scatter gives the uncertainty; `expected`: the scatter that noise of the reference and slip should give, (p, p).

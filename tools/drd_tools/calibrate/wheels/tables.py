@@ -47,7 +47,7 @@ def _value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[lis
 
 
 def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
-    """What else was found of the sensors, as text; what was not determined is left out."""
+    """Rows of what was found of the sensors, as text; what was not determined is left out."""
     rows = []
     if lag is not None and lag.determined:
         apart = "-" if math.isnan(lag.spread_s) else f"{1000 * lag.spread_s:.1f} ms"

@@ -39,7 +39,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Umbmark:
-    """What the squares say.
+    """Result of the squares.
 
     `alpha_rad`: how far each true turn exceeds 90 deg (type A, tread). `beta_rad`: how far each straight leg bends to
     the left (type B, unequal wheels). `significant`: of the two, whether they differ from 0 with 95 % confidence.
@@ -74,7 +74,7 @@ def _way(cell: str) -> float:
 
 
 def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
-    """Where a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
+    """Position at which a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
 
     Each leg is an arc that bends by beta to the left; each turn overshoots 90 deg by alpha in its own direction.
     """
@@ -93,7 +93,7 @@ def predict_m(alpha_rad: float, beta_rad: float, side_m: float) -> Array:
 
 
 def one_way_rad(returns_m: Array, side_m: float, direction: int) -> float:
-    """What one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
+    """Angle that one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
     x_m, y_m = returns_m.mean(axis=0)
     return float((x_m - direction * y_m) / (4.0 * side_m))
 
@@ -145,7 +145,7 @@ def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
 
 
 def _variance_of_mean(returns_m: Array, direction: int, side_m: float) -> float:
-    """Of `one_way_rad`; nan for a single run."""
+    """Variance of `one_way_rad`; nan for a single run."""
     if len(returns_m) < 2:
         return math.nan
     each = (returns_m[:, 0] - direction * returns_m[:, 1]) / (4.0 * side_m)
