@@ -82,10 +82,15 @@ def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference)
     R = np.diag([reference.position_sigma_m**2, reference.position_sigma_m**2, reference.heading_sigma_rad**2])
     if alignment.kind != "start":
         return aligned.covariance + R
-    J = np.tile(np.eye(3), (len(aligned.time_s), 1, 1))
-    lever = aligned.estimate[:, :2] - aligned.estimate[0, :2]
-    J[:, 0, 2], J[:, 1, 2] = -lever[:, 1], lever[:, 0]
+    J = start_jacobian(aligned.estimate[:, :2] - aligned.estimate[0, :2])
     return np.asarray(aligned.covariance + R + J @ R @ J.transpose(0, 2, 1))
+
+
+def start_jacobian(xy_m: Array) -> Array:
+    """Derivatives (k, 3, 3) of poses at `xy_m` (k, 2), seen from the start, by the error of the start pose."""
+    J = np.tile(np.eye(3), (len(xy_m), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
+    return J
 
 
 def _inside(aligned: Pairs, alignment: Alignment, reference: Reference) -> float:

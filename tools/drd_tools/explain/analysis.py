@@ -8,7 +8,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.evaluate.alignment import turned_covariance
+from drd_tools.evaluate.alignment import rotation, turned_covariance
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
 from drd_tools.explain.interval import Interval, Snapshot
@@ -147,14 +147,12 @@ def _line(group: str, part: str, P: Array, total: Array) -> Line:
 
 def _delay(snapshots: list[Snapshot], delay_s: float) -> Delay:
     errors = np.array([s.delay for s in snapshots])
-    heading = snapshots[-1].heading_rad
-    c, s = math.cos(heading), math.sin(heading)
-    x, y, turn = errors[-1].tolist()
+    along_m, across_m = (rotation(-snapshots[-1].heading_rad) @ errors[-1, :2]).tolist()
     return Delay(
         delay_s,
-        c * x + s * y,
-        c * y - s * x,
-        turn * DEG_PER_RAD,
+        along_m,
+        across_m,
+        float(errors[-1, 2]) * DEG_PER_RAD,
         float(np.hypot(*errors[:, :2].T).max()),
         float(np.abs(errors[:, 2]).max()) * DEG_PER_RAD,
     )
