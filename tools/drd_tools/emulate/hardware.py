@@ -100,13 +100,8 @@ class Emulator:
     ):
         errors = errors or SensorErrors()
         fog, encoders = config.fog, config.encoders
-        self.counters = {
-            "fog_packets": 0,
-            "fog_dropped": 0,
-            "can_frames": 0,
-            "can_dropped": 0,
-            "can_received": 0,
-        }
+        counted = ("fog_packets", "fog_dropped", "can_frames", "can_dropped", "can_received")
+        self.counters = dict.fromkeys(counted, 0)
         self.truth: deque[Truth] = deque(maxlen=TRUTH_ROWS)
         self.received: deque[can.Message] = deque(maxlen=RECEIVED_FRAMES)  # what others sent on the bus
         self.path = make_truth(drive)
@@ -171,7 +166,22 @@ class Emulator:
     def step(self, now_s: float) -> float:
         """Send all that is due until `now_s` after the start; returns when the next is. The thread calls it."""
         with self._lock:
-            return self._step(now_s)
+            frames = self._bus.received()
+            self.counters["can_received"] += len(frames)
+            self.received.extend(frames)
+            for node in self.nodes:
+                node.autostart, node.heartbeat_s = self.nodes_autostart, self.heartbeat_s
+                for frame in [answer for command in frames for answer in node.take(command)] + node.due(now_s):
+                    self._send_can(frame)
+            while self._wheel_schedule.due_s <= now_s:
+                self._send_wheels(self._wheel_schedule)
+                self._wheel_schedule.number += 1
+            if self._fog is None:
+                return self._wheel_schedule.due_s
+            while self._fog_schedule.due_s <= now_s:
+                self._send_fog(self._fog, self._fog_schedule)
+                self._fog_schedule.number += 1
+            return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
 
     def unplug_fog(self) -> None:
         """Pull the gyro's cable: its port hangs up and the link vanishes."""
@@ -198,7 +208,7 @@ class Emulator:
     def send_frame(self, message: can.Message) -> None:
         """Send any other frame: another node's, a boot-up message."""
         with self._lock:
-            self._count("can_frames", "can_dropped", self._bus.send(message))
+            self._send_can(message)
 
     def _unplug_all(self) -> None:
         self.unplug_fog()
@@ -213,24 +223,6 @@ class Emulator:
     def _now_s(self) -> float:
         return (time.monotonic_ns() - self.start_ns) * S_PER_NS
 
-    def _step(self, now_s: float) -> float:
-        frames = self._bus.received()
-        self.counters["can_received"] += len(frames)
-        self.received.extend(frames)
-        for node in self.nodes:
-            node.autostart, node.heartbeat_s = self.nodes_autostart, self.heartbeat_s
-            for frame in [answer for command in frames for answer in node.take(command)] + node.due(now_s):
-                self._count("can_frames", "can_dropped", self._bus.send(frame))
-        while self._wheel_schedule.due_s <= now_s:
-            self._send_wheels(self._wheel_schedule)
-            self._wheel_schedule.number += 1
-        if self._fog is None:
-            return self._wheel_schedule.due_s
-        while self._fog_schedule.due_s <= now_s:
-            self._send_fog(self._fog, self._fog_schedule)
-            self._fog_schedule.number += 1
-        return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
-
     def _send_fog(self, encoder: fog_packets.FogEncoder, now: _Schedule) -> None:
         rate_rad_s = self._sensors.rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
         rate_rad_s += self.fog_offset_deg_s * RAD_PER_DEG
@@ -242,7 +234,7 @@ class Emulator:
         if _is_nth(now.number, self.fog_corrupt_every):
             packet = self._with_wrong_bit(packet)
         sent = self._fog_port is not None and self._fog_port.write(self.fog_garbage + packet)
-        self._count("fog_packets", "fog_dropped", sent)
+        self.counters["fog_packets" if sent else "fog_dropped"] += 1
 
     def _send_wheels(self, now: _Schedule) -> None:
         left_m, right_m = self._sensors.travel_m(now.sampled_s, self.left_slip, self.right_slip)
@@ -262,15 +254,15 @@ class Emulator:
                 silent[k] |= node.state != NmtState.OPERATIONAL
             frames = [frame for frame, is_silent in zip(frames, silent, strict=True) if not is_silent]
         for frame in reversed(frames) if self.swap_frames else frames:
-            self._count("can_frames", "can_dropped", self._bus.send(frame))
+            self._send_can(frame)
 
     def _with_wrong_bit(self, packet: bytes) -> bytes:
         data = bytearray(packet)
         data[int(self._random.integers(len(data)))] ^= 1 << int(self._random.integers(8))
         return bytes(data)
 
-    def _count(self, sent_key: str, lost_key: str, sent: bool) -> None:
-        self.counters[sent_key if sent else lost_key] += 1
+    def _send_can(self, frame: can.Message) -> None:
+        self.counters["can_frames" if self._bus.send(frame) else "can_dropped"] += 1
 
 
 def _is_nth(number: int, every: int) -> bool:
