@@ -6,7 +6,7 @@ to the recordings that they match, one after the other; patterns are those of a 
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -177,8 +177,3 @@ def from_text(text: str) -> Labels:
         raise ConfigError(
             "labels of a recording in the store", "", "keys robot, place, batch, start", str(error)
         ) from error
-
-
-def relabelled(rows: Mapping[str, Sequence[Mapping[str, Any]]], labels: Labels) -> dict[str, list[dict[str, Any]]]:
-    """A recording's rows with other labels."""
-    return {table: [{**row, **labels.columns()} for row in own] for table, own in rows.items()}

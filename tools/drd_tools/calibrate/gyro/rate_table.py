@@ -71,11 +71,10 @@ def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_
         _check_columns(str(table.file), [table])
     where = str(tables[0].file) if len(tables) == 1 else f"{len(tables)} files"
     _check_columns(where, tables)
-    if _span(np.concatenate([table.table_rate_deg_s for table in tables])) < TURNS_DEG_S:
-        rate = float(np.median(np.concatenate([table.table_rate_deg_s for table in tables])))
-        expected = "a table that turns, at several rates"
-        hint = "a log at standstill is for `drd calibrate noise`"
-        raise ConfigError(where, "table_rate_deg_s", expected, f"{rate:g} deg/s throughout; {hint}")
+    rates_deg_s = np.concatenate([table.table_rate_deg_s for table in tables])
+    if _span(rates_deg_s) < TURNS_DEG_S:
+        got = f"{np.median(rates_deg_s):g} deg/s throughout; a log at standstill is for `drd calibrate noise`"
+        raise ConfigError(where, "table_rate_deg_s", "a table that turns, at several rates", got)
     parts = [_data_sets_of(table, settle_s) for table in tables]
     for table, part in zip(tables, parts, strict=True):
         _check_slope(str(table.file), part)
