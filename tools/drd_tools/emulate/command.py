@@ -116,9 +116,6 @@ def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -
 def _until_signal() -> Iterator[threading.Event]:
     """An event that Ctrl-C and SIGTERM set; the handlers that were there come back."""
     stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopped  # only the main thread may have handlers
-        return
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, lambda *_: stopped.set()) for number in numbers]
     try:

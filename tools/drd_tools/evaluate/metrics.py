@@ -86,7 +86,7 @@ def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
     position_m = math.hypot(*error[:2])
     apart_m = math.dist(aligned.reference[-1, :2], aligned.reference[0, :2])
     within_m = min(CLOSED_M, CLOSED_SHARE * path_m) if closed_within_m is None else closed_within_m
-    is_closed = apart_m <= within_m and path_m > 4.0 * apart_m and path_m > 0.0
+    is_closed = apart_m <= within_m and path_m > 4.0 * apart_m
     from_start = align(aligned, "start")[0].error[-1] if is_closed else None
     return EndError(
         time_s=float(aligned.time_s[-1]),
