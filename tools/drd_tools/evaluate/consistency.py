@@ -34,7 +34,9 @@ class Nees:
     @property
     def verdict(self) -> str:
         """Verdict on the average, in a word or two."""
-        return "overconfident" if self.average > self.high else "too cautious" if self.average < self.low else "consistent"  # fmt: skip  # noqa: E501
+        if self.average > self.high:
+            return "overconfident"
+        return "too cautious" if self.average < self.low else "consistent"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ def write_report(evaluation: Evaluation, folder: Path) -> list[Path]:
     runs = evaluation.runs
     names = ", ".join(run.name for run in runs[:3]) + (f" and {len(runs) - 3} more" if len(runs) > 3 else "")
     page = Page(f"Evaluation of {names}", [_lead(run) for run in runs[:6]])
-    page.table(text.SUMMARY_HEADER, text.summary_rows(runs), "Errors at the end and of the return, absolute trajectory error (rmse), drift and consistency")  # fmt: skip  # noqa: E501
+    caption = "Errors at the end and of the return, absolute trajectory error (rmse), drift and consistency"
+    page.table(text.SUMMARY_HEADER, text.summary_rows(runs), caption)
     pooled = text.nees_together(runs)
     if pooled:
         page.table(text.NEES_HEADER, text.nees_rows(pooled), "Consistency of all runs together, taken as independent")
@@ -46,8 +47,10 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     path_picture(files[0], [("estimate", run)])
     page.picture(files[0], "The estimate, as aligned, on the reference.")
     error_picture(files[1], [("error", run)])
-    claim = " Shaded: what the covariance claims for it, the reference's own noise included." if run.series.sigma is not None else ""  # fmt: skip  # noqa: E501
-    page.picture(files[1], f"Error in the axes of the reference (forward, left) against time.{claim}")
+    caption = "Error in the axes of the reference (forward, left) against time."
+    if run.series.sigma is not None:
+        caption += " Shaded: what the covariance claims for it, the reference's own noise included."
+    page.picture(files[1], caption)
     growth = folder / f"{prefix}drivers.png"
     if run.windows.why_not:
         page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")

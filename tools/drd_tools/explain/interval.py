@@ -25,7 +25,7 @@ XY: Final = (0, 1)
 
 
 class Snapshot(NamedTuple):
-    """Time and way since the interval's beginning, heading, the pose's covariance by cause (causes, 3, 3), the delay's share (3,)."""  # fmt: skip  # noqa: E501
+    """Time and way since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
 
     time_s: float
     way_m: float
