@@ -1,6 +1,6 @@
 """A covariance for each cause, moved by the filter's own linear steps. The sum over the causes is the filter's P."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -75,12 +75,11 @@ class Budget:
         if self.parts is not None:
             self.parts.add(cause, i, j, covariance)
 
-    def add_matrix(self, cause: int, covariance: Matrix) -> None:
-        """One cause's covariance grows by `covariance` (N, N)."""
-        for i in range(N):
-            for j in range(N):
-                if covariance[i, j]:
-                    self.add(cause, i, j, float(covariance[i, j]))
+    def add_matrix(self, cause: int, covariance: Matrix | float, states: Sequence[int] = range(N)) -> None:
+        """One cause's covariance of some states grows by `covariance`, (k, k) or one value throughout."""
+        block = np.broadcast_to(covariance, (len(states), len(states)))
+        for a, b in np.argwhere(block):
+            self.add(cause, states[a], states[b], float(block[a, b]))
 
     def rebase(self, pose_heading: int, velocity: Matrix) -> None:
         """Let errors count from the published pose of this moment on. (59)
