@@ -63,7 +63,7 @@ def examine(
     """
     turned = None if wheels is None else Turning(wheels.time_s, (wheels.right_m - wheels.left_m) / wheels.tread_m)
     truth = None if reference is None else Turning(reference.time_s, reference.heading_rad)
-    findings: list[Finding] = []
+    findings: list[Finding | None] = []
     chosen, gyro_turned, felt = None, None, None
     if gyro is not None:
         felt = gravity(gyro.acceleration_m_s2) if len(gyro.axes) == 3 else None
@@ -87,15 +87,13 @@ def examine(
         _forward(wheels, reference),
     )
     if gyro is not None and chosen is not None:
-        findings.append(check_sign(seen))
-        findings += [found for found in [check_peak(gyro.rate_rad_s[:, chosen])] if found is not None]
+        findings += [check_sign(seen), check_peak(gyro.rate_rad_s[:, chosen])]
     if wheels is not None and (gyro_turned is not None or truth is not None):
-        findings += _wheels(wheels, seen, truth, gyro_turned, max_lag_s)
+        findings.append(_wheels(wheels, seen, truth, gyro_turned, max_lag_s))
     if wheels is not None:
-        fast = check_speed(wheels.time_s, wheels.left_m, wheels.right_m, MAX_SPEED_M_S)
-        findings += [fast] if fast is not None else []
+        findings.append(check_speed(wheels.time_s, wheels.left_m, wheels.right_m, MAX_SPEED_M_S))
     findings += _units_and_clocks(seen, truth, turned, gyro_turned)
-    return Examined(findings, chosen)
+    return Examined([finding for finding in findings if finding is not None], chosen)
 
 
 def _units_and_clocks(
@@ -135,15 +133,14 @@ def _axis(
 
 def _wheels(
     wheels: WheelTravel, seen: Witnesses, truth: Turning | None, gyro_turned: Turning | None, max_lag_s: float
-) -> list[Finding]:
+) -> Finding:
     seconds = float(wheels.time_s[-1] - wheels.time_s[0])
     mean_m_s = float(wheels.left_m[-1] + wheels.right_m[-1]) / 2.0 / seconds if seconds > 0.0 else 0.0
     other, name = (truth, "reference") if truth is not None else (gyro_turned, "gyro")
     assert other is not None
     total = Turning(wheels.time_s, (wheels.right_m + wheels.left_m) / wheels.tread_m)
     difference = seen.wheels_reference if truth is not None else seen.gyro_wheels
-    odd = check_one_side(difference, match(other, total, max_lag_s), name)
-    return [odd] if odd is not None else [check_sides(seen, mean_m_s)]
+    return check_one_side(difference, match(other, total, max_lag_s), name) or check_sides(seen, mean_m_s)
 
 
 def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> float | None:
