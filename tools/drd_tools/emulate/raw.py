@@ -44,7 +44,7 @@ class Arrival(NamedTuple):
 
 
 def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
-    """All of a recording, in order; each sample as late as the configuration says. Raises ConfigError."""
+    """Arrivals of a whole recording, in order; each sample as late as the configuration says. Raises ConfigError."""
     log, per_revolution = recording.encoders, recording.nominal.counts_per_revolution
     if log.left_counts is None or log.right_counts is None or per_revolution is None:
         path = "wheel.counts_per_revolution"

@@ -80,7 +80,7 @@ def no_temperature(run: Run) -> str:
 
 
 def print_run(run: Run) -> None:
-    """All figures of one run."""
+    """Print all figures of one run."""
     print(f"{run.name}\n")
     for sentence in text.sentences(run):
         print(f"- {sentence}")
@@ -94,7 +94,7 @@ def print_run(run: Run) -> None:
 
 
 def print_runs(evaluation: Evaluation) -> None:
-    """One run in full; of several a table, and their consistency together."""
+    """Print one run in full; of several a table, and their consistency together."""
     runs = evaluation.runs
     if len(runs) == 1:
         print_run(runs[0])

@@ -72,7 +72,7 @@ class Interval:
         return np.array(self.poses).reshape(-1, 4)
 
     def before_step(self, kf: Filter) -> None:
-        """The step that ended is complete, with its comparison: look at it before the next one begins."""
+        """Look at the step that ended, complete with its comparison, before the next one begins."""
         assert self.clock is not None
         t_ns = self.clock.t_ns
         time_s = (t_ns - self._zero_ns) * S_PER_NS
@@ -102,7 +102,7 @@ class Interval:
         self.done = at_end
 
     def finish(self, kf: Filter) -> None:
-        """The recording has ended."""
+        """Look at the last step: the recording has ended."""
         if self.clock is not None and self.clock.t_ns and not self.done:
             self._next_ns = 0
             self.before_step(kf)
@@ -110,11 +110,11 @@ class Interval:
                 self._keep(kf, self._velocity(kf))
 
     def moved(self, dx_m: float, dy_m: float) -> None:
-        """The way of one step, without the filter's corrections."""
+        """Add the way of one step, without the filter's corrections."""
         self._way_m += math.hypot(dx_m, dy_m)
 
     def pose_was_set(self) -> None:
-        """A pose came from outside."""
+        """Note that a pose came from outside."""
         if self.clock is not None and self.begun:
             self.set_at_s.append((self.clock.t_ns - self._zero_ns) * S_PER_NS)
 

@@ -25,7 +25,7 @@ SMALL: Final = 0.005  # of the panel's largest sigma: what stays below is not dr
 
 
 def budget_picture(file: Path, e: Explanation) -> None:
-    """Position and heading over time: the height is one sigma, its colours share the variance. Raises OSError."""
+    """Draw position and heading over time: the height is one sigma, its colours share the variance. Raises OSError."""
     position, heading = np.array(e.position_m2), np.array(e.heading_deg2)
     largest_m = float(np.sqrt(position.sum(axis=1).max()))
     if e.actual is not None:
@@ -75,7 +75,7 @@ def _error(axes: Any, actual: Actual, error: Any) -> None:
 
 
 def parts_picture(file: Path, actual: Actual) -> None:
-    """Most likely parts in the actual error, with two sigma. Raises OSError."""
+    """Draw the most likely parts of the actual error, with two sigma. Raises OSError."""
     parts = [p for p in actual.parts if p.position_sigma_m or p.heading_sigma_deg][::-1]
     factor, unit = (1.0, "m") if max(abs(p.position_m) for p in parts) >= 0.5 else (100.0, "cm")
     position = factor * np.array([(p.position_m, p.position_sigma_m) for p in parts])

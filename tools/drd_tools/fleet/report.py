@@ -213,7 +213,7 @@ def _report(uri: str | None, folder: Path) -> str:
 
 
 def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Path) -> list[Path]:
-    """Pictures of the most urgent, and of what has moved most where little is found."""
+    """Draw the most urgent trends, and of what has moved most where little is found."""
     files = list[Path]()
     shown = {(s.robot, s.name): s.text for s in said if s.robot}
     moved = [
@@ -233,7 +233,7 @@ def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Pat
 
 
 def _groups(page: Page, found: Statistics) -> None:
-    """Places and batches against each other."""
+    """Add the table of places and batches against each other."""
     every = [(o, f) for f in found.fitted.values() for o in f.offsets if o.kind != "robot"]
     rows, standing_out = [], found.standing_out
     for o, f in sorted(every, key=lambda one: one[0].p)[:URGENT]:

@@ -125,7 +125,7 @@ def check(made: Imported, chosen: argparse.Namespace) -> None:
 
 
 def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[Path]:
-    """The folder's files; returns their paths. Raises ConfigError."""
+    """Write the folder's files; returns their paths. Raises ConfigError."""
     folder: Path = chosen.output
     prepare(folder)
     zero_ns, rows = _zero_ns(made), made.rows

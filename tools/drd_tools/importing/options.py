@@ -39,7 +39,7 @@ exit codes: 0 done, 2 bad usage or input, or data that cannot tell what was aske
 
 
 def parser() -> argparse.ArgumentParser:
-    """All options."""
+    """Make the parser of all options."""
     made = command("drd import", DESCRIPTION, EPILOG)
     made.add_argument("file", type=Path, metavar="FILE", help="what to import; alone: list what it holds")
     made.add_argument("--output", type=Path, metavar="DIR", help="the recording folder to make")

@@ -44,7 +44,7 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
 
 
 def _refuse_own(path: Path) -> None:
-    """A recording of the daemon needs no import."""
+    """Refuse a recording of the daemon, which needs no import."""
     if path.suffix.lower() == ".mcap" and b"drd" in begins(path)[:60]:
         raise ConfigError(
             str(path), "", "another system's recording", "the daemon's own: `drd replay` reads it as it is"

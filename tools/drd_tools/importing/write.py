@@ -73,7 +73,7 @@ def prepare(folder: Path) -> None:
 
 
 def write_robot(file: Path, nominal: Robot, rates_hz: dict[str, float | None]) -> None:
-    """robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
+    """Write robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
     if nominal.gyro_rate_hz is None and (rate_hz := rates_hz.get("gyro")):
         nominal = replace(nominal, gyro_rate_hz=float(f"{rate_hz:.6g}"))
     if nominal.encoders_rate_hz is None and (rate_hz := rates_hz.get("wheels")):
@@ -92,7 +92,7 @@ def write_said(
     findings: Sequence[Finding],
     zero_ns: int,
 ) -> None:
-    """import.yaml. Raises OSError."""
+    """Write import.yaml. Raises OSError."""
     content = {
         "format": FORMAT,
         "drd": drd.__version__,

@@ -108,13 +108,13 @@ class _Batch:
         self._drift, self._segments = np.zeros((len(every), LONGEST)), np.zeros(LONGEST)
 
     def predict(self, F: Matrix, Q: Matrix) -> None:
-        """One block on. (16)"""
+        """Go one block on. (16)"""
         self._move(F)
         busy = np.flatnonzero(Q.any(axis=(1, 2)))
         self.P += np.tensordot(self._weights[:, busy], Q[busy], 1)[:, None]
 
     def update(self, R: Array) -> None:
-        """Each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
+        """Update each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
         P, R_each = self.P, self._weights @ R
         HP = P[..., HEADING, :] - P[..., GYRO_HEADING, :]
         HPH = HP[..., HEADING] - HP[..., GYRO_HEADING]
@@ -145,7 +145,7 @@ class _Batch:
                 self._rebase(self._passed)
 
     def _rebase(self, start: int) -> None:
-        """Errors of this start count from the pose of this moment. (59)"""
+        """Let errors of this start count from the pose of this moment. (59)"""
         T = np.eye(N)
         T[self._pose] = 0.0
         other = GYRO_HEADING if self._heading == HEADING else HEADING

@@ -194,7 +194,7 @@ def _cut_chunk_s(found: McapFile, first_ns: int, last_ns: int) -> float | None:
 
 
 def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
-    """One whole record of the data section."""
+    """Take in one whole record of the data section."""
     data = ReadDataStream(BytesIO(body))
     if opcode == Opcode.METADATA:
         metadata = Metadata.read(data)

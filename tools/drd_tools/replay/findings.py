@@ -31,7 +31,7 @@ class Live:
     starts: int = 0
 
     def take(self, value: dict[str, Any]) -> None:
-        """A message of TOPIC. Raises what a payload that drd did not write brings: KeyError, TypeError, ValueError."""
+        """Take in a message of TOPIC. Raises KeyError, TypeError or ValueError for a payload that drd did not write."""
         if value.get("began_ns") is None:
             return
         if value["began_ns"] != self.began_ns:

@@ -91,7 +91,7 @@ def digest(poses: Sequence[Pose]) -> str:
 
 
 def packed(p: Pose) -> bytes:
-    """All of its numbers, bit for bit."""
+    """All numbers of a pose, bit for bit."""
     rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
     return BITS.pack(p.t_ns, p.sequence, p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
 

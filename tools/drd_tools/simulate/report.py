@@ -48,7 +48,7 @@ def condition_table(about: dict[str, Any]) -> Iterable[tuple[str, str]]:
 
 
 def write_report(folder: Path) -> None:
-    """Pictures and report.html from what the folder holds. Raises ConfigError, OSError."""
+    """Write pictures and report.html from what the folder holds. Raises ConfigError, OSError."""
     about, columns = read_truth(folder), read_true_motion(folder)
     recording = read_recording(folder)
     found = sentences(about, columns)

@@ -98,7 +98,7 @@ def _prepared(manoeuvre: str) -> tuple[Motion, Problem, Rivals]:
 
 
 class Distances:
-    """All that was measured."""
+    """Everything that was measured, and figures of it."""
 
     def __init__(self, rows: Sequence[Measured]):
         order, names = list(MANOEUVRES), list(catalogue())

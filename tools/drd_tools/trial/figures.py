@@ -137,7 +137,7 @@ class Figures:
         return [p for p in self.pairs if p[0].kind in kinds]
 
     def tables(self) -> list[Table]:
-        """All that have anything in them."""
+        """Tables that have anything in them."""
         kinds, named = self._groups(self.kinds), self._groups(self.named_kinds)
         apart = [(f"{k}, separable", chosen) for k, pairs in named if (chosen := list(filter(_is_separable, pairs)))]
         driven = [(k, [p for p in pairs if p[1].worse_path is not None]) for k, pairs in kinds]

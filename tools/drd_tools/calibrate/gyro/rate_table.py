@@ -34,7 +34,7 @@ class RateTable:
 
 
 def files_in(paths: Iterable[Path]) -> list[Path]:
-    """The files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
+    """List the files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
     files: list[Path] = []
     for path in paths:
         found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -103,7 +103,7 @@ def _data_sets_of(table: RateTable, settle_s: float) -> DataSets:
 
 
 def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
-    """Swapped columns show in what follows what, and in which column stays the same from row to row."""
+    """Refuse swapped columns: they show in what follows what, and in which column is held from row to row."""
     w, g, T = (
         np.concatenate([getattr(table, name) for table in tables])
         for name in ("table_rate_deg_s", "rate_deg_s", "temperature_c")
@@ -122,7 +122,7 @@ def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
 
 
 def _check_slope(where: str, data: DataSets) -> None:
-    """A gyro reads what the table does, to 20 %."""
+    """Refuse a gyro that does not read what the table does, to 20 %."""
     if len(data) < 2 or np.ptp(data.table_rate_deg_s) < TURNS_DEG_S:
         return
     few = data.select(np.unique(np.linspace(0, len(data) - 1, 400).astype(np.int64)))  # the slope takes all pairs

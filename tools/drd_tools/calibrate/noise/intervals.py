@@ -33,7 +33,7 @@ class Interval:
 
     @property
     def is_visible(self) -> bool:
-        """False: there is only an upper bound, `high`, which 19 of 20 such logs would keep."""
+        """Whether the log shows the term; else `high` is an upper bound that 19 of 20 such logs would keep."""
         return self.low > 0.0
 
 

@@ -118,7 +118,7 @@ class _Part:
         return left_over(np.zeros(len(steps))), np.stack(columns, axis=-1)
 
     def reweigh(self, r: Array) -> None:
-        """Noise from the middle of the residuals, and Huber's weights against jumps."""
+        """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
         drive = self.drive
         self.white_m = max(drive.position_sigma_m, 1.4826 * float(np.median(np.abs(r[:, :2]))))
         self.white_rad = max(drive.heading_sigma_rad, 1.4826 * float(np.median(np.abs(r[:, 2]))))

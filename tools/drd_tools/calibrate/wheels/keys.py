@@ -49,7 +49,7 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
 
 
 def sections(found: Found) -> dict[str, Any]:
-    """All of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
+    """Sections of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
     initial, noise = _gyro_keys(found.rest)
     initial = initial_keys(found.fit, found.apart, found.other) | initial
     lag = found.lag if found.lag is not None and found.lag.applies else None

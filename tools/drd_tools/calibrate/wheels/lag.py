@@ -112,7 +112,7 @@ class _Part:
         return residual, -scale * slope, -by_wheels, scale
 
     def reweigh(self, residual: Array) -> None:
-        """Noise from the middle of the residuals, and Huber's weights against slip and jumps."""
+        """Set the noise by the middle of the residuals, and Huber's weights against slip and jumps."""
         self.sigma = max(LEAST_SIGMA_RAD, 1.4826 * float(np.median(np.abs(residual))))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
