@@ -50,7 +50,6 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
         lap, start = waypoint_lap(Path(mission))
     else:
         raise ConfigError("--mission", "", f"one of {', '.join(MISSIONS)}, or a .csv file", repr(mission))
-    total = None if seconds is None else round(seconds * RATE_HZ)
 
     def laps_of(count: int) -> Steps:
         route = Route(*start).stand(stand_s)
@@ -58,15 +57,14 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
             lap(route, number)
         return route.stand(1.0).steps()
 
-    steps = laps_of(laps)
-    if total is not None and len(steps.forward_m) < total:
-        first, second = len(steps.forward_m), len(laps_of(2).forward_m)
-        laps = 1 + (total - first) // (second - first)
-        steps = laps_of(laps) if laps > 1 else steps
-    if total is not None:
-        laps = laps if len(steps.forward_m) <= total else 0
-        steps = _lasting(steps, total)
-    return Drive(steps, laps, start)
+    if seconds is None:
+        return Drive(laps_of(laps), laps, start)
+    total, steps = round(seconds * RATE_HZ), laps_of(1)
+    first = len(steps.forward_m)
+    laps = int(first <= total)
+    if first < total:
+        laps += (total - first) // (len(laps_of(2).forward_m) - first)
+    return Drive(_lasting(laps_of(laps) if laps > 1 else steps, total), laps, start)
 
 
 def _lasting(steps: Steps, total: int) -> Steps:
