@@ -45,7 +45,7 @@ def emulated(
     drive = demo_drive(seconds, stand_s=config.estimation.static_bias.duration_s + 2.5)
     sensors = Sensors(make_truth(drive), config.robot, errors, seed)
     fog = fog_packets.make_encoder(config.fog)
-    wheels = encoder_frames.make_encoder(config.encoders, config.robot, Path())
+    wheels = encoder_frames.WheelFrameEncoder(config.encoders, config.robot, Path())
     pipeline = Pipeline(config, Path("/"), lambda *_: None, [kept])
     gyro_s = 1.0 / (config.fog.rate_hz * (1.0 + errors.clock_error_percent / 100.0))
     wheels_s = 1.0 / config.encoders.rate_hz

@@ -38,7 +38,7 @@ class Circle:
 
     def __init__(self, config: Config):
         self._fog = fog_packets.make_encoder(config.fog)
-        self._frames = encoder_frames.make_encoder(config.encoders, config.robot, Path())
+        self._frames = encoder_frames.WheelFrameEncoder(config.encoders, config.robot, Path())
         self._fog_period_s, self._wheel_period_s = 1.0 / config.fog.rate_hz, 1.0 / config.encoders.rate_hz
         turn_m_s = RATE_RAD_S * config.robot.tread_m / 2
         self._left_m_s, self._right_m_s = SPEED_M_S - turn_m_s, SPEED_M_S + turn_m_s

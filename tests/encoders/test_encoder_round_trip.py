@@ -11,7 +11,7 @@ from drd.config.keys import Cia406, Dbc, Encoders, Left, Odrive, Right, Robot, V
 from drd.encoders.stream import EncoderStream
 from drd.samples import CanFrame, WheelSample
 from drd.units import NS_PER_S
-from drd_tools.emulate.encoder_frames import make_encoder
+from drd_tools.emulate.encoder_frames import WheelFrameEncoder
 
 ROBOT = Robot(wheel_radius_m=0.11, tread_m=0.59, left_scale=1.004, right_scale=0.997)
 NODES = Encoders(left=Left(node=7), right=Right(node=9, reversed=True))
@@ -90,7 +90,7 @@ def base(tmp_path: Path) -> Path:
 def travel_through(encoders: Encoders, base: Path, skew_s: float) -> tuple[EncoderStream, list[WheelSample]]:
     """Ten seconds at 20 Hz; where a side has its own frame, the right one is sampled `skew_s` later."""
     stream = EncoderStream(encoders, ROBOT, base)
-    emulated = make_encoder(encoders, ROBOT, base)
+    emulated = WheelFrameEncoder(encoders, ROBOT, base)
     samples = []
     for k in range(201):
         messages = emulated.encode(*wheel_travel_m(0.05 * k), *wheel_speed_m_s(0.05 * k))
@@ -136,7 +136,7 @@ def test_the_small_ranges_do_wrap_in_this_drive(base: Path) -> None:
 def test_a_robot_whose_wheels_are_not_as_believed_shows_their_true_ratio(base: Path) -> None:
     encoders = CASES["agilex"][0]
     true_robot = replace(ROBOT, left_scale=ROBOT.left_scale * 1.02)
-    stream, emulated = EncoderStream(encoders, ROBOT, base), make_encoder(encoders, true_robot, base)
+    stream, emulated = EncoderStream(encoders, ROBOT, base), WheelFrameEncoder(encoders, true_robot, base)
     told_m = 0.0
     for k in range(101):
         (message,) = emulated.encode(0.05 * k, 0.05 * k)
@@ -161,5 +161,5 @@ def test_one_turn_forward_at_one_turn_per_second_in_bytes(name: str, frames: lis
     # A hair more than a turn left and less right (reversed), so that flooring does not depend on rounding.
     hair = 1 + 1e-9
     left_m, right_m = TURN_M * ROBOT.left_scale * hair, TURN_M * ROBOT.right_scale / hair
-    messages = make_encoder(encoders, ROBOT, base).encode(left_m, right_m, left_m, right_m)
+    messages = WheelFrameEncoder(encoders, ROBOT, base).encode(left_m, right_m, left_m, right_m)
     assert [(m.arbitration_id, bytes(m.data).hex()) for m in messages] == frames

@@ -86,7 +86,7 @@ def frames() -> dict[str, bytes]:
     found = {}
     for number, keys in enumerate(LAYOUTS[:-1]):
         config = _config(f"encoders: {{{keys}}}")
-        encoder = encoder_frames.make_encoder(config.encoders, config.robot, _dbc_folder())
+        encoder = encoder_frames.WheelFrameEncoder(config.encoders, config.robot, _dbc_folder())
         ids = [can_id for can_id, _ in EncoderStream(config.encoders, config.robot, _dbc_folder()).can_ids]
         data = bytes([number])
         for travel_m in (0.1, 0.15):

@@ -172,7 +172,7 @@ class World:
                 shown[e.side] = shown[e.side] + after * (
                     e.size if e.kind == "counter jumps" else -shown[e.side][after][0]
                 )
-        bus = encoder_frames.make_encoder(encoders, robot, Path())
+        bus = encoder_frames.WheelFrameEncoder(encoders, robot, Path())
         items: list[Item] = []
         for t_s, left_m, right_m in zip(times.tolist(), *(row.tolist() for row in shown), strict=True):
             frames = [

@@ -75,7 +75,7 @@ class World:
         self.drive = Laps(laps)
         self.random = np.random.default_rng([seed, 3])
         self._fog = fog_packets.make_encoder(config.fog)
-        self._bus = encoder_frames.make_encoder(config.encoders, config.robot, Path())
+        self._bus = encoder_frames.WheelFrameEncoder(config.encoders, config.robot, Path())
         # The bias stays as it was measured: a warm-up is what a model is for.
         errors = SensorErrors(warm_up_c=0.0)
         self._sensors, self._celsius = Sensors(self.drive, config.robot, errors, seed), errors.temperature_c

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drd_tools.emulate.command import main
+from drd.cli import main
 from drd_tools.emulate.hardware import Emulator
 
 
@@ -30,7 +30,7 @@ def test_it_says_where_the_hardware_is_and_what_was_sent_and_keeps_the_truth(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = tmp_path / "truth.csv"
-    assert main([str(config), "--seconds", "0.6", "--seed", "3", "--truth", str(truth)]) == 0
+    assert main(["emulate", str(config), "--seconds", "0.6", "--seed", "3", "--truth", str(truth)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0].startswith(f"FOG: {tmp_path}/run/fog -> /dev/pts/")
     assert out[1].startswith(f"CAN: {tmp_path}/run/can -> /dev/pts/")
@@ -55,14 +55,14 @@ def test_a_signal_ends_it_in_order_and_the_handlers_come_back(
 
     sender = threading.Thread(target=send_once_it_runs)
     sender.start()
-    assert main([str(config), "--path", "square", "--seconds", "60"]) == 0
+    assert main(["emulate", str(config), "--path", "square", "--seconds", "60"]) == 0
     sender.join()
     assert signal.getsignal(number) is before
     assert list((tmp_path / "run").iterdir()) == []
 
 
 def test_as_a_process_it_ends_on_sigterm(config: Path, tmp_path: Path) -> None:
-    code = "import sys; from drd_tools.emulate.command import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from drd.cli import main; sys.exit(main(['emulate', *sys.argv[1:]]))"
     with subprocess.Popen([sys.executable, "-c", code, str(config)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("FOG: ")
@@ -78,40 +78,40 @@ def test_a_path_that_is_taken_ends_it_with_code_2_and_a_reason(
 ) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run/can").write_text("precious")
-    assert main([str(config)]) == 2
+    assert main(["emulate", str(config)]) == 2
     assert "encoders.channel: expected a path where nothing is yet" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["can"]
 
 
 def test_a_bad_configuration_ends_it_with_code_2_and_the_key(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config.write_text("robot: {wheel_radius_m: 0.1, tread_m: wide}")
-    assert main([str(config)]) == 2
+    assert main(["emulate", str(config)]) == 2
     assert "robot.tread_m: expected a number" in capsys.readouterr().err
-    assert main([str(config.with_name("absent.yaml"))]) == 2
+    assert main(["emulate", str(config.with_name("absent.yaml"))]) == 2
 
 
 def test_a_truth_file_that_cannot_be_written_is_reported(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([str(config), "--seconds", "0.1", "--truth", str(tmp_path / "no/where.csv")]) == 1
+    assert main(["emulate", str(config), "--seconds", "0.1", "--truth", str(tmp_path / "no/where.csv")]) == 1
     assert "cannot write" in capsys.readouterr().err
 
 
 def test_an_emulator_that_fails_ends_it_with_code_1(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Emulator, "is_running", False)
-    assert main([str(config)]) == 1
+    assert main(["emulate", str(config)]) == 1
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "1e9", "soon"])
 def test_a_senseless_duration_is_a_usage_error(config: Path, seconds: str) -> None:
     with pytest.raises(SystemExit) as refused:
-        main([str(config), f"--seconds={seconds}"])
+        main(["emulate", str(config), f"--seconds={seconds}"])
     assert refused.value.code == 2
 
 
 def test_help_names_every_option(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["--help"])
+        main(["emulate", "--help"])
     text = capsys.readouterr().out
     for option in ("CONFIG", "--seconds", "--seed", "--path", "--truth", "--real-bus"):
         assert option in text

@@ -109,7 +109,7 @@ def test_held_out_errors_fall_where_the_wheels_are_the_same(tmp_path: Path) -> N
     drives = [drive(tmp_path / f"{k}", TOUR, NOISY, k) for k in range(3)]
     fit = fit_wheels(drives)
     figures = leave_one_out(drives, fit)
-    assert [figure.name for figure in figures] == ["0", "1", "2"]
+    assert [figure.drive.name for figure in figures] == ["0", "1", "2"]
     assert all(figure.calibrated.rms_m < 0.3 * figure.nominal.rms_m for figure in figures)
     assert not held_out_warnings(fit, drives, fit_wheels(drives[1:]), drives[1:], figures)
 
@@ -117,7 +117,7 @@ def test_held_out_errors_fall_where_the_wheels_are_the_same(tmp_path: Path) -> N
 def test_a_single_recording_is_tested_on_its_parts(tmp_path: Path) -> None:
     drives = [drive(tmp_path / "a", TOUR, NOISY)]
     figures = leave_one_out(drives, fit_wheels(drives))
-    assert [figure.name for figure in figures] == [f"a, part {k} of 5" for k in range(1, 6)]
+    assert [figure.drive.name for figure in figures] == [f"a, part {k} of 5" for k in range(1, 6)]
 
 
 def test_another_tread_in_the_held_out_recordings_is_told(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from import_data import TREAD_M, Traps, drive
 
 from drd_tools.importing.checks import OK, UNKNOWN, WRONG, Finding, check_peak, check_speed, gravity, most_turning
 from drd_tools.importing.examine import Examined, examine
-from drd_tools.importing.matching import angle_of, match
+from drd_tools.importing.matching import Turning, angle_of, match
 
 SEEDS = st.integers(0, 2**32 - 1)
 PROPERTY = settings(max_examples=12, deadline=None)
@@ -228,7 +228,9 @@ def test_wheels_faster_than_a_replay_believes() -> None:
 def test_a_match_gives_the_gain_and_its_sigma() -> None:
     gyro, wheels, _ = drive(11, Traps(gyro_factor=1.3))
     turned = (wheels.right_m - wheels.left_m) / TREAD_M
-    found = match(wheels.time_s, turned, gyro.time_s, angle_of(gyro.time_s, gyro.rate_rad_s[:, 2]), 1.0)
+    found = match(
+        Turning(wheels.time_s, turned), Turning(gyro.time_s, angle_of(gyro.time_s, gyro.rate_rad_s[:, 2])), 1.0
+    )
     assert found is not None
     assert found.is_clear
     assert found.gain == pytest.approx(1.3, abs=5.0 * found.gain_sigma + 0.01)
@@ -238,5 +240,5 @@ def test_a_match_gives_the_gain_and_its_sigma() -> None:
 def test_too_short_a_time_matches_nothing() -> None:
     gyro, wheels, _ = drive(12, Traps(seconds=8.0))
     turned = (wheels.right_m - wheels.left_m) / TREAD_M
-    assert match(wheels.time_s, turned, gyro.time_s, gyro.time_s, 2.0) is None
-    assert match(wheels.time_s[:2], turned[:2], gyro.time_s, gyro.time_s, 2.0) is None
+    assert match(Turning(wheels.time_s, turned), Turning(gyro.time_s, gyro.time_s), 2.0) is None
+    assert match(Turning(wheels.time_s[:2], turned[:2]), Turning(gyro.time_s, gyro.time_s), 2.0) is None

@@ -13,7 +13,7 @@ from import_data import RADIUS_M, TREAD_M, Traps, drive
 from import_files import COUNTS, EPOCH_NS, ROBOT, write_bag, write_frames, write_table
 from mcap.writer import Writer as McapWriter
 
-from drd_tools.importing.command import main
+from drd.cli import main
 from drd_tools.importing.examine import WheelTravel
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
@@ -33,7 +33,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*words: Any) -> int:
-    return main([str(word) for word in words])
+    return main(["import", *map(str, words)])
 
 
 def said(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 from import_data import Traps, drive
 from import_files import ROBOT, write_bag
 
-from drd_tools.importing.command import main
+from drd.cli import main
 
 CONFIG = """\
 robot: {name: scout, wheel_radius_m: 0.1, tread_m: 0.5, left_scale: 1.01}
@@ -25,7 +25,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*words: Any) -> int:
-    return main([str(word) for word in words])
+    return main(["import", *map(str, words)])
 
 
 def test_auto_is_refused_with_the_reason(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

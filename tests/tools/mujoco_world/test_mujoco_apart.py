@@ -10,7 +10,8 @@ import drd_tools.mujoco_world as package
 from drd.cli import main as drd
 
 SOURCES = sorted(Path(package.__file__).parent.glob("*.py"))
-# The forms of the recording folder, the errors, the look of pictures; and the sensors, which are those of all worlds.
+# The forms of the recording folder, the errors, the look of pictures; and the sensors with their data sheets, which are
+# those of all worlds.
 SHARED = {
     "drd.arrays",
     "drd.commands",
@@ -21,6 +22,7 @@ SHARED = {
     "drd_tools.report.style",
     "drd_tools.simulate.conditions",
     "drd_tools.simulate.files",
+    "drd_tools.simulate.robot",
     "drd_tools.simulate.sensors",
     "drd_tools.simulate.temperature",
 }

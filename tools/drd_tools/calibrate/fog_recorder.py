@@ -24,7 +24,7 @@ POLL_S: Final = 0.1
 
 @dataclass
 class Progress:
-    """What came so far; angles in degrees, since people read it. Temperature is NaN where the gyro sends none."""
+    """Running totals of a recording; angles in degrees, since people read them. Temperature: NaN where none is sent."""
 
     samples: int = 0
     recorded_s: float = 0.0
@@ -163,7 +163,7 @@ async def _record(
 
 
 def _silence(fog: Fog, count: int, counters: dict[str, int]) -> str:
-    """Why there are no samples, by how far the bytes come."""
+    """Sentence on why there are no samples, by how far the bytes come."""
     if count == 0:
         what = "no byte has come: is the gyro powered, is its cable on this port?"
     elif not counters["frames"]:

@@ -30,7 +30,7 @@ NO_SUCH_SUBINDEX: Final = 0x0609_0011
 
 
 class NmtState(IntEnum):
-    """As the heartbeat tells them."""
+    """NMT states, as the heartbeat tells them."""
 
     BOOT_UP = 0
     STOPPED = 4
@@ -93,7 +93,7 @@ class CanopenNode:
         return round(self.heartbeat_s / S_PER_MS) if self._written_ms is None else self._written_ms
 
     def _answer(self, request: bytes) -> bytes:
-        """To a read or a write of object 1017h; everything else is aborted with the reason."""
+        """Answer a read or a write of object 1017h; abort everything else with the reason."""
         command, index, subindex = unpack_from("<BHB", request)
         if index != HEARTBEAT_TIME:
             code = NO_SUCH_OBJECT

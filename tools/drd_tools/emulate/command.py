@@ -12,9 +12,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from drd.commands import number
+from drd.commands import command, number
 from drd.config.file import load_config
-from drd.config.schema import ConfigError
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 
@@ -36,25 +35,20 @@ DEMO_S = 600.0
 
 
 def main(argv: list[str]) -> int:
-    """Run the command. Returns the exit code: 0, 1 when the emulator failed, 2 when it cannot be started."""
+    """Run the command. Returns the exit code: 0, or 1 where the emulator failed. Raises ConfigError."""
     arguments = _parser().parse_args(argv)
-    try:
-        config = load_config(arguments.config).value
-        emulator = Emulator(
-            config,
-            arguments.config.parent,
-            _drive(arguments),
-            seed=arguments.seed,
-            allow_real_bus=arguments.real_bus,
-        )
-        emulator.heartbeat_s, emulator.nodes_autostart = arguments.heartbeat, not arguments.wait_for_start
-        with _until_signal() as stopped, emulator:
-            for name, place in emulator.places.items():
-                print(f"{name}: {place}", flush=True)
-            failed = _wait(emulator, stopped, arguments.seconds)
-    except ConfigError as error:
-        print(f"drd emulate: {error}", file=sys.stderr)
-        return 2
+    emulator = Emulator(
+        load_config(arguments.config).value,
+        arguments.config.parent,
+        _drive(arguments),
+        seed=arguments.seed,
+        allow_real_bus=arguments.real_bus,
+    )
+    emulator.heartbeat_s, emulator.nodes_autostart = arguments.heartbeat, not arguments.wait_for_start
+    with _until_signal() as stopped, emulator:
+        for name, place in emulator.places.items():
+            print(f"{name}: {place}", flush=True)
+        failed = _wait(emulator, stopped, arguments.seconds)
     print(", ".join(f"{name}={count}" for name, count in emulator.counters.items()), flush=True)
     if arguments.truth is not None:
         try:
@@ -74,43 +68,24 @@ def write_truth(file: Path, rows: Iterable[Truth]) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="drd emulate",
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("config", type=Path, metavar="CONFIG", help="the daemon's configuration file")
-    parser.add_argument(
-        "--seconds", type=_seconds, metavar="N", help="stop after N seconds; otherwise at Ctrl-C or SIGTERM"
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="repeats the sensors' noise (default 0)")
-    parser.add_argument(
-        "--path",
-        choices=("demo", "square"),
-        default="demo",
-        help=f"demo: figures of eight for --seconds, or {DEMO_S:g} s (default); square: 210 m with rounded corners in "
+    parser = command("drd emulate", DESCRIPTION, EPILOG)
+    add = parser.add_argument
+    add("config", type=Path, metavar="CONFIG", help="the daemon's configuration file")
+    add("--seconds", type=_seconds, metavar="N", help="stop after N seconds; otherwise at Ctrl-C or SIGTERM")
+    add("--seed", type=int, default=0, metavar="N", help="repeats the sensors' noise (default 0)")
+    text = (
+        f"demo: figures of eight for --seconds, or {DEMO_S:g} s (default); square: 210 m with rounded corners in "
         "about three minutes. Both begin with 10 s of standstill (a short demo: a third of it); at the end "
-        "the robot stands",
+        "the robot stands"
     )
-    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true path there at the end")
-    parser.add_argument(
-        "--heartbeat",
-        type=number(0.0),
-        default=0.0,
-        metavar="S",
-        help="CANopen encoders send a heartbeat this often, s; a master may set object 1017h too (default 0: none)",
-    )
-    parser.add_argument(
-        "--wait-for-start",
-        action="store_true",
-        help="CANopen encoders stay pre-operational until NMT start, as with encoders.cia406.start_nodes",
-    )
-    parser.add_argument(
-        "--real-bus",
-        action="store_true",
-        help="allow a CAN bus that is not virtual; others on it will believe the frames",
-    )
+    add("--path", choices=("demo", "square"), default="demo", help=text)
+    add("--truth", type=Path, metavar="FILE.csv", help="write the true path there at the end")
+    text = "CANopen encoders send a heartbeat this often, s; a master may set object 1017h too (default 0: none)"
+    add("--heartbeat", type=number(0.0), default=0.0, metavar="S", help=text)
+    text = "CANopen encoders stay pre-operational until NMT start, as with encoders.cia406.start_nodes"
+    add("--wait-for-start", action="store_true", help=text)
+    text = "allow a CAN bus that is not virtual; others on it will believe the frames"
+    add("--real-bus", action="store_true", help=text)
     return parser
 
 
@@ -129,7 +104,7 @@ def _drive(arguments: argparse.Namespace) -> Drive:
 
 
 def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -> bool:
-    """Until a signal, the end of the time, or the emulator's failure, which is reported as True."""
+    """Wait for a signal, the end of the time, or the emulator's failure, which is reported as True."""
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     while emulator.is_running and (left_s := end_s - time.monotonic()) > 0:
         if stopped.wait(min(left_s, 0.5)):
@@ -141,9 +116,6 @@ def _wait(emulator: Emulator, stopped: threading.Event, seconds: float | None) -
 def _until_signal() -> Iterator[threading.Event]:
     """An event that Ctrl-C and SIGTERM set; the handlers that were there come back."""
     stopped = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopped  # only the main thread may have handlers
-        return
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, lambda *_: stopped.set()) for number in numbers]
     try:

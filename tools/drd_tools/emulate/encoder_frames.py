@@ -120,10 +120,5 @@ class WheelFrameEncoder:
         return counts - (1 << signal.length) if negative else counts
 
 
-def make_encoder(encoders: Encoders, robot: Robot, base: Path) -> WheelFrameEncoder:
-    """The encoder of the configured layout; files are relative to `base`."""
-    return WheelFrameEncoder(encoders, robot, base)
-
-
 def _standard(can_id: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)

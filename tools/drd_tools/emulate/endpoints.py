@@ -4,7 +4,7 @@ import os
 import tempfile
 import tty
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import can
 
@@ -72,7 +72,7 @@ class PtyLink:
             return False
 
     def read(self) -> bytes:
-        """What the other side has written since; may be empty. Never waits."""
+        """Read what the other side has written since; may be empty. Never waits."""
         if self._master is None:
             return b""
         try:
@@ -100,29 +100,6 @@ class PtyLink:
 
     def _refusal(self, expected: str, got: str) -> ConfigError:
         return ConfigError("emulator", self._key, expected, got)
-
-
-class CanEndpoint(Protocol):
-    """A place on a CAN bus."""
-
-    def open(self) -> None:
-        """Join the bus. Raises ConfigError."""
-
-    def close(self) -> None:
-        """Leave the bus."""
-
-    def send(self, message: can.Message) -> bool:
-        """Send a frame; False where it was lost. Never waits."""
-        ...
-
-    def received(self) -> list[can.Message]:
-        """Frames that others have sent since. Never waits."""
-        ...
-
-    @property
-    def place(self) -> str:
-        """Where it is, for people."""
-        ...
 
 
 class SlcanAdapter:
@@ -251,7 +228,7 @@ class BusEndpoint:
         return frames
 
 
-def can_endpoint(encoders: Encoders, allow_real_bus: bool = False) -> CanEndpoint:
+def can_endpoint(encoders: Encoders, allow_real_bus: bool = False) -> SlcanAdapter | BusEndpoint:
     """The place where the configured daemon listens. Raises ConfigError."""
     if encoders.interface == "slcan":
         return SlcanAdapter(encoders)

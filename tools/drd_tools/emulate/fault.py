@@ -18,11 +18,11 @@ class Fault:
 
     @classmethod
     def of(cls, errors: Errors, motion: Motion) -> Self:
-        """Of an effect's errors along a motion."""
+        """Integrate an effect's errors along a motion."""
         step_s = np.diff(motion.time_s, prepend=0.0)
         rates = (errors.left_m_s, errors.right_m_s, errors.gyro_rad_s)
         return cls(motion.time_s, np.stack([np.cumsum((np.zeros_like(step_s) + r) * step_s) for r in rates]))
 
     def by(self, t_s: float) -> Array:
-        """Shape (3,): left, right, gyro."""
+        """What was added by a time, shape (3,): left, right, gyro."""
         return np.array([np.interp(t_s, self._time_s, row) for row in self._added])

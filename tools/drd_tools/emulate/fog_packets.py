@@ -1,35 +1,15 @@
-"""A FOG's side of the line: yaw rates into the packets that the configured gyro would send."""
+"""A FOG's side of the line: yaw rates into the packets that the configured gyro would send.
+
+`encode` makes the packet after `interval_s` at the mean `rate_rad_s` (counter-clockwise positive at the robot). All
+numbers must be finite; they are rounded to the packet's resolution, as the sensor does, and clipped at its range.
+"""
 
 import struct
-from typing import Protocol
 
 from drd.config.keys import Fog
 from drd.fog.dsp17xx import AXES, BODY, HEADER, SEQUENCE_MODULUS, crc32_mpeg2
 from drd.fog.ecore import COUNTS_PER_FULL_SCALE, FRAME_BYTES, PAYLOAD_BYTES, SYNC_BIT
 from drd.units import DEG_PER_RAD
-
-
-class FogEncoder(Protocol):
-    """Makes one gyro's packets; values are rounded to the packet's resolution, as the sensor does."""
-
-    def encode(self, rate_rad_s: float, interval_s: float, temperature_c: float, valid: bool = True) -> bytes:
-        """The packet after `interval_s` at the mean `rate_rad_s` (counter-clockwise positive at the robot).
-
-        Rates beyond the packet's range are clipped. All numbers must be finite.
-        """
-        ...
-
-
-def make_encoder(fog: Fog) -> FogEncoder:
-    """The counterpart of the configured parser. Raises ValueError for protocol none."""
-    encoders: dict[str, type[EcoreEncoder] | type[Dsp3000Encoder] | type[Dsp17xxEncoder]] = {
-        "ecore": EcoreEncoder,
-        "dsp3000": Dsp3000Encoder,
-        "dsp17xx": Dsp17xxEncoder,
-    }
-    if fog.protocol not in encoders:
-        raise ValueError(f"no gyro protocol {fog.protocol!r}")
-    return encoders[fog.protocol](fog)
 
 
 class EcoreEncoder:
@@ -46,7 +26,7 @@ class EcoreEncoder:
         temperature_c: float,
         valid: bool = True,
     ) -> bytes:
-        """One frame; see FogEncoder."""
+        """One frame."""
         profile, m = self._profile, bytearray(PAYLOAD_BYTES)
         m[5:7] = _int16(rate_rad_s * self._counts_per_rad_s)
         if first := profile.temperature_byte:
@@ -77,7 +57,7 @@ class Dsp3000Encoder:
         temperature_c: float,  # noqa: ARG002  # the interface's; this gyro sends none
         valid: bool = True,
     ) -> bytes:
-        """One line; see FogEncoder."""
+        """One line."""
         value_deg = rate_rad_s * self._deg_per_rad
         if self._mode != "rate":
             value_deg *= interval_s
@@ -99,7 +79,7 @@ class Dsp17xxEncoder:
         self._sequence = 0
 
     def encode(self, rate_rad_s: float, interval_s: float, temperature_c: float, valid: bool = True) -> bytes:
-        """One packet; see FogEncoder."""
+        """One packet."""
         values = [0.0] * 6
         values[self._axis] = rate_rad_s * self._unit_per_rad * (interval_s if self._is_angle else 1.0)
         status = self.ALL_VALID if valid else self.ALL_VALID & ~(1 << self._axis)
@@ -107,6 +87,21 @@ class Dsp17xxEncoder:
         body = BODY.pack(HEADER, *values, status, self._sequence, counts)
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
         return body + crc32_mpeg2(body)
+
+
+FogEncoder = EcoreEncoder | Dsp3000Encoder | Dsp17xxEncoder
+
+
+def make_encoder(fog: Fog) -> FogEncoder:
+    """The counterpart of the configured parser. Raises ValueError for protocol none."""
+    encoders: dict[str, type[FogEncoder]] = {
+        "ecore": EcoreEncoder,
+        "dsp3000": Dsp3000Encoder,
+        "dsp17xx": Dsp17xxEncoder,
+    }
+    if fog.protocol not in encoders:
+        raise ValueError(f"no gyro protocol {fog.protocol!r}")
+    return encoders[fog.protocol](fog)
 
 
 def _sign(fog: Fog) -> float:

@@ -12,8 +12,9 @@ import numpy as np
 
 from drd.config.keys import Config
 from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
-from drd_tools.emulate import encoder_frames, fog_packets
+from drd_tools.emulate import fog_packets
 from drd_tools.emulate.canopen_node import CanopenNode, NmtState
+from drd_tools.emulate.encoder_frames import WheelFrameEncoder
 from drd_tools.emulate.endpoints import RECEIVED_FRAMES, PtyLink, can_endpoint
 from drd_tools.emulate.fault import Fault
 from drd_tools.emulate.sensors import SensorErrors, Sensors
@@ -99,20 +100,15 @@ class Emulator:
     ):
         errors = errors or SensorErrors()
         fog, encoders = config.fog, config.encoders
-        self.counters = {
-            "fog_packets": 0,
-            "fog_dropped": 0,
-            "can_frames": 0,
-            "can_dropped": 0,
-            "can_received": 0,
-        }
+        counted = ("fog_packets", "fog_dropped", "can_frames", "can_dropped", "can_received")
+        self.counters = dict.fromkeys(counted, 0)
         self.truth: deque[Truth] = deque(maxlen=TRUTH_ROWS)
         self.received: deque[can.Message] = deque(maxlen=RECEIVED_FRAMES)  # what others sent on the bus
         self.path = make_truth(drive)
         self._sensors = Sensors(self.path, config.robot, errors, seed, fault)
         self._random = np.random.default_rng([seed, 3])
         self._fog = None if fog.protocol == "none" else fog_packets.make_encoder(fog)
-        self._frames = encoder_frames.make_encoder(encoders, config.robot, base)
+        self._frames = WheelFrameEncoder(encoders, config.robot, base)
         wheels = (encoders.left, encoders.right) if encoders.layout == "cia406" else ()
         self.nodes = tuple(CanopenNode(w.node, autostart=True, heartbeat_s=0.0) for w in wheels)
         self._fog_port = None if self._fog is None else PtyLink(fog.port, "fog.port")
@@ -121,7 +117,7 @@ class Emulator:
         self._fog_schedule = _Schedule(1 / fog_hz, fog.latency_s)
         self._wheel_schedule = _Schedule(1 / encoders.rate_hz, encoders.latency_s)
         self._counted_m = (0.0, 0.0)
-        self._start_ns = 0
+        self.start_ns = 0  # CLOCK_MONOTONIC of the drive's time zero
         self._stop = threading.Event()
         self._lock = threading.Lock()  # one step of the loop, or one unplugging
         self._thread: threading.Thread | None = None
@@ -129,7 +125,7 @@ class Emulator:
     def start(self) -> None:
         """Plug in and drive off. Raises ConfigError, with nothing left behind."""
         self.plug_in()
-        self._start_ns = time.monotonic_ns()
+        self.start_ns = time.monotonic_ns()
         self._thread = threading.Thread(target=self._run, name="drd emulator", daemon=True)
         self._thread.start()
 
@@ -153,13 +149,8 @@ class Emulator:
         return self._thread is not None and self._thread.is_alive()
 
     @property
-    def start_ns(self) -> int:
-        """CLOCK_MONOTONIC of the drive's time zero."""
-        return self._start_ns
-
-    @property
     def places(self) -> dict[str, str]:
-        """Where gyro and CAN bus are, for people."""
+        """Places of gyro and CAN bus, for people."""
         fog = "none" if self._fog_port is None else f"{self._fog_port.path} -> {self._fog_port.device}"
         return {"FOG": fog, "CAN": self._bus.place}
 
@@ -175,7 +166,22 @@ class Emulator:
     def step(self, now_s: float) -> float:
         """Send all that is due until `now_s` after the start; returns when the next is. The thread calls it."""
         with self._lock:
-            return self._step(now_s)
+            frames = self._bus.received()
+            self.counters["can_received"] += len(frames)
+            self.received.extend(frames)
+            for node in self.nodes:
+                node.autostart, node.heartbeat_s = self.nodes_autostart, self.heartbeat_s
+                for frame in [answer for command in frames for answer in node.take(command)] + node.due(now_s):
+                    self._send_can(frame)
+            while self._wheel_schedule.due_s <= now_s:
+                self._send_wheels(self._wheel_schedule)
+                self._wheel_schedule.number += 1
+            if self._fog is None:
+                return self._wheel_schedule.due_s
+            while self._fog_schedule.due_s <= now_s:
+                self._send_fog(self._fog, self._fog_schedule)
+                self._fog_schedule.number += 1
+            return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
 
     def unplug_fog(self) -> None:
         """Pull the gyro's cable: its port hangs up and the link vanishes."""
@@ -202,7 +208,7 @@ class Emulator:
     def send_frame(self, message: can.Message) -> None:
         """Send any other frame: another node's, a boot-up message."""
         with self._lock:
-            self._count("can_frames", "can_dropped", self._bus.send(message))
+            self._send_can(message)
 
     def _unplug_all(self) -> None:
         self.unplug_fog()
@@ -215,25 +221,7 @@ class Emulator:
             wait_s = min(max(due_s - self._now_s(), 0.0), POLL_S)
 
     def _now_s(self) -> float:
-        return (time.monotonic_ns() - self._start_ns) * S_PER_NS
-
-    def _step(self, now_s: float) -> float:
-        frames = self._bus.received()
-        self.counters["can_received"] += len(frames)
-        self.received.extend(frames)
-        for node in self.nodes:
-            node.autostart, node.heartbeat_s = self.nodes_autostart, self.heartbeat_s
-            for frame in [answer for command in frames for answer in node.take(command)] + node.due(now_s):
-                self._count("can_frames", "can_dropped", self._bus.send(frame))
-        while self._wheel_schedule.due_s <= now_s:
-            self._send_wheels(self._wheel_schedule)
-            self._wheel_schedule.number += 1
-        if self._fog is None:
-            return self._wheel_schedule.due_s
-        while self._fog_schedule.due_s <= now_s:
-            self._send_fog(self._fog, self._fog_schedule)
-            self._fog_schedule.number += 1
-        return min(self._fog_schedule.due_s, self._wheel_schedule.due_s)
+        return (time.monotonic_ns() - self.start_ns) * S_PER_NS
 
     def _send_fog(self, encoder: fog_packets.FogEncoder, now: _Schedule) -> None:
         rate_rad_s = self._sensors.rate_rad_s(now.sampled_s - now.period_s, now.sampled_s)
@@ -246,11 +234,11 @@ class Emulator:
         if _is_nth(now.number, self.fog_corrupt_every):
             packet = self._with_wrong_bit(packet)
         sent = self._fog_port is not None and self._fog_port.write(self.fog_garbage + packet)
-        self._count("fog_packets", "fog_dropped", sent)
+        self.counters["fog_packets" if sent else "fog_dropped"] += 1
 
     def _send_wheels(self, now: _Schedule) -> None:
         left_m, right_m = self._sensors.travel_m(now.sampled_s, self.left_slip, self.right_slip)
-        t_ns = self._start_ns + round(now.sampled_s * NS_PER_S)
+        t_ns = self.start_ns + round(now.sampled_s * NS_PER_S)
         self.truth.append(Truth(t_ns, *self.path.at(now.sampled_s)[:3], left_m, right_m))
         left_m_s, right_m_s = (
             (m - before) / now.period_s for m, before in zip((left_m, right_m), self._counted_m, strict=True)
@@ -266,15 +254,15 @@ class Emulator:
                 silent[k] |= node.state != NmtState.OPERATIONAL
             frames = [frame for frame, is_silent in zip(frames, silent, strict=True) if not is_silent]
         for frame in reversed(frames) if self.swap_frames else frames:
-            self._count("can_frames", "can_dropped", self._bus.send(frame))
+            self._send_can(frame)
 
     def _with_wrong_bit(self, packet: bytes) -> bytes:
         data = bytearray(packet)
         data[int(self._random.integers(len(data)))] ^= 1 << int(self._random.integers(8))
         return bytes(data)
 
-    def _count(self, sent_key: str, lost_key: str, sent: bool) -> None:
-        self.counters[sent_key if sent else lost_key] += 1
+    def _send_can(self, frame: can.Message) -> None:
+        self.counters["can_frames" if self._bus.send(frame) else "can_dropped"] += 1
 
 
 def _is_nth(number: int, every: int) -> bool:

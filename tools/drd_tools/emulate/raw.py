@@ -21,7 +21,8 @@ from drd.recording.recorder import HandedOver
 from drd.recording.topics import Encoder
 from drd.samples import CanFrame, Pose
 from drd.units import NS_PER_S
-from drd_tools.emulate import encoder_frames, fog_packets
+from drd_tools.emulate import fog_packets
+from drd_tools.emulate.encoder_frames import WheelFrameEncoder
 from drd_tools.emulate.endpoints import PtyLink, can_endpoint
 from drd_tools.recordings.folder import Recording
 
@@ -43,7 +44,7 @@ class Arrival(NamedTuple):
 
 
 def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
-    """All of a recording, in order; each sample as late as the configuration says. Raises ConfigError."""
+    """Arrivals of a whole recording, in order; each sample as late as the configuration says. Raises ConfigError."""
     log, per_revolution = recording.encoders, recording.nominal.counts_per_revolution
     if log.left_counts is None or log.right_counts is None or per_revolution is None:
         path = "wheel.counts_per_revolution"
@@ -53,7 +54,7 @@ def arrivals(recording: Recording, config: Config, base: Path) -> list[Arrival]:
     left, right = (count_m * (counts + 0.5) for counts in (log.left_counts, log.right_counts))
     step_s = np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1])
     speeds = (np.diff(travel, prepend=travel[0]) / step_s for travel in (left, right))
-    wheels = encoder_frames.make_encoder(config.encoders, config.robot, base)
+    wheels = WheelFrameEncoder(config.encoders, config.robot, base)
     columns = (log.time_s + config.encoders.latency_s, left, right, *speeds)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     found = [Arrival(at_s, b"", wheels.encode(*row)) for at_s, *row in rows]

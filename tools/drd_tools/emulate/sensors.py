@@ -23,7 +23,7 @@ class TruePath(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorErrors:
-    """Of a gyro of the KVH RD2100's class (its data sheet, quoted as Table I of the paper), and of a robot that was
+    """Errors of a gyro of the KVH RD2100's class (its data sheet, quoted as Table I of the paper), and of a robot
     measured with a tape: 0.1 to 0.2 % of radius, 2 % of effective tread.
 
     `clock_error_percent`: how much faster than nominal the packets come (DSP-3000 manual 54-0215: 2 to 3 % unit to
@@ -46,7 +46,7 @@ class SensorErrors:
 
 
 class Sensors:
-    """On a robot whose radius and tread are believed to be the configuration's. `seed` repeats the noise.
+    """Sensors of a robot whose radius and tread are believed to be the configuration's. `seed` repeats the noise.
 
     `fault`: what an effect adds.
     """
@@ -67,12 +67,12 @@ class Sensors:
         return ((1 + e.scale_error) * turned_rad + added_rad) / interval_s + bias_deg_s * RAD_PER_DEG + noise_rad_s
 
     def temperature_c(self, t_s: float) -> float:
-        """The gyro's."""
+        """Temperature of the gyro."""
         e = self._errors
         return float(warming_c(np.array(max(t_s, 0.0)), e.temperature_c, e.warm_up_c, e.warm_up_s))
 
     def travel_m(self, t_s: float, left_slip: float = 0.0, right_slip: float = 0.0) -> tuple[float, float]:
-        """What left and right counter have counted since the start, forward positive. Call with rising times.
+        """Travel that the two counters have counted since the start, forward positive. Call with rising times.
 
         `left_slip`, `right_slip`: share of extra counts since the previous call (0.1: 10 % too much; -1: none at all).
         """

@@ -26,7 +26,7 @@ class Alignment:
 
     @property
     def sentence(self) -> str:
-        """What was done, with its figures."""
+        """Sentence on what was done, with its figures."""
         how = {
             "none": "none; the poses are taken as they are",
             "start": "start; the poses agree at the first common time, where the error is zero by definition",

@@ -72,7 +72,7 @@ def _groups(labels: Sequence[str], evaluations: Sequence[Evaluation]) -> list[li
 
 
 def notes(groups: Sequence[Sequence[Labelled]]) -> list[str]:
-    """What can be compared, and where it is not like with like."""
+    """Sentences on what can be compared, and where it is not like with like."""
     shared = [group for group in groups if len(group) > 1]
     found = [f"{len(shared)} of {len(groups)} references were used by more than one run."]
     for group in shared:
@@ -92,7 +92,7 @@ def _rows(group: Sequence[Labelled]) -> list[list[str]]:
 
 
 def median_rows(labels: Sequence[str], shared: Sequence[Sequence[Labelled]]) -> list[list[str]]:
-    """For each evaluation the median over the references that all of them have, each figure by its absolute value."""
+    """Rows of each evaluation's medians over the references that all of them have, of absolute values."""
     common = [dict(group) for group in shared if {label for label, _ in group} >= set(labels)]
     rows = []
     for label in labels if common else ():

@@ -33,8 +33,10 @@ class Nees:
 
     @property
     def verdict(self) -> str:
-        """What the average says, in a word or two."""
-        return "overconfident" if self.average > self.high else "too cautious" if self.average < self.low else "consistent"  # fmt: skip  # noqa: E501
+        """Verdict on the average, in a word or two."""
+        if self.average > self.high:
+            return "overconfident"
+        return "too cautious" if self.average < self.low else "consistent"
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,15 @@ def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference)
     R = np.diag([reference.position_sigma_m**2, reference.position_sigma_m**2, reference.heading_sigma_rad**2])
     if alignment.kind != "start":
         return aligned.covariance + R
-    J = np.tile(np.eye(3), (len(aligned.time_s), 1, 1))
-    lever = aligned.estimate[:, :2] - aligned.estimate[0, :2]
-    J[:, 0, 2], J[:, 1, 2] = -lever[:, 1], lever[:, 0]
+    J = start_jacobian(aligned.estimate[:, :2] - aligned.estimate[0, :2])
     return np.asarray(aligned.covariance + R + J @ R @ J.transpose(0, 2, 1))
+
+
+def start_jacobian(xy_m: Array) -> Array:
+    """Derivatives (k, 3, 3) of poses at `xy_m` (k, 2), seen from the start, by the error of the start pose."""
+    J = np.tile(np.eye(3), (len(xy_m), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
+    return J
 
 
 def _inside(aligned: Pairs, alignment: Alignment, reference: Reference) -> float:
@@ -116,13 +123,13 @@ def nees(part: str, error: Array, S: Array) -> Nees:
 
 
 def nees_interval(n: float, dof: int, level: float = LEVEL) -> tuple[float, float]:
-    """Where the average of n independent values of `dof` degrees of freedom lies with the probability `level`."""
+    """Interval that holds the average of n independent values of `dof` degrees of freedom with probability `level`."""
     low, high = (chdtri(n * dof, beyond) / n for beyond in (0.5 + level / 2.0, 0.5 - level / 2.0))
     return float(low), float(high)
 
 
 def effective_rows(z: Array) -> float:
-    """How many independent rows the errors over sigma `z` (k, d) are worth, from 1 to k.
+    """Number of independent rows that the errors over sigma `z` (k, d) are worth, from 1 to k.
 
     `n = k / (1 + 2 sum_l (1 - l/k) mean_i r_i(l)^2)`, r_i(l) the correlation of component i at lag l about zero, up to
     its first value <= 0 (Geyer 1992); squares of two Gaussians are correlated by r^2. Errors that are all three times

@@ -68,7 +68,7 @@ def judge(
 
 
 def _series(aligned: Pairs, alignment: Alignment, reference: Reference) -> Series:
-    """What is drawn, thinned out evenly; the first and the last row stay."""
+    """Thin out evenly what is drawn; the first and the last row stay."""
     count = min(len(aligned.time_s), DRAWN_ROWS)
     rows = np.unique(np.linspace(0, len(aligned.time_s) - 1, count).round().astype(int))
     S = total_covariance(aligned, alignment, reference)

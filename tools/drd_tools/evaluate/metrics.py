@@ -24,7 +24,7 @@ CLOSED_M, CLOSED_SHARE = 1.0, 0.05
 
 @dataclass(frozen=True)
 class EndError:
-    """At the last common time. Along and cross are in the reference's axes there (forward, left)."""
+    """Error at the last common time. Along and cross are in the reference's axes there (forward, left)."""
 
     time_s: float
     position_m: float
@@ -73,7 +73,7 @@ class Drift:
 
 
 def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
-    """How far off the estimate is at the end.
+    """Error of the estimate at the end.
 
     `|p_n - q_n|` with p the estimate and q the reference, as aligned. The paper's return position error is for closed
     paths: the estimate's displacement from its own start, less the reference's, so whatever the alignment,
@@ -86,7 +86,7 @@ def end_error(aligned: Pairs, closed_within_m: float | None) -> EndError:
     position_m = math.hypot(*error[:2])
     apart_m = math.dist(aligned.reference[-1, :2], aligned.reference[0, :2])
     within_m = min(CLOSED_M, CLOSED_SHARE * path_m) if closed_within_m is None else closed_within_m
-    is_closed = apart_m <= within_m and path_m > 4.0 * apart_m and path_m > 0.0
+    is_closed = apart_m <= within_m and path_m > 4.0 * apart_m
     from_start = align(aligned, "start")[0].error[-1] if is_closed else None
     return EndError(
         time_s=float(aligned.time_s[-1]),
@@ -110,10 +110,10 @@ def absolute_error(aligned: Pairs) -> Absolute:
     angle_deg = np.abs(wrapped(aligned.estimate[:, 2] - aligned.reference[:, 2])) * DEG_PER_RAD
     return Absolute(
         rows=len(distance_m),
-        position_rmse_m=_rms(distance_m),
+        position_rmse_m=rms(distance_m),
         position_mean_m=float(distance_m.mean()),
         position_max_m=float(distance_m.max()),
-        heading_rmse_deg=_rms(angle_deg),
+        heading_rmse_deg=rms(angle_deg),
         heading_max_deg=float(angle_deg.max()),
     )
 
@@ -136,8 +136,8 @@ def _motion(pose: Array, first: Indices, last: Indices) -> Array:
     return np.column_stack([turned(step[:, :2], -pose[first, 2]), step[:, 2]])
 
 
-def turned(xy: Array, angle_rad: Array) -> Array:
-    """Vectors (m, 2) turned counter-clockwise, each by its own angle (m,)."""
+def turned(xy: Array, angle_rad: Array | float) -> Array:
+    """Turn vectors (m, 2) counter-clockwise, all by one angle or each by its own (m,); one vector (1, 2) by each."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return np.column_stack([c * xy[:, 0] - s * xy[:, 1], s * xy[:, 0] + c * xy[:, 1]])
 
@@ -203,8 +203,9 @@ def relative_by_time(pairs: Pairs) -> list[Relative]:
 def _relative(size: float, error: Array, ratios: Array | None) -> Relative:
     means = (None, None) if ratios is None else tuple(map(float, ratios.mean(axis=0)))
     position_m, angle_deg = np.hypot(*error[:, :2].T), error[:, 2] * DEG_PER_RAD
-    return Relative(size, len(error), _rms(position_m), _rms(angle_deg), *means)
+    return Relative(size, len(error), rms(position_m), rms(angle_deg), *means)
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
+    """Root mean square."""
     return math.sqrt(float(np.mean(values**2)))

@@ -29,7 +29,7 @@ MARKED_ROWS: Final = 60  # a reference of so few rows is drawn as points
 
 
 def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
-    """Reference and one or several estimates of it, seen from above; `runs` have labels. Raises OSError."""
+    """Draw a reference and one or several estimates of it, seen from above; `runs` have labels. Raises OSError."""
     first = runs[0][1].series
     extent = np.ptp(np.concatenate([first.reference_m, *(r.series.estimate_m for _, r in runs)]), axis=0)
     height = float(np.clip(8.0 * (extent[1] + 0.01) / (extent[0] + 0.01), 3.6, 7.5)) + 1.0
@@ -51,7 +51,7 @@ def path_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
 
 
 def error_picture(file: Path, runs: Sequence[tuple[str, Run]]) -> None:
-    """Errors along and across the track and of the heading against time, with what is claimed. Raises OSError."""
+    """Draw errors along and across the track and of the heading over time, with what is claimed. Raises OSError."""
     with picture(file, 10.0, 7.6) as figure:
         panels: Any = figure.subplots(3, 1, sharex=True)
         largest_m = max(float(np.abs(r.series.error[:, :2]).max()) for _, r in runs)
@@ -82,7 +82,7 @@ def _claim(axes: Any, time_s: Array, sigma: Array) -> None:
 
 
 def growth_picture(file: Path, windows: Windows) -> None:
-    """Growth of heading and along-track error beside temperature, yaw rate and speed. Raises OSError."""
+    """Draw the growth of heading and along-track error beside temperature, yaw rate and speed. Raises OSError."""
     covariates = [("yaw rate / deg/s", windows.rate_deg_s), ("speed / m/s", windows.speed_m_s)]
     if windows.temperature_c is not None:
         covariates.insert(0, ("temperature / degC", windows.temperature_c))

@@ -10,7 +10,7 @@ from drd_tools.replay.result import Replayed, table
 
 
 def replay_poses(folder: Path) -> Poses:
-    """What the daemon's own estimator makes of the recording. Raises ConfigError."""
+    """Replay the recording with the daemon's own estimator. Raises ConfigError."""
     recording = read_recording(folder)
     poses = poses_of(replay_folder(recording), recording.name)
     if len(poses.time_s) < 2:

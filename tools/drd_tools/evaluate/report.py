@@ -18,7 +18,8 @@ def write_report(evaluation: Evaluation, folder: Path) -> list[Path]:
     runs = evaluation.runs
     names = ", ".join(run.name for run in runs[:3]) + (f" and {len(runs) - 3} more" if len(runs) > 3 else "")
     page = Page(f"Evaluation of {names}", [_lead(run) for run in runs[:6]])
-    page.table(text.SUMMARY_HEADER, text.summary_rows(runs), "Errors at the end and of the return, absolute trajectory error (rmse), drift and consistency")  # fmt: skip  # noqa: E501
+    caption = "Errors at the end and of the return, absolute trajectory error (rmse), drift and consistency"
+    page.table(text.SUMMARY_HEADER, text.summary_rows(runs), caption)
     pooled = text.nees_together(runs)
     if pooled:
         page.table(text.NEES_HEADER, text.nees_rows(pooled), "Consistency of all runs together, taken as independent")
@@ -46,8 +47,10 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
     path_picture(files[0], [("estimate", run)])
     page.picture(files[0], "The estimate, as aligned, on the reference.")
     error_picture(files[1], [("error", run)])
-    claim = " Shaded: what the covariance claims for it, the reference's own noise included." if run.series.sigma is not None else ""  # fmt: skip  # noqa: E501
-    page.picture(files[1], f"Error in the axes of the reference (forward, left) against time.{claim}")
+    caption = "Error in the axes of the reference (forward, left) against time."
+    if run.series.sigma is not None:
+        caption += " Shaded: what the covariance claims for it, the reference's own noise included."
+    page.picture(files[1], caption)
     growth = folder / f"{prefix}drivers.png"
     if run.windows.why_not:
         page.text(f"Growth of the error against temperature, rate and speed: {run.windows.why_not}.")
@@ -72,12 +75,12 @@ def _run_section(page: Page, run: Run, folder: Path, prefix: str) -> list[Path]:
 
 
 def no_temperature(run: Run) -> str:
-    """Why a picture has no temperature."""
+    """Sentence on why a picture has no temperature."""
     return f"No temperature: {run.reference} has no fog.csv with temperature_c."
 
 
 def print_run(run: Run) -> None:
-    """All figures of one run."""
+    """Print all figures of one run."""
     print(f"{run.name}\n")
     for sentence in text.sentences(run):
         print(f"- {sentence}")
@@ -91,7 +94,7 @@ def print_run(run: Run) -> None:
 
 
 def print_runs(evaluation: Evaluation) -> None:
-    """One run in full; of several a table, and their consistency together."""
+    """Print one run in full; of several a table, and their consistency together."""
     runs = evaluation.runs
     if len(runs) == 1:
         print_run(runs[0])

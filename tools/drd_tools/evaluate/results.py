@@ -17,7 +17,7 @@ from drd_tools.report.saved import Saved
 
 @dataclass(frozen=True)
 class Series:
-    """For the pictures, at most 2000 rows: `time_s` (n,), `estimate` (as aligned) and `reference` (n, 2), m.
+    """Series for the pictures, at most 2000 rows: `time_s` (n,), `estimate` (as aligned) and `reference` (n, 2), m.
 
     `error` (n, 3) along and across the reference's track, m, and of the heading, deg; `sigma` (n, 3) what is claimed
     for it, the reference's own included.

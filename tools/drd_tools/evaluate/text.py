@@ -33,7 +33,7 @@ def summary_rows(runs: Sequence[Run]) -> list[list[str]]:
 
 
 def main_figures(run: Run) -> tuple[float | None, ...]:
-    """What stands in the summary, in the order of its header: path, end, return, ATE, its heading, two drifts."""
+    """Figures of the summary, in the order of its header: path, end, return, ATE, its heading, two drifts."""
     return (
         run.path_m,
         run.end.position_m,
@@ -145,7 +145,7 @@ def relative_tables(run: Run) -> Iterator[tuple[Sequence[str], list[list[str]], 
 
 
 def _relative_row(r: Relative) -> list[str]:
-    """Without means per metre where there are none."""
+    """Cells of a row, without means per metre where there are none."""
     cells = [f"{r.size:.3g}", str(r.segments), f"{r.position_rmse_m:.3g}", f"{r.heading_rmse_deg:.3g}"]
     if r.mean_m_per_m is not None and r.mean_deg_per_m is not None:
         cells += [f"{100.0 * r.mean_m_per_m:.3g}", f"{r.mean_deg_per_m:.3g}"]
@@ -153,7 +153,7 @@ def _relative_row(r: Relative) -> list[str]:
 
 
 def nees_rows(parts: Sequence[Nees]) -> list[list[str]]:
-    """Of NEES_HEADER."""
+    """Rows of NEES_HEADER."""
     rows = []
     for n in parts:
         interval = f"{n.low:.2g} to {n.high:.3g}"
@@ -162,7 +162,7 @@ def nees_rows(parts: Sequence[Nees]) -> list[list[str]]:
 
 
 def nees_together(runs: Sequence[Run]) -> list[Nees]:
-    """Over all runs that have it; empty where fewer than two do."""
+    """NEES over all runs that have it; empty where fewer than two do."""
     found = []
     for part in PARTS:
         parts = [n for run in runs for n in run.consistency.nees if n.part == part]

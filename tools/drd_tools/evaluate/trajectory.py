@@ -97,8 +97,8 @@ def read_poses(file: Path) -> Poses:
         covariance[:, *UPPER[::-1]] = covariance[:, *UPPER]
         broken = np.flatnonzero(~_is_covariance(covariance))
         if broken.size:
-            where = f"{file}:{table.line[int(broken[0])]}"
-            raise ConfigError(where, f"{COVARIANCE[0]} to {COVARIANCE[-1]}", "a covariance", "a matrix with a negative eigenvalue")  # fmt: skip  # noqa: E501
+            where, columns = f"{file}:{table.line[int(broken[0])]}", f"{COVARIANCE[0]} to {COVARIANCE[-1]}"
+            raise ConfigError(where, columns, "a covariance", "a matrix with a negative eigenvalue")
     if BOUND in values and (values[BOUND] < 0.0).any():
         raise table.refuse(int(np.argmax(values[BOUND] < 0.0)), BOUND, "a radius of at least 0")
     pose = np.column_stack([values["x_m"], values["y_m"], continuous_rad(values["heading_deg"])])
@@ -113,7 +113,9 @@ def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
     return positive & (matrices[:, range(3), range(3)] >= 0.0).all(axis=1)
 
 
-def read_reference(path: Path, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
+def read_reference(
+    path: Path, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None
+) -> Reference:
     """Read a recording folder or a reference.csv. Sigmas that are given win over robot.yaml's. Raises ConfigError."""
     if not path.is_dir():
         time_s, x_m, y_m, heading_deg = read_table(path, (POSES,), rows=2).values.T
@@ -123,7 +125,9 @@ def read_reference(path: Path, position_sigma_m: float | None = None, heading_si
     return reference_of(read_recording(path), position_sigma_m, heading_sigma_deg)
 
 
-def reference_of(recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None) -> Reference:  # fmt: skip  # noqa: E501
+def reference_of(
+    recording: Recording, position_sigma_m: float | None = None, heading_sigma_deg: float | None = None
+) -> Reference:
     """The reference of a recording that was read. Raises ConfigError where there is none."""
     log, sheet, fog = recording.reference, recording.nominal, recording.fog
     if log is None or len(log.time_s) < 2:

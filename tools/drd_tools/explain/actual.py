@@ -7,7 +7,9 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.units import DEG_PER_RAD
-from drd_tools.evaluate.trajectory import Reference
+from drd_tools.evaluate.alignment import rotation
+from drd_tools.evaluate.metrics import turned
+from drd_tools.evaluate.trajectory import Reference, wrapped
 from drd_tools.explain.attribution import Attribution, along, attribute, inseparable, reference_joint
 from drd_tools.explain.interval import Interval
 from drd_tools.explain.results import Actual, Part
@@ -27,14 +29,12 @@ def errors(table: Array, reference: Reference, time_s: Array, from_s: float) -> 
         for t, columns in ((table[:, 0], table[:, 1:]), (reference.time_s, reference.pose))
     )
     turn = e[0, 2] - r[0, 2]
-    c, s = math.cos(turn), math.sin(turn)
     e, r = e[1:] - e[0], r[1:] - r[0]
-    heading = [math.remainder(h, 2.0 * math.pi) for h in (e[:, 2] - r[:, 2]).tolist()]
-    return np.column_stack([e[:, 0] - c * r[:, 0] + s * r[:, 1], e[:, 1] - s * r[:, 0] - c * r[:, 1], heading])
+    return np.column_stack([e[:, :2] - turned(r[:, :2], turn), wrapped(e[:, 2] - r[:, 2])])
 
 
 def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, ...], from_s: float) -> Actual:
-    """At the end, and on the way where the reference says how good it is: otherwise its noise would pass for drift."""
+    """Judge the error at the end, and on the way where the reference states its noise, which would pass for drift."""
     table, followed = interval.table(), interval.budget.parts
     assert followed is not None
     mean, covariance = followed.kept_mean, with_unknown_way(followed.kept_covariance, interval.kept_ways)
@@ -53,17 +53,16 @@ def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, 
     drawn_s = reference.time_s[(reference.time_s >= from_s) & (reference.time_s <= kept_s[-1])]
     drawn_s = drawn_s[np.unique(np.linspace(0, len(drawn_s) - 1, DRAWN).round().astype(int))]
     drawn = errors(table, reference, drawn_s, from_s)
-    c, s = math.cos(poses[-1, 2]), math.sin(poses[-1, 2])
-    x, y, turn = e[-1].tolist()
+    along_m, across_m = (rotation(-poses[-1, 2]) @ e[-1, :2]).tolist()
     parts, pairs = _parts(course, e[-1])
     return Actual(
         reference=reference.name,
         reference_sha256=reference.sha256,
         reference_sigma_m=reference.position_sigma_m,
         reference_sigma_deg=reference.heading_sigma_rad * DEG_PER_RAD,
-        along_m=c * x + s * y,
-        across_m=c * y - s * x,
-        heading_deg=turn * DEG_PER_RAD,
+        along_m=along_m,
+        across_m=across_m,
+        heading_deg=float(e[-1, 2]) * DEG_PER_RAD,
         sigma_m=math.sqrt(max(S[0, 0] + S[1, 1], 0.0)),
         sigma_deg=math.sqrt(max(S[2, 2], 0.0)) * DEG_PER_RAD,
         p=last.p,

@@ -8,7 +8,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
-from drd_tools.evaluate.alignment import turned_covariance
+from drd_tools.evaluate.alignment import rotation, turned_covariance
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
 from drd_tools.explain.interval import Interval, Snapshot
@@ -66,7 +66,7 @@ def _rejections(replayed: Replayed) -> list[str]:
 
 
 def make_plan(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Plan:
-    """With a reference the interval begins and ends with a row of it, since only there the error is known."""
+    """Plan the interval; with a reference it begins and ends with a row of it: only there the error is known."""
     low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
     for name, value_s in (("--from", from_s), ("--to", to_s)):
         if value_s is not None and not source.first_s <= value_s <= source.last_s:
@@ -147,20 +147,18 @@ def _line(group: str, part: str, P: Array, total: Array) -> Line:
 
 def _delay(snapshots: list[Snapshot], delay_s: float) -> Delay:
     errors = np.array([s.delay for s in snapshots])
-    heading = snapshots[-1].heading_rad
-    c, s = math.cos(heading), math.sin(heading)
-    x, y, turn = errors[-1].tolist()
+    along_m, across_m = (rotation(-snapshots[-1].heading_rad) @ errors[-1, :2]).tolist()
     return Delay(
         delay_s,
-        c * x + s * y,
-        c * y - s * x,
-        turn * DEG_PER_RAD,
+        along_m,
+        across_m,
+        float(errors[-1, 2]) * DEG_PER_RAD,
         float(np.hypot(*errors[:, :2].T).max()),
         float(np.abs(errors[:, 2]).max()) * DEG_PER_RAD,
     )
 
 
 def rounded(values: Array) -> Any:
-    """As nested lists of DIGITS significant digits."""
+    """Nested lists of DIGITS significant digits."""
     flat = [float(f"{v:.{DIGITS}g}") for v in values.ravel().tolist()]
     return np.reshape(flat, values.shape).tolist()

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from drd.arrays import Array
+from drd_tools.evaluate.consistency import start_jacobian
 
 REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are rounding
 
@@ -74,9 +75,7 @@ def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: flo
     shifts and turns all that follow.
     """
     R = np.diag([position_sigma_m**2, position_sigma_m**2, heading_sigma_rad**2])
-    J = np.tile(np.eye(3), (len(xy_m), 1, 1))
-    J[:, 0, 2], J[:, 1, 2] = -xy_m[:, 1], xy_m[:, 0]
-    J = J.reshape(-1, 3)
+    J = start_jacobian(xy_m).reshape(-1, 3)
     return np.asarray(np.kron(np.eye(len(xy_m)), R) + J @ R @ J.T)
 
 

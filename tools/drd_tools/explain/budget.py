@@ -1,6 +1,6 @@
 """A covariance for each cause, moved by the filter's own linear steps. The sum over the causes is the filter's P."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -27,7 +27,7 @@ class Budget:
         self._T: Matrix = np.zeros((COUNT, N, N))
 
     def predict(self, FT: Matrix, Q: Matrix, delay_rad: float) -> None:
-        """`FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: what the delay adds to the gyro's heading."""
+        """Take a step. `FT` (N, N) is F transposed, `Q` (causes, N, N); `delay_rad`: heading error by the delay."""
         self._move(FT)  # (58)
         self.P += Q
         self.delay[GYRO_HEADING] += delay_rad
@@ -35,7 +35,7 @@ class Budget:
             self.parts.predict(FT, Q)
 
     def update(self, K: Matrix, R: npt.NDArray[np.float64], z: float) -> None:
-        """`K` (N,) is the filter's own gain, `R` (causes,) the variance of the comparison `z` by cause. (58)"""
+        """Take in a comparison `z`: `K` (N,) is the filter's own gain, `R` (causes,) its variance by cause. (58)"""
         P = self.P
         HP = P[:, HEADING] - P[:, GYRO_HEADING]
         HPH = HP[:, HEADING] - HP[:, GYRO_HEADING]
@@ -48,20 +48,20 @@ class Budget:
             self.parts.update(K, R, z)
 
     def copy_error(self, source: int, target: int) -> None:
-        """One heading continues from the other and shares its error. (35)"""
+        """Let one heading continue from the other and share its error. (35)"""
         FT = np.eye(N)
         FT[:, target] = FT[:, source]
         self._step(FT)
 
     def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """Each state's error grows by its share of that of `source`; a share of its own is what is left of it."""
+        """Let each state's error grow by its share of that of `source`; a share of its own is what is left of it."""
         FT = np.eye(N)
         for i, share in shares.items():
             FT[source, i] = share
         self._step(FT)
 
     def forget(self, *states: int) -> None:
-        """These states are known from elsewhere: their old errors are gone."""
+        """Drop the old errors of states that are known from elsewhere."""
         for i in states:
             self.P[:, i, :] = 0.0
             self.P[:, :, i] = 0.0
@@ -70,20 +70,19 @@ class Budget:
                 self.parts.forget(i)
 
     def add(self, cause: int, i: int, j: int, covariance: float) -> None:
-        """An element of one cause's covariance grows."""
+        """Add to an element of one cause's covariance."""
         self.P[cause, i, j] += covariance
         if self.parts is not None:
             self.parts.add(cause, i, j, covariance)
 
-    def add_matrix(self, cause: int, covariance: Matrix) -> None:
-        """One cause's covariance grows by `covariance` (N, N)."""
-        for i in range(N):
-            for j in range(N):
-                if covariance[i, j]:
-                    self.add(cause, i, j, float(covariance[i, j]))
+    def add_matrix(self, cause: int, covariance: Matrix | float, states: Sequence[int] = range(N)) -> None:
+        """Add `covariance`, (k, k) or one value throughout, to one cause's covariance of some states."""
+        block = np.broadcast_to(covariance, (len(states), len(states)))
+        for a, b in np.argwhere(block):
+            self.add(cause, states[a], states[b], float(block[a, b]))
 
     def rebase(self, pose_heading: int, velocity: Matrix) -> None:
-        """From now on errors count from the published pose of this moment. (59)
+        """Let errors count from the published pose of this moment on. (59)
 
         `velocity` (3,): of x, y and heading. The published pose is ahead of the filter's by that times the lag. (30)
         """

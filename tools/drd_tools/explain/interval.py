@@ -25,7 +25,7 @@ XY: Final = (0, 1)
 
 
 class Snapshot(NamedTuple):
-    """Time and way since the interval's beginning, heading, the pose's covariance by cause (causes, 3, 3), the delay's share (3,)."""  # fmt: skip  # noqa: E501
+    """Time and way since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
 
     time_s: float
     way_m: float
@@ -72,7 +72,7 @@ class Interval:
         return np.array(self.poses).reshape(-1, 4)
 
     def before_step(self, kf: Filter) -> None:
-        """The step that ended is complete, with its comparison: look at it before the next one begins."""
+        """Look at the step that ended, complete with its comparison, before the next one begins."""
         assert self.clock is not None
         t_ns = self.clock.t_ns
         time_s = (t_ns - self._zero_ns) * S_PER_NS
@@ -102,7 +102,7 @@ class Interval:
         self.done = at_end
 
     def finish(self, kf: Filter) -> None:
-        """The recording has ended."""
+        """Look at the last step: the recording has ended."""
         if self.clock is not None and self.clock.t_ns and not self.done:
             self._next_ns = 0
             self.before_step(kf)
@@ -110,11 +110,11 @@ class Interval:
                 self._keep(kf, self._velocity(kf))
 
     def moved(self, dx_m: float, dy_m: float) -> None:
-        """The way of one step, without the filter's corrections."""
+        """Add the way of one step, without the filter's corrections."""
         self._way_m += math.hypot(dx_m, dy_m)
 
     def pose_was_set(self) -> None:
-        """A pose came from outside."""
+        """Note that a pose came from outside."""
         if self.clock is not None and self.begun:
             self.set_at_s.append((self.clock.t_ns - self._zero_ns) * S_PER_NS)
 
@@ -123,13 +123,13 @@ class Interval:
         return max(getattr(self.clock, "lag_ns", 0), 0) * S_PER_NS
 
     def _velocity(self, kf: Filter) -> Matrix:
-        """Of x, y and heading, by which the published pose is ahead of the filter's for each second of lag. (30)"""
+        """Velocity of x, y and heading, by which the published pose is ahead for each second of lag. (30)"""
         speed_m_s, rate_rad_s = getattr(self.clock, "speed_m_s", 0.0), getattr(self.clock, "rate_rad_s", 0.0)
         heading_rad = kf.heading_rad + rate_rad_s * self._lag_s
         return np.array((speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad), rate_rad_s))
 
     def _unknown_way(self, kf: Filter) -> Matrix:
-        """What one sigma of the scale of all ways, beyond P's, does to the pose. (34)"""
+        """Change of the pose by one sigma of the scale of all ways, beyond P's. (34)"""
         scale, n = self.steering.scale if self.steering is not None else 0.0, kf.nominal
         from_m = (n.origin_x_m, n.origin_y_m) if self._from_ns is None else self._from_m
         return scale * np.array((n.x_m - from_m[0], n.y_m - from_m[1], 0.0))
@@ -175,8 +175,8 @@ class Interval:
 
 
 def published(kf: Filter, velocity: Matrix) -> Matrix:
-    """What the published pose has of the error state, (3, N): its own, and what a wrong lag puts it ahead, of which an
-    error around 0 does so only in part. (30)
+    """Jacobian of the published pose by the error state, (3, N): its own errors, and what a wrong lag puts it ahead, of
+    which an error around 0 does so only in part. (30)
     """
     J = np.zeros((3, N))
     J[(0, 1, 2), (X, Y, kf.pose_heading)] = 1.0

@@ -31,12 +31,12 @@ class Parts:
         self._kept: Matrix = np.zeros((0, COUNT * N))  # covariance of what was kept with the parts now
 
     def predict(self, FT: Matrix, Q: Matrix) -> None:
-        """`FT` (N, N), `Q` (causes, N, N). (60)"""
+        """Take a step: `FT` (N, N), `Q` (causes, N, N). (60)"""
         self.move(FT)
         self._add_blocks(np.add.reduceat(Q, FIRST, axis=0))
 
     def update(self, K: Array, R: Array, z: float) -> None:
-        """A comparison z was accepted: it is fed back with the gain `K` (N,), and it says something. (60)"""
+        """Take in an accepted comparison z, which is fed back with the gain `K` (N,) and tells of the parts. (60)"""
         R = np.add.reduceat(R, FIRST)
         MT = np.eye(N)
         MT[HEADING] -= K
@@ -58,7 +58,7 @@ class Parts:
         self.kept_covariance -= np.outer(kept_PH / S, kept_PH)
 
     def move(self, FT: Matrix) -> None:
-        """Every part takes the same linear step."""
+        """Take the same linear step with every part."""
         size = COUNT * N
         half = (self.covariance.reshape(-1, N) @ FT).reshape(size, size)
         self.covariance = (np.ascontiguousarray(half.T).reshape(-1, N) @ FT).reshape(size, size)
@@ -66,12 +66,12 @@ class Parts:
         self.mean = self.mean @ FT
 
     def forget(self, i: int) -> None:
-        """A state is known from elsewhere."""
+        """Drop the errors of a state that is known from elsewhere."""
         for columns in (self.covariance, self.covariance.T, self._kept, self.mean):
             columns[:, i::N] = 0.0
 
     def add(self, cause: int, i: int, j: int, covariance: float) -> None:
-        """An element of one cause's covariance grows."""
+        """Add to an element of one cause's covariance."""
         at = GROUP_OF[cause] * N
         self.covariance[at + i, at + j] += covariance
 

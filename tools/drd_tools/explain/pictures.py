@@ -25,7 +25,7 @@ SMALL: Final = 0.005  # of the panel's largest sigma: what stays below is not dr
 
 
 def budget_picture(file: Path, e: Explanation) -> None:
-    """Position and heading over time: the height is one sigma, its colours share the variance. Raises OSError."""
+    """Draw position and heading over time: the height is one sigma, its colours share the variance. Raises OSError."""
     position, heading = np.array(e.position_m2), np.array(e.heading_deg2)
     largest_m = float(np.sqrt(position.sum(axis=1).max()))
     if e.actual is not None:
@@ -75,19 +75,18 @@ def _error(axes: Any, actual: Actual, error: Any) -> None:
 
 
 def parts_picture(file: Path, actual: Actual) -> None:
-    """Most likely parts in the actual error, with two sigma. Raises OSError."""
+    """Draw the most likely parts of the actual error, with two sigma. Raises OSError."""
     parts = [p for p in actual.parts if p.position_sigma_m or p.heading_sigma_deg][::-1]
     factor, unit = (1.0, "m") if max(abs(p.position_m) for p in parts) >= 0.5 else (100.0, "cm")
-    columns = (
-        ("Position, in the direction of its error", unit, [factor * p.position_m for p in parts], [factor * p.position_sigma_m for p in parts]),  # noqa: E501
-        ("Heading", "deg", [p.heading_deg for p in parts], [p.heading_sigma_deg for p in parts]),
-    )  # fmt: skip
+    position = factor * np.array([(p.position_m, p.position_sigma_m) for p in parts])
+    heading = np.array([(p.heading_deg, p.heading_sigma_deg) for p in parts])
+    columns = (("Position, in the direction of its error", unit, position), ("Heading", "deg", heading))
     with picture(file, 10.0, 1.6 + 0.36 * len(parts)) as figure:
         panels: Any = figure.subplots(1, 2, sharey=True)
-        for axes, (title, shown, values, sigmas) in zip(panels, columns, strict=True):
-            places = range(len(parts))
+        for axes, (title, shown, figures) in zip(panels, columns, strict=True):
+            places, (values, sigmas) = range(len(parts)), figures.T
             axes.axvline(0.0, color=GREY, linewidth=0.8)
             axes.barh(places, values, color=[COLORS.get(p.group, TRUE_GREY) for p in parts], height=0.7)
-            axes.errorbar(values, places, xerr=2.0 * np.array(sigmas), fmt="none", color=INK, capsize=3, linewidth=1.2)
+            axes.errorbar(values, places, xerr=2.0 * sigmas, fmt="none", color=INK, capsize=3, linewidth=1.2)
             tidy(axes, title, 6, x=f"part of the error / {shown}")
         panels[0].set_yticks(range(len(parts)), [p.group for p in parts])

@@ -12,7 +12,7 @@ from drd_tools.report.terminal import columns
 
 
 def print_explanation(e: Explanation) -> None:
-    """Sentences and tables."""
+    """Print sentences and tables."""
     print(f"{e.recording}\n")
     for sentence in text.lead(e):
         print(f"- {sentence}")

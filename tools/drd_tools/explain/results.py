@@ -26,7 +26,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Delay:
-    """What a gyro that is late by `delay_s` would do, to first order: at the end, and at most on the way."""
+    """Error that a gyro late by `delay_s` would make, to first order: at the end, and at most on the way."""
 
     delay_s: float
     along_m: float

@@ -44,7 +44,7 @@ class Source:
 
 
 def open_source(path: Path, config: Path | None, calibration: Path | None, model: Path | None) -> Source:
-    """As `drd replay` takes them. Raises ConfigError."""
+    """Open a recording, with files as `drd replay` takes them. Raises ConfigError."""
     if path.suffix == ".mcap" and not path.is_dir():
         began = open_mcap(path).information.get("started_monotonic_ns", "")
         zero_ns = int(began) if began.isdecimal() else 0

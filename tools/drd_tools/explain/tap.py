@@ -36,12 +36,16 @@ from drd_tools.explain.interval import Interval
 from drd_tools.limit import causes
 from drd_tools.limit.process_noise import FilterByCause
 
+# The cause of what is not known of a state at the start, or once it is forgotten.
 START_OF = {
+    X: causes.START_POSE,
+    Y: causes.START_POSE,
     SCALE_R: causes.WHEEL_SCALE_START,
     SCALE_L: causes.WHEEL_SCALE_START,
     TREAD: causes.TREAD_START,
     GYRO_SCALE: causes.GYRO_SCALE_START,
     GYRO_BIAS: causes.BIAS_START,
+    WHEEL_LAG: causes.LAG_START,
     SLIP: causes.SIDEWAYS_SLIP,
 }
 
@@ -62,7 +66,7 @@ def tapped_track(interval: Interval, config: Config, sigmas: Sigmas, noise: Nois
 
 
 class _View(Filter):
-    """What steering looks at, which nothing that it says changes: the filter is told by the estimator's own."""
+    """The filter for steering to look at; what it says changes nothing: the filter is told by the estimator's own."""
 
     def __init__(self, kf: Filter):
         self.nominal, self._p, self.flat_P = kf.nominal, kf._p, kf.flat_P
@@ -111,26 +115,15 @@ class TappedFilter(FilterByCause):
         self._rate_rad_s = None
         if not self._is_recorded:
             return
-        for cause, i, sigma in (
-            (causes.START_POSE, X, s.position_m),
-            (causes.START_POSE, Y, s.position_m),
-            (causes.WHEEL_SCALE_START, SCALE_R, s.wheel_scale),
-            (causes.WHEEL_SCALE_START, SCALE_L, s.wheel_scale),
-            (causes.TREAD_START, TREAD, s.tread_m),
-            (causes.GYRO_SCALE_START, GYRO_SCALE, s.gyro_scale),
-            (causes.BIAS_START, GYRO_BIAS, s.gyro_bias_rad_s),
-            (causes.LAG_START, WHEEL_LAG, s.wheel_lag_s),
-            (causes.SIDEWAYS_SLIP, SLIP, s.slip_s),
-        ):
-            self._budget.add(cause, i, i, sigma**2)
-        for i in (HEADING, GYRO_HEADING):
-            for j in (HEADING, GYRO_HEADING):
-                self._budget.add(causes.START_POSE, i, j, s.heading_rad**2)
+        sigmas = {X: s.position_m, Y: s.position_m, SCALE_R: s.wheel_scale, SCALE_L: s.wheel_scale, TREAD: s.tread_m}
+        sigmas |= {GYRO_SCALE: s.gyro_scale, GYRO_BIAS: s.gyro_bias_rad_s, WHEEL_LAG: s.wheel_lag_s, SLIP: s.slip_s}
+        for i, sigma in sigmas.items():
+            self._budget.add(START_OF[i], i, i, sigma**2)
+        self._budget.add_matrix(causes.START_POSE, s.heading_rad**2, (HEADING, GYRO_HEADING))
 
     def predict(
         self, dt_s: float, left_m: float, right_m: float, rate_rad_s: float | None, *args: Any, **kwargs: Any
     ) -> None:
-        """As the filter's."""
         self._unseen = False
         self._interval.before_step(self)
         n = self.nominal
@@ -143,7 +136,6 @@ class TappedFilter(FilterByCause):
             self._budget.predict(self._FT, self.Q_causes, -self._interval.delay_s * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
-        """As the filter's."""
         outcome = super().update(rate_rad_s)
         if outcome is Outcome.ACCEPTED and self._is_recorded:
             self._R[causes.TIMING] = self.noise.timing_s2 * rate_rad_s * rate_rad_s  # (25)
@@ -153,21 +145,18 @@ class TappedFilter(FilterByCause):
         return outcome
 
     def anchor_gyro(self) -> None:
-        """As the filter's."""
         super().anchor_gyro()
         self._unseen = False
         if self._is_recorded:
             self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def anchor_wheels(self) -> None:
-        """As the filter's."""
         super().anchor_wheels()
         self._unseen = False
         if self._is_recorded:
             self._budget.copy_error(GYRO_HEADING, HEADING)
 
     def spread_error(self, source: int, shares: Mapping[int, float]) -> None:
-        """As the filter's."""
         super().spread_error(source, shares)
         if self._is_recorded:
             self._budget.spread_error(source, shares)
@@ -187,30 +176,24 @@ class TappedFilter(FilterByCause):
         super().add_heading_variance(variance_rad2, both)
         cause = causes.NOT_SEEN if self._unseen and both else causes.SLIP_FOUND
         if self._is_recorded:
-            for i in (HEADING, GYRO_HEADING) if both else (HEADING,):
-                for j in (HEADING, GYRO_HEADING) if both else (HEADING,):
-                    self._budget.add(cause, i, j, self._p[HH] - hh)
+            self._budget.add_matrix(cause, self._p[HH] - hh, (HEADING, GYRO_HEADING) if both else (HEADING,))
 
     def add_gyro_bias_variance(self, variance_rad2_s2: float) -> None:
-        """As the filter's."""
         super().add_gyro_bias_variance(variance_rad2_s2)
         if self._is_recorded:
             self._budget.add(causes.BIAS_SILENCE, GYRO_BIAS, GYRO_BIAS, variance_rad2_s2)
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, covariance: Matrix) -> None:
-        """As the filter's."""
         super().set_pose(x_m, y_m, heading_rad, covariance)
         if not self._is_recorded:
             return
         self._interval.pose_was_set()
         self._budget.forget(X, Y, HEADING, GYRO_HEADING)
-        for i in (X, Y, HEADING):
-            for j in (X, Y, HEADING):
-                self._budget.add(causes.START_POSE, i, j, float(self.P[i, j]))
+        pose = (X, Y, HEADING)
+        self._budget.add_matrix(causes.START_POSE, self.P[np.ix_(pose, pose)], pose)
         self._budget.copy_error(HEADING, GYRO_HEADING)
 
     def set_gyro_bias(self, bias_rad_s: float, sigma_rad_s: float) -> None:
-        """As the filter's."""
         super().set_gyro_bias(bias_rad_s, sigma_rad_s)
         if self._is_recorded:
             self._budget.forget(GYRO_BIAS)
@@ -224,7 +207,6 @@ class TappedFilter(FilterByCause):
             self._budget.add_matrix(causes.SKID_SCALE, self.P - before)
 
     def add_slip_variance(self, variance_s2: float) -> None:
-        """As the filter's."""
         super().add_slip_variance(variance_s2)
         if self._is_recorded:
             self._budget.add(causes.SIDEWAYS_SLIP, SLIP, SLIP, variance_s2)
@@ -241,9 +223,7 @@ class TappedFilter(FilterByCause):
         super().set_covariance(states, covariance)
         if self._is_recorded:
             self._budget.forget(*states)
-            known = np.zeros((N, N))
-            known[np.ix_(states, states)] = covariance
-            self._budget.add_matrix(causes.SLIP_FOUND, known)
+            self._budget.add_matrix(causes.SLIP_FOUND, covariance, states)
 
     def put(self, nominal: Nominal, P: Matrix) -> None:
         """As the filter's: which cause brought what is not known of an estimate from elsewhere."""
@@ -253,7 +233,6 @@ class TappedFilter(FilterByCause):
             self._budget.add_matrix(causes.HANDED_OVER, P)
 
     def forget(self, state: int, sigma: float) -> None:
-        """As the filter's."""
         super().forget(state, sigma)
         if self._is_recorded:
             self._budget.forget(state)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from drd_tools.evaluate.lag import in_words
-from drd_tools.explain.results import Actual, Explanation, Line, Part
+from drd_tools.explain.results import Actual, Explanation, Line
 from drd_tools.limit import text as limit_text
 from drd_tools.limit.causes import HELP
 from drd_tools.report.terminal import metres
@@ -138,7 +138,7 @@ def _most_likely(a: Actual) -> str:
 
 
 def budget_rows(e: Explanation, detailed: bool = False) -> list[list[str]]:
-    """Of HEADER, largest first, then the sum; `detailed`: each cause."""
+    """Rows of HEADER, largest first, then the sum; `detailed`: each cause."""
     lines = [line for line in (e.causes if detailed else e.groups) if line.position_m or line.heading_deg]
     lines.sort(key=lambda line: -(line.position_share + line.heading_share))
     return [_row(line, detailed) for line in (*lines, e.total)]
@@ -158,16 +158,22 @@ def _row(line: Line, detailed: bool) -> list[str]:
 
 
 def silent_groups(e: Explanation) -> str:
-    """Which groups have no part in it."""
+    """Sentence on the groups that have no part in it."""
     names = [line.group for line in e.groups if not line.position_m and not line.heading_deg]
     return f"No part in it: {', '.join(names)}." if names else ""
 
 
 def parts_rows(a: Actual) -> list[list[str]]:
-    """Of PARTS_HEADER, then the sum, which is the actual error."""
+    """Rows of PARTS_HEADER, then the sum, which is the actual error."""
     parts = [p for p in a.parts if p.position_sigma_m or p.heading_sigma_deg]
     rows = [
-        [p.group, *(f"{v:{form}}" for v, form in zip(_figures(p), ("+.4f", ".4f", "+.4f", ".4f"), strict=True))]
+        [
+            p.group,
+            f"{p.position_m:+.4f}",
+            f"{p.position_sigma_m:.4f}",
+            f"{p.heading_deg:+.4f}",
+            f"{p.heading_sigma_deg:.4f}",
+        ]
         for p in sorted(parts, key=lambda p: -abs(p.position_m))
     ]
     total_m, total_deg = sum(p.position_m for p in a.parts), sum(p.heading_deg for p in a.parts)
@@ -175,7 +181,7 @@ def parts_rows(a: Actual) -> list[list[str]]:
 
 
 def parts_caption(a: Actual) -> str:
-    """What the table of the parts says."""
+    """Caption of the table of the parts."""
     text = (
         "Most likely part of each cause in the actual error, given the error "
         + (f"at {a.poses} times " if a.poses > 1 else "at the end ")
@@ -186,12 +192,8 @@ def parts_caption(a: Actual) -> str:
     return text
 
 
-def _figures(part: Part) -> tuple[float, float, float, float]:
-    return part.position_m, part.position_sigma_m, part.heading_deg, part.heading_sigma_deg
-
-
 def delay_sentence(e: Explanation) -> str:
-    """What a late gyro would do; empty where there is none."""
+    """Sentence on what a late gyro would do; empty where there is none."""
     if e.delay is None:
         return ""
     d = e.delay

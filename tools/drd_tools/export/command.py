@@ -68,7 +68,7 @@ def _write(name: str, file: Path, exported: Exported) -> str:
 
 
 def _check(name: str, file: Path, recording: Path) -> None:
-    """Before the work is done, and before a recording is written over. Raises ConfigError."""
+    """Check an output before the work is done, and before a recording is written over. Raises ConfigError."""
     option = f"--{name}"
     if not file.parent.is_dir():
         raise ConfigError(option, "", "a file in a folder that exists", repr(str(file)))

@@ -42,7 +42,7 @@ class Exported(NamedTuple):
 
 
 def read_poses(path: Path) -> Exported:
-    """Of a recording of the daemon or a recording folder. Raises ConfigError."""
+    """Read the poses of a recording of the daemon or a recording folder. Raises ConfigError."""
     if path.suffix == ".mcap" and not path.is_dir():
         return _of_daemon(path)
     replayed = replay_folder(read_recording(path))
@@ -68,7 +68,7 @@ def _of_daemon(file: Path) -> Exported:
 
 
 def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int, list[Diagnostic]]]]:
-    """Raises ConfigError where drd did not write them."""
+    """Read poses and health. Raises ConfigError where drd did not write them."""
     poses: list[Stamped] = []
     health: list[tuple[int, list[Diagnostic]]] = []
     for message in chain.from_iterable(part.messages(POSE, HEALTH) for part in parts):
@@ -92,5 +92,5 @@ def _of_replay(replayed: Replayed, wall_ns: int, notes: list[str]) -> Exported:
 
 
 def _last_of_each_time(poses: list[Stamped]) -> list[Stamped]:
-    """After a silence the wheels' first sample corrects the pose that was given without it, for the same time."""
+    """Keep the last pose of each time: after a silence the wheels' first sample corrects the one before it."""
     return [a for a, b in pairwise(poses) if b.pose.t_ns > a.pose.t_ns] + poses[-1:]

@@ -15,7 +15,7 @@ NUMBERS: Final = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed
 
 
 def write_csv(file: Path, exported: Exported) -> None:
-    """time_s, x_m, y_m, heading_deg, the covariance and the bound; times from the daemon's start or the folder's."""
+    """Write time_s, x_m, y_m, heading_deg, covariance and bound; times from the daemon's start or the folder's."""
     zero_ns = exported.zero_ns
     rows = np.array(
         [
@@ -34,7 +34,7 @@ def write_csv(file: Path, exported: Exported) -> None:
 
 
 def write_tum(file: Path, exported: Exported) -> None:
-    """A line for each pose: seconds since 1970 or of the folder, x, y, z in m, and the quaternion x, y, z, w."""
+    """Write a line for each pose: seconds since 1970 or of the folder, x, y, z in m, and the quaternion x, y, z, w."""
     with file.open("w", encoding="ascii") as out:
         for at_ns, p in exported.poses:
             seconds, nanoseconds = divmod(at_ns, NS_PER_S)
@@ -43,7 +43,7 @@ def write_tum(file: Path, exported: Exported) -> None:
 
 
 def write_parquet(file: Path, exported: Exported) -> None:
-    """Everything that a pose says, exact; `time` is UTC, or the folder's own time as if it were. Needs pyarrow."""
+    """Write all that a pose says, exact; `time` is UTC, or the folder's own time as if it were. Needs pyarrow."""
     import pyarrow as pa  # noqa: PLC0415  # an extra of its own
     import pyarrow.parquet as pq  # noqa: PLC0415
 

@@ -22,7 +22,7 @@ REACH_S: Final = 10.0  # for a scheduler to answer
 
 
 class Engine(NamedTuple):
-    """Where calls are done: in `jobs` processes here, on the cluster at `scheduler`, or on one of `cluster` workers."""
+    """Place of calls: `jobs` processes here, the cluster at `scheduler`, or one of `cluster` workers."""
 
     jobs: int = 1
     scheduler: str | None = None

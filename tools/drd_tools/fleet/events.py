@@ -128,7 +128,7 @@ def _creeping(series: Series, changes: Changes, trend: Trend, end: int) -> Event
 
 
 def _beyond_half(trend: Trend, first: int, last: int) -> int:
-    """How many recordings show more than half of what crept: with one alone, it may as well be an outlier."""
+    """Count recordings that show more than half of what crept: one alone may as well be an outlier."""
     crept = (trend.level[first : last + 1] - trend.level[first]) / (trend.level[last] - trend.level[first])
     return int((crept > 0.5).sum())
 

@@ -1,6 +1,5 @@
 """Changes that a group of robots shows, and which group explains a robot's: its place, its batch, or itself. (106)"""
 
-import math
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -53,8 +52,7 @@ def _sums(of: Integers, values: Array, many: int) -> Array:
 
 def gain(size: float, sigma: float, jump: float) -> float:
     """Log Bayes factor of a step of an estimate `size` +- `sigma` whose prior is N(0, jump^2)."""
-    ratio = jump**2 / sigma**2
-    return 0.5 * ((size / sigma) ** 2 * ratio / (1.0 + ratio) - math.log1p(ratio))
+    return float(_nats(size / sigma**2, sigma**-2, jump))
 
 
 def pooled(found: Told, jump: float) -> tuple[float, float, int]:
@@ -178,7 +176,7 @@ def _nats(score: Any, information: Any, jump: float) -> Any:
 
 
 def pruned(p: Population, jump: float) -> Population:
-    """Without the steps that are no longer sure, now that the robots' own changes are known."""
+    """Drop the steps that are no longer sure, now that the robots' own changes are known."""
     sure = [
         s for s in p.steps
         if abs(s.size) > LEAST_PART * jump and gain(s.size, s.sigma, jump) - np.log(DAYS[s.kind]) > SURE_NATS

@@ -74,7 +74,7 @@ class Drive:
 
     @property
     def start_utc(self) -> datetime:
-        """When it begins, to the second."""
+        """Time at which it begins, to the second."""
         return BEGIN + timedelta(seconds=round(self.day * 86_400.0))
 
 
@@ -114,7 +114,7 @@ def _of_groups(random: np.random.Generator, days: int) -> Iterator[Happening]:
 
 
 def _happen(fleet: Fleet, robot: str, days: int, random: np.random.Generator) -> None:
-    """One robot's history: nothing, a change, a leak with a new tyre, a swap, another gyro, or work without effect."""
+    """Draw a robot's history: nothing, a change, a leak with a new tyre, a swap, another gyro, work without effect."""
     kind = random.choice(["nothing", "change", "leak", "swap", "gyro", "tread", "idle"],
                          p=[0.35, 0.25, 0.12, 0.1, 0.06, 0.06, 0.06])  # fmt: skip
     day, sign = float(random.uniform(0.15, 0.85) * days), float(random.choice([-1.0, 1.0]))

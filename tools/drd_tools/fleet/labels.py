@@ -6,8 +6,8 @@ to the recordings that they match, one after the other; patterns are those of a 
 
 import csv
 import re
-from collections.abc import Mapping, Sequence
-from datetime import UTC, date, datetime
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
@@ -37,10 +37,11 @@ class Labels(Struct, frozen=True, forbid_unknown_fields=True):
 
     def over(self, other: "Labels") -> "Labels":
         """These labels, and where they say nothing the other's."""
-        return Labels(*(a if a is not None else b for a, b in zip(_values(self), _values(other), strict=True)))
+        pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
+        return Labels(*(a if a is not None else b for a, b in pairs))
 
     def columns(self) -> dict[str, Any]:
-        """As the tables have them."""
+        """Columns of the tables that hold these labels."""
         start = self.start
         return {"robot": self.robot or UNKNOWN, "place": self.place, "batch": self.batch, "start_utc": _utc(start)}
 
@@ -96,7 +97,7 @@ def read_own(file: Path) -> Labels:
 
 
 def start_of_run(name: str) -> datetime | None:
-    """When a run began, by the name that the daemon gives its file; None for another name."""
+    """Time at which a run began, by the name that the daemon gives its file; None for another name."""
     found = RUN.search(name)
     return None if found is None else datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
 
@@ -157,14 +158,10 @@ def _date(name: str, found: re.Match[str]) -> datetime:
         raise ConfigError(name, "start_in_name", "groups that make a date", str(found.groupdict())) from error
 
 
-def _utc(time: datetime | date | None) -> datetime | None:
-    if not isinstance(time, datetime):
+def _utc(time: datetime | None) -> datetime | None:
+    if time is None:
         return None
     return time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-
-
-def _values(labels: Labels) -> Sequence[Any]:
-    return [getattr(labels, name) for name in Labels.__struct_fields__]
 
 
 def as_text(own: Labels) -> str:
@@ -180,8 +177,3 @@ def from_text(text: str) -> Labels:
         raise ConfigError(
             "labels of a recording in the store", "", "keys robot, place, batch, start", str(error)
         ) from error
-
-
-def relabelled(rows: Mapping[str, Sequence[Mapping[str, Any]]], labels: Labels) -> dict[str, list[dict[str, Any]]]:
-    """A recording's rows with other labels."""
-    return {table: [{**row, **labels.columns()} for row in own] for table, own in rows.items()}

@@ -20,7 +20,7 @@ COLOURS: Final = "RdBu_r"
 
 
 def overview(file: Path, robots: Sequence[str], names: Sequence[str], changes: Array) -> None:
-    """All robots (columns) and constants (rows): `changes` (constants, robots), in prior sigmas of a change."""
+    """Draw all robots (columns) and constants (rows): `changes` (constants, robots), in prior sigmas of a change."""
     with picture(file, 12.0, 1.4 + 0.32 * len(names)) as figure:
         axes: Any = figure.subplots()
         colours = colormaps[COLOURS].with_extremes(bad="#D8D8D8")
@@ -36,7 +36,7 @@ def overview(file: Path, robots: Sequence[str], names: Sequence[str], changes: A
 
 
 def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> None:
-    """A robot's constant: its recordings by place, the level with a 90 % band, changes, maintenance, the others."""
+    """Draw a robot's constant: recordings by place, the level with a 90 % band, changes, maintenance, the others."""
     log, p, c = fitted.log, fitted.population, fitted.log.constant
     number = log.robots.index(robot)
     rows, line = log.rows(number), fitted.trends[number]
@@ -68,7 +68,7 @@ def trend(file: Path, fitted: Fitted, robot: str, events: Sequence[Event]) -> No
 
 
 def _others(axes: Any, fitted: Fitted, number: int) -> None:
-    """Where nine of ten of the other robots' levels are."""
+    """Shade where nine of ten of the other robots' levels are."""
     factor = fitted.log.constant.factor
     level = [t.level[-1] for i, t in enumerate(fitted.trends) if i != number and len(t.level)]
     if len(level) > 1:

@@ -12,7 +12,7 @@ from drd_tools.fleet.prior import Expected, expect, write_prior
 from drd_tools.fleet.sentences import amount
 from drd_tools.fleet.series import CONSTANTS, day_of
 from drd_tools.fleet.statistics import analyse
-from drd_tools.fleet.store import Store
+from drd_tools.fleet.store import existing
 from drd_tools.report.terminal import columns
 
 Table = Mapping[str, Sequence[Any]]
@@ -52,9 +52,7 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.output is not None and chosen.output.name != "model.yaml":
         parser.error("--output is a file named model.yaml")
-    store = Store(chosen.store)
-    if not store.exists:
-        raise ConfigError(chosen.store, "", "a store of `drd fleet update`", "none there")
+    store = existing(chosen.store)
     table, done = store.table("constants").to_pydict(), store.table("maintenance").to_pylist()
     if chosen.check is not None:
         return _check(chosen.check, table, done, chosen.robot, chosen.place)

@@ -27,7 +27,7 @@ RCOND: Final = 1e-8  # of a variant's own columns
 
 
 class Constant(NamedTuple):
-    """Where a constant of the robot stands in the catalogue, and its unit."""
+    """Place of a robot's constant in the catalogue, and its unit."""
 
     effect: str
     parameter: str
@@ -85,7 +85,15 @@ def products(problem: Problem, fit: Fit) -> list[dict[str, Any]]:
 
 
 def _columns(problem: Problem, fit: Fit) -> Iterator[Column]:
-    beside = _Beside(problem, fit)
+    marginal = Marginal(nuisance_design(problem, fit.selection))
+    left = marginal.projected((problem.data - problem.effect_rows(fit.selection))[:, None])[:, 0]
+
+    def gain(columns: Sequence[Column]) -> float:
+        """Nats that columns gain beside the fit and the nuisances."""
+        X = np.column_stack([c.rows for c in columns])
+        G, b = marginal.beside(X.T @ X, marginal.columns.T @ X), X.T @ left
+        return 0.5 * float(b @ np.linalg.lstsq(G, b, rcond=RCOND)[0])
+
     for effect in catalogue().values():
         found = [c for c in fit.selection if c.id == effect.id]
         for selected in found:
@@ -93,7 +101,7 @@ def _columns(problem: Problem, fit: Fit) -> Iterator[Column]:
         if not found and effect.searched and effect.channel in problem.evidence.channels and not is_of_interval(effect):
             made = [list(_of_shape(problem, effect, shape)) for shape in variants(problem, effect)]
             seen = [columns for columns in made if columns]
-            yield from max(seen, key=beside.gain, default=[])
+            yield from max(seen, key=gain, default=[])
     for (name, _, _), rows in zip(problem.nuisances, problem.nuisance.T, strict=True):
         yield Column("nuisance", name, "", {}, rows)
 
@@ -105,20 +113,6 @@ def _of_shape(problem: Problem, effect: Effect, shape: Parameters) -> Iterator[C
     if all(map(is_seen, sensitivities)):
         for (s, name), rows in zip(units, problem.whiten(sensitivities).T, strict=True):
             yield Column("effect", effect.id, name, s, rows)
-
-
-class _Beside:
-    """The data that are left beside a fit and the nuisances."""
-
-    def __init__(self, problem: Problem, fit: Fit):
-        self._marginal = Marginal(nuisance_design(problem, fit.selection))
-        self._left = self._marginal.projected((problem.data - problem.effect_rows(fit.selection))[:, None])[:, 0]
-
-    def gain(self, columns: Sequence[Column]) -> float:
-        """Nats that columns gain."""
-        X = np.column_stack([c.rows for c in columns])
-        G, b = self._marginal.beside(X.T @ X, self._marginal.columns.T @ X), X.T @ self._left
-        return 0.5 * float(b @ np.linalg.lstsq(G, b, rcond=RCOND)[0])
 
 
 # ---- the robot's constants -----------------------------------------------------------------------------------------

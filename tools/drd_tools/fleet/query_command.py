@@ -12,7 +12,7 @@ import pyarrow.csv as pacsv
 from drd.commands import command
 from drd.config.schema import ConfigError
 from drd_tools.fleet.schema import TABLES
-from drd_tools.fleet.store import Store
+from drd_tools.fleet.store import Store, existing
 from drd_tools.report.terminal import print_table
 
 NAMES: Final = (*TABLES, "maintenance")
@@ -47,9 +47,7 @@ def main(argv: list[str]) -> int:
     form.add_argument("--csv", action="store_true", help="as CSV")
     form.add_argument("--json", action="store_true", help="a line of JSON for each row")
     chosen = parser.parse_args(argv)
-    store = Store(chosen.store)
-    if not store.exists:
-        raise ConfigError(chosen.store, "", "a store of `drd fleet update`", "none there")
+    store = existing(chosen.store)
     if chosen.sql is not None:
         if chosen.table or chosen.effect:
             parser.error("--sql names its tables and filters itself")
@@ -91,7 +89,7 @@ def _print(table: pa.Table, form: str) -> None:
 
 
 def _flat(table: pa.Table) -> pa.Table:
-    """With lists as JSON: CSV knows none."""
+    """Replace lists by JSON: CSV knows none."""
     for i, field in enumerate(table.schema):
         if pa.types.is_list(field.type):
             cells = [None if v is None else json.dumps(v) for v in table[i].to_pylist()]

@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib import colormaps
 from matplotlib.colors import rgb2hex
@@ -21,7 +20,7 @@ from drd_tools.fleet.pictures import COLOURS, overview, trend
 from drd_tools.fleet.sentences import Sentence, figure, headline, sentences
 from drd_tools.fleet.series import CONSTANTS, natural
 from drd_tools.fleet.statistics import Fitted, Statistics
-from drd_tools.report.page import Page
+from drd_tools.report.page import Page, rendered
 
 PAGE: Final = "fleet.html"
 SHOWN: Final = 50  # rows of the heat map that are not folded up
@@ -109,11 +108,8 @@ def _more(said: Sequence[Sentence]) -> str:
 
 
 def _markup(part: str, robots: Sequence[Robot], labels: Sequence[str]) -> Markup:
-    environment = Environment(
-        loader=PackageLoader("drd_tools.fleet", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    template = environment.get_template("robots.html.j2")
-    return Markup(template.render(part=part, robots=robots, labels=labels, shown=SHOWN))  # it escapes
+    values = {"part": part, "robots": robots, "labels": labels, "shown": SHOWN}
+    return Markup(rendered("drd_tools.fleet", "robots.html.j2", values))  # it escapes
 
 
 def _changes(found: Statistics, robots: Sequence[str]) -> Any:
@@ -213,7 +209,7 @@ def _report(uri: str | None, folder: Path) -> str:
 
 
 def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Path) -> list[Path]:
-    """Pictures of the most urgent, and of what has moved most where little is found."""
+    """Draw the most urgent trends, and of what has moved most where little is found."""
     files = list[Path]()
     shown = {(s.robot, s.name): s.text for s in said if s.robot}
     moved = [
@@ -233,7 +229,7 @@ def _trends(page: Page, found: Statistics, said: Sequence[Sentence], folder: Pat
 
 
 def _groups(page: Page, found: Statistics) -> None:
-    """Places and batches against each other."""
+    """Add the table of places and batches against each other."""
     every = [(o, f) for f in found.fitted.values() for o in f.offsets if o.kind != "robot"]
     rows, standing_out = [], found.standing_out
     for o, f in sorted(every, key=lambda one: one[0].p)[:URGENT]:

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from drd.commands import command, writing
-from drd.config.schema import ConfigError
 from drd_tools.fleet.statistics import analyse
-from drd_tools.fleet.store import Store
+from drd_tools.fleet.store import existing
 
 DESCRIPTION = """\
 Say which robots, floors and batches of gyros have changed, since when and how surely, and what to inspect first: on one
@@ -29,9 +28,7 @@ def main(argv: list[str]) -> int:
     from drd_tools.fleet.report import URGENT, write_report  # noqa: PLC0415  # matplotlib is slow
     from drd_tools.fleet.sentences import headline, sentences  # noqa: PLC0415
 
-    store = Store(chosen.store)
-    if not store.exists:
-        raise ConfigError(chosen.store, "", "a store of drd fleet update", "none")
+    store = existing(chosen.store)
     constants, recordings = store.table("constants").to_pydict(), store.index().to_pylist()
     found = analyse(constants, store.table("maintenance").to_pylist())
     said = sentences(found)

@@ -1,6 +1,6 @@
 """The statistics of a fleet in sentences, and what to inspect first."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
 from typing import Final, NamedTuple
@@ -41,14 +41,11 @@ class Sentence(NamedTuple):
 
 def sentences(found: Statistics) -> list[Sentence]:
     """All that is found, the most urgent first."""
-    made = [*_of_robots(found), *_of_groups(found), *map(_apart, found.standing_out)]
-    return sorted(made, key=lambda s: -s.weight)
-
-
-def _of_robots(found: Statistics) -> Iterator[Sentence]:
     events = sorted(found.found, key=lambda e: (e.robot, e.name, e.day))
-    for _, chain in groupby(events, key=lambda e: (e.robot, e.name)):
-        yield _of_robot(list(chain))
+    made = [_of_robot(list(chain)) for _, chain in groupby(events, key=lambda e: (e.robot, e.name))]
+    made += [_of_group(f.log, step) for f in found.fitted.values() for step in f.population.steps]
+    made += map(_apart, found.standing_out)
+    return sorted(made, key=lambda s: -s.weight)
 
 
 def _of_robot(chain: Sequence[Event]) -> Sentence:
@@ -73,12 +70,6 @@ def _of_robot(chain: Sequence[Event]) -> Sentence:
         text += "" if is_back else f" {constant.unit}"
     size = abs(last.level) / constant.jump * last.causes.get("robot", 0.0)
     return Sentence(f"{text}.", first.robot, first.name, 0.1 * size if is_back else 1.0 + size, is_back)
-
-
-def _of_groups(found: Statistics) -> Iterator[Sentence]:
-    for fitted in found.fitted.values():
-        for step in fitted.population.steps:
-            yield _of_group(fitted.log, step)
 
 
 def _of_group(log: Log, step: Step) -> Sentence:
@@ -125,7 +116,7 @@ def date(day: float) -> str:
 
 
 def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
-    """How much was looked at, and how much was found."""
+    """Lines on how much was looked at, and how much was found."""
     changed = {e.robot for e in found.found}
     places = _steps(found.fitted.values(), "place")
     batches = _steps(found.fitted.values(), "batch")

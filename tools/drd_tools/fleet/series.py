@@ -102,7 +102,7 @@ class Log:
         return slice(*self._borders[robot : robot + 2])
 
     def until(self, day: float) -> "Log":
-        """The same as if it was that day."""
+        """The log as it was at the end of that day."""
         keep = self.day <= day
         return Log(self.name, self.robots, self.places, self.batches, self.robot[keep], self.place[keep], self.batch_of,
                    self.day[keep], self.value[keep], self.sigma[keep],

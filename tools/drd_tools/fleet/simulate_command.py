@@ -117,7 +117,7 @@ def write_store(fleet: Fleet, seed: int, folder: Path) -> None:
 
 
 def folder_of(drive: Drive) -> str:
-    """Where a recording lies below recordings/; its name tells robot, start and place."""
+    """Path of a recording below recordings/; its name tells robot, start and place."""
     return f"{drive.robot}/{drive.start_utc:%Y%m%dT%H%M%S}_{drive.place}"
 
 

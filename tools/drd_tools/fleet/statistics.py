@@ -90,7 +90,7 @@ def analyse(table: Mapping[str, Sequence[Any]], maintenance: Sequence[Mapping[st
 def analyse_logs(
     every: Mapping[str, Log], done: Sequence[Maintained], known: Mapping[str, Population] | None = None
 ) -> Statistics:
-    """The same of logs. `known`: populations of before, which are not estimated anew."""
+    """Statistics of logs. `known`: populations of before, which are not estimated anew."""
     done = list(done)
     with threadpool_limits(limits=1):  # so small products are no sooner done by two threads
         fitted = {name: _fitted(log, done, (known or {}).get(name)) for name, log in every.items() if len(log.value)}
@@ -239,7 +239,7 @@ def _numbered(log: Log, trends: Sequence[Trend]) -> tuple[Integers, Array, Integ
 
 
 def _with_causes(log: Log, p: Population, trends: list[Trend], found: list[Event]) -> list[Event]:
-    """Whose change it is, and in how many others it is not."""
+    """Add to each event whose change it is, and in how many others it is not."""
     if not found:
         return []
     segment, drift, levels = _numbered(log, trends)

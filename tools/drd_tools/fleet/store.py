@@ -56,17 +56,16 @@ class Store:
         Names are those of `schema.TABLES`, and maintenance. Raises KeyError.
         """
         if name == "maintenance":
-            return self._maintenance(robots)
+            return _of_robots(self._read(self._existing([NAMES_OF_DONE]), MAINTENANCE), robots)
         schema, folders = TABLES[name].schema, None if robots is None else {_folder(robot) for robot in robots}
         names = [f for f in self.files.below(name, ".parquet") if folders is None or f.split("/")[1] in folders]
         table = self._read(names, schema)
         pending = self.pending()
         if not pending:
             return table
-        new = _flat(self._read(pending, PENDING), name)
-        replaced = _flat(self._read(pending, PENDING), "recordings")["recording"]
-        table = pa.concat_tables([_without(table, replaced), new])
-        return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
+        rows = self._read(pending, PENDING)
+        table = pa.concat_tables([_without(table, _flat(rows, "recordings")["recording"]), _flat(rows, name)])
+        return _of_robots(table, robots)
 
     def pending(self) -> list[str]:
         """Names of the files that are not compacted yet."""
@@ -76,10 +75,6 @@ class Store:
         """The table of recordings, from one file."""
         names = self._existing([INDEX])
         return self._read(names, RECORDINGS) if names else self.table("recordings")
-
-    def _maintenance(self, robots: Collection[str] | None) -> pa.Table:
-        table = self._read(self._existing([NAMES_OF_DONE]), MAINTENANCE)
-        return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
 
     def _read(self, names: Sequence[str], schema: pa.Schema) -> pa.Table:
         if not names:
@@ -196,9 +191,17 @@ class Store:
         self.files.write(NAMES_OF_DONE, _parquet(pa.Table.from_pylist(list(rows), MAINTENANCE)))
 
 
+def existing(path: str) -> Store:
+    """The store that an update has made. Raises ConfigError where there is none."""
+    store = Store(path)
+    if not store.exists:
+        raise ConfigError(path, "", "a store of `drd fleet update`", "none there")
+    return store
+
+
 @contextmanager
 def _parquet_errors(where: str) -> Iterator[None]:
-    """What a file that drd did not write, or that was broken since, raises is a ConfigError."""
+    """Turn what a file raises that drd did not write, or that was broken since, into a ConfigError."""
     try:
         yield
     except (pa.ArrowException, duckdb.Error, OSError, ValueError) as error:
@@ -235,6 +238,10 @@ def _file(table: str, row: Mapping[str, Any]) -> str:
     start: datetime | None = row["start_utc"]
     period = "undated" if start is None else start.strftime(TABLES[table].period)
     return f"{table}/{_folder(row['robot'])}/{period}.parquet"
+
+
+def _of_robots(table: pa.Table, robots: Collection[str] | None) -> pa.Table:
+    return table if robots is None else table.filter(pc.is_in(table["robot"], pa.array(list(robots), pa.string())))
 
 
 def _without(table: pa.Table, recordings: pa.ChunkedArray) -> pa.Table:

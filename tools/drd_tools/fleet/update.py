@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from drd_tools.fleet.discover import Seen, discover
 from drd_tools.fleet.engine import Engine
-from drd_tools.fleet.labels import Labels, Rule, from_text, relabelled, ruled
+from drd_tools.fleet.labels import Labels, Rule, from_text, ruled
 from drd_tools.fleet.store import MOST_PENDING, Store
 from drd_tools.fleet.task import Rows, Task, build, failed
 
@@ -65,7 +65,6 @@ def update(
         touched = list(_analysed(store, rules, engine, call, fresh))
         other += touched
         _relabel(store, rules, known, other)
-        store.compact()
         index = store.index()
         here = {seen.uri for seen in found}
         rows = [
@@ -108,6 +107,12 @@ def _labels(rules: Sequence[Rule], seen: Seen, row: Mapping[str, Any]) -> dict[s
     return ruled(rules, seen.name, from_text(row["own"])).columns()
 
 
+def _relabelled(rows: Rows, rules: Sequence[Rule], seen: Seen) -> Rows:
+    """A recording's rows with the labels that the rules give it."""
+    labels = _labels(rules, seen, rows["recordings"][0])
+    return {table: [{**row, **labels} for row in own] for table, own in rows.items()}
+
+
 def _kept(row: Mapping[str, Any]) -> dict[str, Any]:
     return {name: row[name] for name in Labels().columns()}
 
@@ -132,8 +137,7 @@ def _analysed(
             if rows is None:
                 yield task.seen
                 continue
-            labels = ruled(rules, task.seen.name, from_text(rows["recordings"][0]["own"]))
-            store.put(relabelled(rows, labels))
+            store.put(_relabelled(rows, rules, task.seen))
             if count % MOST_PENDING == 0:
                 store.compact()
 
@@ -150,6 +154,5 @@ def _relabel(store: Store, rules: Sequence[Rule], known: Mapping[str, _Known], f
                 for table, those in rows[name].items():
                     own.setdefault(table, []).extend(those)
             own["recordings"] = [{**row, "signature": seen.signature} for row in own["recordings"]]
-            labels = ruled(rules, seen.name, from_text(own["recordings"][0]["own"]))
-            store.put(relabelled(own, labels))
+            store.put(_relabelled(own, rules, seen))
         store.compact()

@@ -62,7 +62,7 @@ class Bag:
         return time_ns, picked, origin
 
     def numbers(self, topic: str, pick: Callable[[Any], Sequence[float]]) -> tuple[Times, Array, Origin]:
-        """The same for numbers, which must be finite: shape (n, k)."""
+        """Times, and the numbers that `pick` takes, which must be finite: shape (n, k)."""
         time_ns, picked, origin = self.read(topic, pick)
         values = np.array(picked, dtype=float)
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))

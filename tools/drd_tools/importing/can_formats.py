@@ -45,9 +45,13 @@ def format_of(path: Path) -> str | None:
         raise ConfigError(str(path), "", expected, "an MF4 file")
     if head.startswith(b"SQLite format 3\0"):
         return _sqlite_format(path)
-    suffix = next((s.lower() for s in reversed(path.suffixes) if s.lower() != ".gz"), "")
     by_beginning = next((name for name, pattern in BY_BEGINNING if pattern.match(head)), None)
-    return by_beginning or BY_SUFFIX.get(suffix)
+    return by_beginning or BY_SUFFIX.get(suffix_of(path))
+
+
+def suffix_of(path: Path) -> str:
+    """The file name's ending in lower case, without that of gzip."""
+    return next((s.lower() for s in reversed(path.suffixes) if s.lower() != ".gz"), "")
 
 
 def begins(path: Path) -> bytes:

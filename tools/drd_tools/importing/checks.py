@@ -45,16 +45,8 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Turning:
-    """An angle about the vertical over time, shape (n,) each."""
-
-    time_s: Array
-    angle_rad: Array
-
-
-@dataclass(frozen=True)
 class Gravity:
-    """What the accelerometer says of the vertical: axis, its sign (+1: the axis points up), how far it is off."""
+    """The vertical by the accelerometer: axis, its sign (+1: the axis points up), how far it is off."""
 
     axis: int
     sign: int
@@ -78,7 +70,7 @@ def gravity(acceleration_m_s2: Array | None) -> Gravity | None:
 
 
 def find_axis(matches: list[Match | None], names: tuple[str, ...], other: str, felt: Gravity | None) -> Finding:
-    """Which of the gyro's axes is the vertical one: by its likeness to `other`'s turning, and by gravity.
+    """Find which of the gyro's axes is the vertical one: by its likeness to `other`'s turning, and by gravity.
 
     `matches`: of each axis with `other`; all None where there is nothing to compare with.
     """
@@ -120,7 +112,7 @@ def most_turning(rates_rad_s: Array, names: tuple[str, ...]) -> Finding:
 
 
 def check_unit(found: Match | None, what: str, other: str) -> Finding:
-    """Whether a gain is that of degrees taken for radians, or the other way round."""
+    """Check whether a gain is that of degrees taken for radians, or the other way round."""
     check = f"unit, {what} against {other}"
     if found is None or not found.is_clear:
         return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")
@@ -138,7 +130,7 @@ def check_unit(found: Match | None, what: str, other: str) -> Finding:
 
 
 def check_peak(rate_rad_s: Array) -> Finding | None:
-    """Whether the gyro's rates, shape (n,), are beyond what a robot does; None where they are not."""
+    """Check whether the gyro's rates, shape (n,), are beyond what a robot does; None where they are not."""
     peak_deg_s = float(np.abs(rate_rad_s).max()) * DEG_PER_RAD
     if peak_deg_s <= FASTEST_DEG_S:
         return None
@@ -147,7 +139,7 @@ def check_peak(rate_rad_s: Array) -> Finding | None:
 
 
 def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) -> Finding | None:
-    """Whether a wheel is faster than a replay believes; travels since the start, shape (n,). None where it is not."""
+    """Check whether a wheel is faster than a replay believes; None where not. Travels since the start, shape (n,)."""
     step_s = np.diff(time_s)
     # As in a replay: rows that were written in bunches may carry a whole period's travel each.
     step_s = np.maximum(step_s, np.median(step_s))
@@ -164,7 +156,7 @@ def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) 
 
 
 def check_offset(found: Match | None, what: str, other: str, option: str) -> Finding:
-    """How much later `what` shows the motion than `other` does; `option` shifts the stamps of `what`."""
+    """Check how much later `what` shows the motion than `other` does; `option` shifts the stamps of `what`."""
     check = f"clock, {what} against {other}"
     if found is None or not found.is_clear:
         return Finding(check, UNKNOWN, f"{what} and {other} do not go together clearly{_weak(found)}")

@@ -1,7 +1,6 @@
 """`drd import`: another system's recording into a recording folder, checked for the usual traps."""
 
 import argparse
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,8 @@ from drd.units import DEG_PER_RAD, NS_PER_S
 from drd_tools.importing.checks import OK, WRONG, Finding
 from drd_tools.importing.convert import EncoderRows, encoder_rows, for_checks, gyro_rad_s, seconds
 from drd_tools.importing.examine import examine
-from drd_tools.importing.matching import Match, angle_of, match
-from drd_tools.importing.options import PROG, parser
+from drd_tools.importing.matching import Match, Turning, angle_of, match
+from drd_tools.importing.options import parser
 from drd_tools.importing.sources import open_source
 from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
@@ -46,21 +45,17 @@ class Imported:
 
 
 def main(argv: list[str]) -> int:
-    """List, or import, print and return the exit code."""
+    """List, or import, print and return the exit code. Raises ConfigError on bad input."""
     chosen = parser().parse_args(argv)
-    try:
-        names = [name for name in ("gyro", "wheels", "reference") if getattr(chosen, name) is not None]
-        if not names:
-            print("\n".join(open_source(chosen.file, chosen).listing()))
-            return 0
-        if chosen.output is None:
-            raise ConfigError("command line", "--output", "the folder to make", "nothing")
-        made = read(chosen, names)
-        check(made, chosen)
-        written = write(made, chosen, argv)
-    except ConfigError as error:
-        print(f"{PROG}: {error}", file=sys.stderr)
-        return 2
+    names = [name for name in ("gyro", "wheels", "reference") if getattr(chosen, name) is not None]
+    if not names:
+        print("\n".join(open_source(chosen.file, chosen).listing()))
+        return 0
+    if chosen.output is None:
+        raise ConfigError("command line", "--output", "the folder to make", "nothing")
+    made = read(chosen, names)
+    check(made, chosen)
+    written = write(made, chosen, argv)
     print(
         summary(chosen.output, made.origins, made.findings, made.applied, after(made, chosen.max_lag), _stands_s(made))
     )
@@ -130,7 +125,7 @@ def check(made: Imported, chosen: argparse.Namespace) -> None:
 
 
 def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[Path]:
-    """The folder's files; returns their paths. Raises ConfigError."""
+    """Write the folder's files; returns their paths. Raises ConfigError."""
     folder: Path = chosen.output
     prepare(folder)
     zero_ns, rows = _zero_ns(made), made.rows
@@ -166,7 +161,8 @@ def after(made: Imported, max_lag_s: float) -> Match | None:
     turned = (right - left) * nominal.wheel_radius_m / nominal.tread_m
     time_s = seconds(made.gyro.time_ns, zero_ns)
     wheels_s = seconds(made.rows.time_ns, zero_ns)
-    return match(wheels_s, turned, time_s, angle_of(time_s, _rate_rad_s(made)), max_lag_s)
+    gyro = Turning(time_s, angle_of(time_s, _rate_rad_s(made)))
+    return match(Turning(wheels_s, turned), gyro, max_lag_s)
 
 
 def _rate_rad_s(made: Imported) -> Array:
@@ -199,7 +195,7 @@ def _shift_as_found(made: Imported, name: str) -> None:
 
 
 def _require(option: str, finding: Finding | None, made: Imported) -> None:
-    """That the data tell what `auto` shall be. Raises ConfigError."""
+    """Raise ConfigError where the data do not tell what `auto` shall be."""
     if finding is None or (finding.verdict != OK and option not in finding.proposal):
         raise _cannot(option, finding, made)
 
@@ -220,7 +216,7 @@ def _ask_units(chosen: argparse.Namespace, name: str) -> None:
 
 
 def _overlap(made: Imported) -> None:
-    """That the streams belong together. Raises ConfigError."""
+    """Raise ConfigError where the streams do not overlap in time."""
     spans = {
         name: (int(values.time_ns[0]), int(values.time_ns[-1]))
         for name in made.origins
@@ -232,12 +228,11 @@ def _overlap(made: Imported) -> None:
 
 
 def _stands_s(made: Imported) -> float:
-    """How long no wheel moves at first."""
+    """Time at the start in which no wheel moves."""
     if made.rows is None:
         return 0.0
     rows = made.rows
-    moves = (rows.left != rows.left[0]) | (rows.right != rows.right[0]) if rows.are_counts else (
-        (rows.left != 0.0) | (rows.right != 0.0)
-    )  # fmt: skip
+    left, right = (rows.left[0], rows.right[0]) if rows.are_counts else (0.0, 0.0)
+    moves = (rows.left != left) | (rows.right != right)
     first = int(np.argmax(moves)) if moves.any() else len(moves) - 1
     return float(rows.time_ns[max(0, first - 1)] - rows.time_ns[0]) / NS_PER_S

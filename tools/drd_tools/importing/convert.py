@@ -26,7 +26,7 @@ class EncoderRows:
     are_counts: bool
 
     def angles_rad(self, counts_per_revolution: float | None) -> tuple[Array, Array]:
-        """How far each side has turned since the first row."""
+        """Angles that the sides have turned by since the first row."""
         if self.are_counts:
             assert counts_per_revolution is not None
             factor = 2.0 * math.pi / counts_per_revolution
@@ -61,7 +61,7 @@ def gyro_rad_s(gyro: Gyro, unit: str) -> Array:
 
 
 def encoder_rows(wheels: Wheels, nominal: Robot) -> EncoderRows:
-    """What encoders.csv supports. Cumulative angles and travels become mean speeds, which loses nothing."""
+    """Make rows of encoders.csv. Cumulative angles and travels become mean speeds, which loses nothing."""
     left, right, radius_m = wheels.left, wheels.right, nominal.wheel_radius_m
     if wheels.unit == "counts":
         return EncoderRows(wheels.time_ns, _unwrapped(left, wheels), _unwrapped(right, wheels), are_counts=True)

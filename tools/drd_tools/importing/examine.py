@@ -7,7 +7,6 @@ from drd.config.robot import MAX_SPEED_M_S
 from drd_tools.importing.checks import (
     WRONG,
     Finding,
-    Turning,
     check_offset,
     check_peak,
     check_speed,
@@ -16,7 +15,7 @@ from drd_tools.importing.checks import (
     gravity,
     most_turning,
 )
-from drd_tools.importing.matching import Match, angle_of, match
+from drd_tools.importing.matching import Match, Turning, angle_of, match
 from drd_tools.importing.signs import Witnesses, check_one_side, check_sides, check_sign, forward_share
 from drd_tools.recordings.folder import ReferenceLog
 
@@ -64,7 +63,7 @@ def examine(
     """
     turned = None if wheels is None else Turning(wheels.time_s, (wheels.right_m - wheels.left_m) / wheels.tread_m)
     truth = None if reference is None else Turning(reference.time_s, reference.heading_rad)
-    findings: list[Finding] = []
+    findings: list[Finding | None] = []
     chosen, gyro_turned, felt = None, None, None
     if gyro is not None:
         felt = gravity(gyro.acceleration_m_s2) if len(gyro.axes) == 3 else None
@@ -81,22 +80,20 @@ def examine(
             chosen = names.index(wanted) if wanted is not None else None
         gyro_turned = turnings[chosen] if chosen is not None else None
     seen = Witnesses(
-        _match(turned, gyro_turned, max_lag_s),
-        _match(truth, gyro_turned, max_lag_s),
-        _match(truth, turned, max_lag_s),
+        match(turned, gyro_turned, max_lag_s),
+        match(truth, gyro_turned, max_lag_s),
+        match(truth, turned, max_lag_s),
         sign * felt.sign if felt is not None and felt.axis == chosen else None,
         _forward(wheels, reference),
     )
     if gyro is not None and chosen is not None:
-        findings.append(check_sign(seen))
-        findings += [found for found in [check_peak(gyro.rate_rad_s[:, chosen])] if found is not None]
+        findings += [check_sign(seen), check_peak(gyro.rate_rad_s[:, chosen])]
     if wheels is not None and (gyro_turned is not None or truth is not None):
-        findings += _wheels(wheels, seen, truth, gyro_turned, max_lag_s)
+        findings.append(_wheels(wheels, seen, truth, gyro_turned, max_lag_s))
     if wheels is not None:
-        fast = check_speed(wheels.time_s, wheels.left_m, wheels.right_m, MAX_SPEED_M_S)
-        findings += [fast] if fast is not None else []
+        findings.append(check_speed(wheels.time_s, wheels.left_m, wheels.right_m, MAX_SPEED_M_S))
     findings += _units_and_clocks(seen, truth, turned, gyro_turned)
-    return Examined(findings, chosen)
+    return Examined([finding for finding in findings if finding is not None], chosen)
 
 
 def _units_and_clocks(
@@ -124,7 +121,7 @@ def _axis(
     finding: Finding | None = None
     for name, other in (("reference", truth), ("wheels", turned)):
         if other is not None:
-            finding = find_axis([_match(other, t, max_lag_s) for t in turnings], gyro.axes, name, felt)
+            finding = find_axis([match(other, t, max_lag_s) for t in turnings], gyro.axes, name, felt)
             if finding.numbers.get("correlation_" + finding.proposal.get("axis", ""), 0.0) != 0.0:
                 return finding
     if finding is None:
@@ -136,15 +133,14 @@ def _axis(
 
 def _wheels(
     wheels: WheelTravel, seen: Witnesses, truth: Turning | None, gyro_turned: Turning | None, max_lag_s: float
-) -> list[Finding]:
+) -> Finding:
     seconds = float(wheels.time_s[-1] - wheels.time_s[0])
     mean_m_s = float(wheels.left_m[-1] + wheels.right_m[-1]) / 2.0 / seconds if seconds > 0.0 else 0.0
     other, name = (truth, "reference") if truth is not None else (gyro_turned, "gyro")
     assert other is not None
     total = Turning(wheels.time_s, (wheels.right_m + wheels.left_m) / wheels.tread_m)
     difference = seen.wheels_reference if truth is not None else seen.gyro_wheels
-    odd = check_one_side(difference, _match(other, total, max_lag_s), name)
-    return [odd] if odd is not None else [check_sides(seen, mean_m_s)]
+    return check_one_side(difference, match(other, total, max_lag_s), name) or check_sides(seen, mean_m_s)
 
 
 def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> float | None:
@@ -154,15 +150,8 @@ def _forward(wheels: WheelTravel | None, reference: ReferenceLog | None) -> floa
     return forward_share(wheels.time_s, 0.5 * (wheels.left_m + wheels.right_m), poses)
 
 
-def _match(truth: Turning | None, other: Turning | None, max_lag_s: float) -> Match | None:
-    """`other` as gain, lag and correlation of `truth`, where there are both."""
-    if truth is None or other is None:
-        return None
-    return match(truth.time_s, truth.angle_rad, other.time_s, other.angle_rad, max_lag_s)
-
-
 def _turned_round(found: Match | None) -> Match | None:
-    """The same match with the delay of the other one of the two: the gyro's clock is the one that is kept."""
+    """Reverse the delay of a match: the gyro's clock is the one that is kept."""
     if found is None:
         return None
     return replace(found, lag_s=-found.lag_s)

@@ -24,7 +24,7 @@ class FogBytes(Source):
         self.path, self._config = path, config
 
     def listing(self) -> list[str]:
-        """What can be done with such a file."""
+        """Tell what can be done with such a file."""
         return [
             f"{self.path}: {self.path.stat().st_size} bytes",
             "",

@@ -1,7 +1,7 @@
 """Two measurements of the same rotation: delay, gain and correlation between them, each with its uncertainty."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,14 @@ BLOCKS: Final = (5, 20)
 LEAST_CORRELATION: Final = 0.6
 # The part of a cell below which a delay means nothing: interpolation between samples shifts the peak by as much.
 LAG_FLOOR: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Turning:
+    """An angle about the vertical over time, shape (n,) each."""
+
+    time_s: Array
+    angle_rad: Array
 
 
 @dataclass(frozen=True)
@@ -58,21 +66,21 @@ def angle_of(time_s: Array, rate_rad_s: Array) -> Array:
     return np.cumsum(rate_rad_s * np.diff(time_s, prepend=time_s[0]))
 
 
-def match(time_a_s: Array, angle_a: Array, time_b_s: Array, angle_b: Array, max_lag_s: float) -> Match | None:
-    """Compare two angles' rates at lags of up to +-`max_lag_s`; None where they overlap for too short a time.
+def match(a: Turning | None, b: Turning | None, max_lag_s: float) -> Match | None:
+    """Compare the rates of `b` with those of `a` at lags of up to +-`max_lag_s`.
 
-    Shapes (n,), (n,), (m,), (m,); times rise. The constant part of both rates is left out: a gyro's bias is one.
-    Of the cells over which rates are means, the shortest are taken that show a clear match: they tell the lag best,
-    longer ones leave less of the angles' noise.
+    None where one of them is missing, or where they overlap for too short a time. Times rise. The constant part of both
+    rates is left out: a gyro's bias is one. Of the cells over which rates are means, the shortest are taken that show a
+    clear match: they tell the lag best, longer ones leave less of the angles' noise.
     """
-    if min(len(time_a_s), len(time_b_s)) < 3:
+    if a is None or b is None or min(len(a.time_s), len(b.time_s)) < 3:
         return None
-    coarse_s = max(float(np.median(np.diff(time_s))) for time_s in (time_a_s, time_b_s))
-    angle_a, angle_b = _smooth(time_a_s, angle_a, coarse_s), _smooth(time_b_s, angle_b, coarse_s)
+    coarse_s = max(float(np.median(np.diff(one.time_s))) for one in (a, b))
+    a, b = _smooth(a, coarse_s), _smooth(b, coarse_s)
     cell_s = max(CELL_S, coarse_s)
     best: Match | None = None
     for factor in WIDER:
-        found = _match(time_a_s, angle_a, time_b_s, angle_b, max_lag_s, factor * cell_s)
+        found = _match(a, b, max_lag_s, factor * cell_s)
         if found is not None and (best is None or found.is_clear):
             best = found
         if found is None or found.is_clear:
@@ -80,32 +88,30 @@ def match(time_a_s: Array, angle_a: Array, time_b_s: Array, angle_b: Array, max_
     return best
 
 
-def _smooth(time_s: Array, angle: Array, coarse_s: float) -> Array:
-    """Both angles by the same Gaussian, so that interpolation between their samples takes no more of their noise.
+def _smooth(one: Turning, coarse_s: float) -> Turning:
+    """Smooth each angle by the same Gaussian, so that interpolation between samples takes no more of their noise.
 
     Otherwise lags at which it takes the most of it look like the best ones: halves of a sample.
     """
-    sigma = SMOOTHING * coarse_s / float(np.median(np.diff(time_s)))
-    reach = min(len(angle) - 1, math.ceil(4.0 * sigma))
-    longer = np.pad(angle, reach, mode="reflect", reflect_type="odd")
-    smooth: Array = gaussian_filter1d(longer, sigma, truncate=4.0)[reach : reach + len(angle)]
-    return smooth
+    sigma = SMOOTHING * coarse_s / float(np.median(np.diff(one.time_s)))
+    reach = min(len(one.angle_rad) - 1, math.ceil(4.0 * sigma))
+    longer = np.pad(one.angle_rad, reach, mode="reflect", reflect_type="odd")
+    return replace(one, angle_rad=gaussian_filter1d(longer, sigma, truncate=4.0)[reach : reach + len(one.angle_rad)])
 
 
-def _match(
-    time_a_s: Array, angle_a: Array, time_b_s: Array, angle_b: Array, max_lag_s: float, cell_s: float
-) -> Match | None:
-    start_s = max(time_a_s[0] + max_lag_s, time_b_s[0])
-    cells = math.floor((min(time_a_s[-1] - max_lag_s, time_b_s[-1]) - start_s) / cell_s)
+def _match(one: Turning, other: Turning, max_lag_s: float, cell_s: float) -> Match | None:
+    start_s = max(one.time_s[0] + max_lag_s, other.time_s[0])
+    cells = math.floor((min(one.time_s[-1] - max_lag_s, other.time_s[-1]) - start_s) / cell_s)
     blocks = min(int(cells * cell_s / max(BLOCK_S, 4.0 * cell_s)), BLOCKS[1])
     if blocks < BLOCKS[0]:
         return None
     edges_s = start_s + cell_s * np.arange(cells + 1)
     most = math.floor(2.0 * max_lag_s / cell_s)
     lags_s: Array = 0.5 * cell_s * np.arange(-most, most + 1, dtype=np.float64)
-    b = np.diff(np.interp(edges_s, time_b_s, angle_b)) / cell_s
+    b = np.diff(np.interp(edges_s, other.time_s, other.angle_rad)) / cell_s
+    at_lags = (np.diff(np.interp(edges_s - lag_s, one.time_s, one.angle_rad)) / cell_s for lag_s in lags_s)
     begins = np.linspace(0, cells, blocks, endpoint=False).astype(int)
-    sums = np.array([_sums(_rates(edges_s - lag_s, time_a_s, angle_a) / cell_s, b, begins) for lag_s in lags_s])
+    sums = np.array([_sums(a, b, begins) for a in at_lags])
     best = _best(sums.sum(axis=2), lags_s)
     if best is None:
         return None
@@ -117,10 +123,6 @@ def _match(
     lag_sigma_s = math.hypot(float(sigma[0]), LAG_FLOOR * cell_s)
     r_sigma, seconds = float(sigma[2]), cells * cell_s
     return Match(lag_s, lag_sigma_s, gain, float(sigma[1]), correlation, r_sigma, at_edge, seconds)
-
-
-def _rates(edges_s: Array, time_s: Array, angle: Array) -> Array:
-    return np.diff(np.interp(edges_s, time_s, angle))
 
 
 def _sums(a: Array, b: Array, begins: npt.NDArray[np.int_]) -> Array:

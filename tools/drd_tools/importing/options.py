@@ -7,7 +7,6 @@ from typing import Final
 from drd.commands import command, number, whole
 from drd_tools.importing.streams import GYRO_UNITS, WHEEL_UNITS
 
-PROG = "drd import"
 TIME_UNITS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 POSITIVE: Final = number(0.0, above=True)
 DESCRIPTION = """\
@@ -40,8 +39,8 @@ exit codes: 0 done, 2 bad usage or input, or data that cannot tell what was aske
 
 
 def parser() -> argparse.ArgumentParser:
-    """All options."""
-    made = command(PROG, DESCRIPTION, EPILOG)
+    """Make the parser of all options."""
+    made = command("drd import", DESCRIPTION, EPILOG)
     made.add_argument("file", type=Path, metavar="FILE", help="what to import; alone: list what it holds")
     made.add_argument("--output", type=Path, metavar="DIR", help="the recording folder to make")
     _add_streams(made)

@@ -175,7 +175,7 @@ def _imu(message: Any) -> tuple[float, ...]:
 
 
 def _nearest(left_ns: Times, right_ns: Times, origin: Origin) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.bool_]]:
-    """For each of the left's rows the right one nearest in time, and whether it is near enough to be its pair."""
+    """Find for each left row the right one nearest in time, and whether it is near enough to be its pair."""
     order = np.argsort(right_ns, kind="stable")
     times = right_ns[order]
     after = np.minimum(np.searchsorted(times, left_ns), len(times) - 1)

@@ -45,7 +45,7 @@ def pose_of(message: Any, kind: str) -> tuple[float, float, float]:
 
 
 class Joints(NamedTuple):
-    """What a JointState says."""
+    """Contents of a JointState."""
 
     name: list[str]
     position: list[float]
@@ -53,7 +53,7 @@ class Joints(NamedTuple):
 
     @classmethod
     def of(cls, message: Any) -> "Joints":
-        """Of a message."""
+        """Take them from a message."""
         return cls(list(message.name), message.position.tolist(), message.velocity.tolist())
 
 
@@ -88,7 +88,7 @@ def joint_columns(
 
 
 def _mean(message: Joints, names: list[str], column: str) -> float:
-    """Of these joints' values; NaN where one is missing."""
+    """Mean of these joints' values; NaN where one is missing."""
     values = getattr(message, column)
     index = {name: k for k, name in enumerate(message.name)}
     if any(name not in index or index[name] >= len(values) for name in names):

@@ -35,7 +35,7 @@ class Witnesses:
 
 
 def check_sign(seen: Witnesses) -> Finding:
-    """Whether the gyro counts counter-clockwise as positive. The wheels alone cannot tell: they may be swapped."""
+    """Check whether the gyro counts counter-clockwise as positive. Wheels alone cannot tell: they may be swapped."""
     numbers: dict[str, float] = {}
     votes: list[tuple[int, str]] = []
     for name, found in (("reference", seen.gyro_reference), ("wheels", seen.gyro_wheels)):
@@ -73,7 +73,7 @@ def _disputed(votes: list[tuple[int, str]], told: str, numbers: dict[str, float]
 
 
 def check_sides(seen: Witnesses, mean_forward_m_s: float) -> Finding:
-    """Whether left and right are swapped, or both wheels' signs are wrong.
+    """Check whether left and right are swapped, or both wheels' signs are wrong.
 
     The reference tells directly; otherwise a gyro whose sign gravity shows. Swapped sides turn the yaw rate round and
     leave the speed, wrong signs turn both round.
@@ -120,7 +120,7 @@ def _turning(seen: Witnesses) -> tuple[int | None, str]:
 
 
 def check_one_side(difference: Match | None, total: Match | None, other: str) -> Finding | None:
-    """Whether one wheel's sign is wrong: then the sum of both turns like the robot, and their difference does not.
+    """Check whether one wheel's sign is wrong: then the sum of both turns like the robot, their difference does not.
 
     `difference`, `total`: of right less left, and right plus left, with `other`. None where all is well.
     """

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from drd.config.schema import ConfigError
-from drd_tools.importing.can_formats import begins, format_of
+from drd_tools.importing.can_formats import begins, format_of, suffix_of
 from drd_tools.importing.can_log import CanLog
 from drd_tools.importing.fog_bytes import FogBytes
 from drd_tools.importing.ros import RosSource
@@ -20,7 +20,7 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
     """The reader for the file's kind, by its name's ending and what it begins with. Raises ConfigError."""
     if not path.exists():
         raise ConfigError(str(path), "", "a file, or the folder of a ROS 2 bag", "nothing there")
-    suffix = next((s.lower() for s in reversed(path.suffixes) if s.lower() != ".gz"), "")
+    suffix = suffix_of(path)
     if path.is_dir():
         if not (path / "metadata.yaml").exists():
             got = "a recording folder already" if (path / "robot.yaml").exists() else "a folder without metadata.yaml"
@@ -44,7 +44,7 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
 
 
 def _refuse_own(path: Path) -> None:
-    """A recording of the daemon needs no import."""
+    """Refuse a recording of the daemon, which needs no import."""
     if path.suffix.lower() == ".mcap" and b"drd" in begins(path)[:60]:
         raise ConfigError(
             str(path), "", "another system's recording", "the daemon's own: `drd replay` reads it as it is"

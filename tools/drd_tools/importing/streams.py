@@ -64,7 +64,7 @@ Values = TypeVar("Values", Gyro, Wheels, Reference)
 
 @dataclass
 class Origin:
-    """Where a stream is from, for people and for import.yaml. `notes`: sentences on what was done to it."""
+    """Provenance of a stream, for people and for import.yaml. `notes`: sentences on what was done to it."""
 
     source: str
     kind: str
@@ -80,7 +80,7 @@ class Source:
     path: Path
 
     def listing(self) -> list[str]:
-        """What the file holds, as lines for people, the last ones a proposal."""
+        """List what the file holds, as lines for people, the last ones a proposal."""
         raise NotImplementedError
 
     def gyro(self, name: str) -> tuple[Gyro, Origin]:

@@ -1,6 +1,5 @@
 """Tables as text: CSV with a header, or columns of numbers and words between spaces; gzip as it is."""
 
-import gzip
 import math
 import zlib
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import NS_PER_S
+from drd_tools.importing.can_formats import opened
 from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels, in_order
 from drd_tools.report.terminal import columns
 
@@ -153,9 +153,8 @@ def _is_number(text: str) -> bool:
 
 def _lines(path: Path) -> list[str]:
     try:
-        with path.open("rb") as file:
-            packed = file.read(2) == b"\x1f\x8b"
-        data = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
+        with opened(path) as file:
+            data: bytes = file.read()
         return data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         expected = "a text file (UTF-8, also in gzip), or one of the kinds that `drd import --help` lists"

@@ -33,8 +33,9 @@ def nominal_of(chosen: argparse.Namespace, wheels: Wheels | None) -> Robot | Non
     if stated is None and wheels is None and chosen.wheel_radius is None:
         return None
     given = load_config(chosen.config).value.robot if chosen.config is not None and stated is None else None
-    radius_m = chosen.wheel_radius or (stated.wheel_radius_m if stated else given.wheel_radius_m if given else None)
-    tread_m = chosen.tread or (stated.tread_m if stated else given.tread_m if given else None)
+    known = stated or given
+    radius_m = chosen.wheel_radius or (known.wheel_radius_m if known else None)
+    tread_m = chosen.tread or (known.tread_m if known else None)
     for option, what, value in (("--wheel-radius", "wheels' radius", radius_m), ("--tread", "tread", tread_m)):
         if value is None:
             expected = f"the {what} in m (or --robot FILE), since wheels are imported"
@@ -72,11 +73,11 @@ def prepare(folder: Path) -> None:
 
 
 def write_robot(file: Path, nominal: Robot, rates_hz: dict[str, float | None]) -> None:
-    """robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
-    if nominal.gyro_rate_hz is None and rates_hz.get("gyro"):
-        nominal = replace(nominal, gyro_rate_hz=_rounded(rates_hz["gyro"]))
-    if nominal.encoders_rate_hz is None and rates_hz.get("wheels"):
-        nominal = replace(nominal, encoders_rate_hz=_rounded(rates_hz["wheels"]))
+    """Write robot.yaml; rates that nobody stated are those measured, the rest stays null. Raises OSError."""
+    if nominal.gyro_rate_hz is None and (rate_hz := rates_hz.get("gyro")):
+        nominal = replace(nominal, gyro_rate_hz=float(f"{rate_hz:.6g}"))
+    if nominal.encoders_rate_hz is None and (rate_hz := rates_hz.get("wheels")):
+        nominal = replace(nominal, encoders_rate_hz=float(f"{rate_hz:.6g}"))
     content = nominal.sections()
     head = "# The robot as stated to drd import; null: not stated. rate_hz is measured where it was not stated.\n"
     file.write_text(head + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
@@ -91,7 +92,7 @@ def write_said(
     findings: Sequence[Finding],
     zero_ns: int,
 ) -> None:
-    """import.yaml. Raises OSError."""
+    """Write import.yaml. Raises OSError."""
     content = {
         "format": FORMAT,
         "drd": drd.__version__,
@@ -112,7 +113,3 @@ def hashes(path: Path) -> str | dict[str, str]:
     if path.is_dir():
         return {file.name: file_hash(file) for file in sorted(path.iterdir()) if file.is_file()}
     return file_hash(path)
-
-
-def _rounded(rate_hz: float | None) -> float | None:
-    return None if rate_hz is None else float(f"{rate_hz:.6g}")

@@ -20,7 +20,7 @@ TURN_RAD: Final = 0.1
 
 
 class Block(NamedTuple):
-    """What the robot does in one piece of time. Travel is without the scale errors that were learned."""
+    """Motion in one interval of time. Travel is without the scale errors that were learned."""
 
     dt_s: float
     left_m: float

@@ -35,9 +35,9 @@ class Known:
 
 
 def known_of(recording: Recording, config: Config, drive: Drive) -> Known:
-    """By the recording's own files: the data sheet where it was simulated or states everything, else as measured."""
+    """Noise and geometry by the recording's files: the data sheet where it states them, else as measured."""
     if recording.nominal.slip_noise_m_per_sqrt_m is not None and not _is_of_contacts(recording):
-        return Known(*_sheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
+        return Known(*_datasheet(recording, config, drive), "noise of the data sheets, geometry known exactly")
     noise, how = drive.noise, "as learned on the way (sideways, and of the position in turns, as assumed)"
     if not drive.gyro_hz:
         noise = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)
@@ -56,8 +56,8 @@ def fixed(start: Sigmas) -> Sigmas:
     return Sigmas(start.position_m, start.heading_rad, 0.0, 0.0, 0.0, start.gyro_bias_rad_s)
 
 
-def _sheet(recording: Recording, config: Config, drive: Drive) -> tuple[NoiseProfile, Sigmas]:
-    """What the data sheets state and the simulator does, and nothing beside it."""
+def _datasheet(recording: Recording, config: Config, drive: Drive) -> tuple[NoiseProfile, Sigmas]:
+    """Noise and start that the data sheets state and the simulator does, and nothing beside it."""
     k = make_noise("physical", config.estimation.noise, drive.tread_m, drive.resolution_m)
     gyro, wheels, jitter_s = _conditions(recording)
     step_s = 1.0 / drive.gyro_hz if drive.gyro_hz else 0.0
@@ -94,7 +94,7 @@ def _conditions(recording: Recording) -> tuple[float, float, float]:
 
 
 def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> float | None:
-    """How many times larger the wheels' variances are than stated, by the turns that a reference shows. (62)
+    """Factor of the wheels' variances on those stated, by the turns that a reference shows. (62)
 
     The reference's turn of each window is fitted by both wheels' ways, so that scales and tread do not count.
     """

@@ -49,7 +49,7 @@ STATES: Final = {
 
 @dataclass(frozen=True)
 class Share:
-    """What one group of causes has in the bound, one standard deviation each; squares add up to the whole's.
+    """Share of one group of causes in the bound, one standard deviation each; squares add up to the whole's.
 
     `drift_percent` is the mean over the segments of the group's own, so that its squares do not.
     """
@@ -137,16 +137,13 @@ def start_covariance(s: Sigmas) -> Matrix:
     P[np.ix_([HEADING, GYRO_HEADING], [HEADING, GYRO_HEADING])] = s.heading_rad**2
     P[SCALE_R, SCALE_R] = P[SCALE_L, SCALE_L] = s.wheel_scale**2
     P[TREAD, TREAD], P[GYRO_SCALE, GYRO_SCALE] = s.tread_m**2, s.gyro_scale**2
-    P[GYRO_BIAS, GYRO_BIAS], P[WHEEL_LAG, WHEEL_LAG], P[SLIP, SLIP] = (
-        s.gyro_bias_rad_s**2,
-        s.wheel_lag_s**2,
-        s.slip_s**2,
-    )
+    P[GYRO_BIAS, GYRO_BIAS], P[WHEEL_LAG, WHEEL_LAG] = s.gyro_bias_rad_s**2, s.wheel_lag_s**2
+    P[SLIP, SLIP] = s.slip_s**2
     return P
 
 
 def _alternatives(model: ErrorModel, base: Case, drive: Drive) -> Iterator[tuple[str, Case]]:
-    """What could be otherwise, as a case each. (63)"""
+    """Cases in which one thing is otherwise, with what that is. (63)"""
 
     def scaled(*which: int) -> Case:
         weights = base.weights.copy()
@@ -194,7 +191,7 @@ def _deg(variance_rad2: float) -> float:
 
 
 def advice(limit: Limit) -> str:
-    """What would lower the bound most, as a sentence."""
+    """Sentence on what would lower the bound most."""
     if limit.way_m < SHORTEST_M:
         return "The way is too short to say what would help."
     best = limit.changes[0]

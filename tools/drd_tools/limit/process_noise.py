@@ -70,7 +70,7 @@ def _pose(
     *,
     add: bool = False,
 ) -> None:
-    """A noise that moves the robot ahead, to its left and turns it, all together, by these per unit."""
+    """Set a noise that moves the robot ahead, to its left and turns it, all together, by these per unit."""
     at, x, y = cause * SIZE, c * ahead - s * left, s * ahead + c * left
     xx, yy, hh = variance * x * x, variance * y * y, variance * turn * turn
     xy, xh, yh = variance * x * y, variance * x * turn, variance * y * turn

@@ -64,7 +64,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Spread:
-    """What the recursion gives, of each followed covariance e, errors counted from its start.
+    """Result of the recursion, of each followed covariance e, errors counted from its start.
 
     `position_m2`, `heading_rad2`: means over time, shape (e,); `end` (e, 3, 3); `drift` (e,): mean over the segments
     of the standard deviation per length; `by_length` (e, 8): the same by the segments' length, in tenths of the way.
@@ -78,7 +78,7 @@ class Spread:
 
 
 def spreads(model: ErrorModel, drive: Drive, cases: list[Case], shares: list[Case]) -> tuple[Spread, Spread]:
-    """Of all cases, and of the shares of the first one: weights and starts that add up to its own."""
+    """Run the recursion for all cases, and for shares of the first one: weights and starts that add up to its own."""
     batch = _Batch(model, cases, shares, drive.way_m)
     way_m = time_s = 0.0
     for block in drive.blocks:
@@ -108,13 +108,13 @@ class _Batch:
         self._drift, self._segments = np.zeros((len(every), LONGEST)), np.zeros(LONGEST)
 
     def predict(self, F: Matrix, Q: Matrix) -> None:
-        """One block on. (16)"""
+        """Go one block on. (16)"""
         self._move(F)
         busy = np.flatnonzero(Q.any(axis=(1, 2)))
         self.P += np.tensordot(self._weights[:, busy], Q[busy], 1)[:, None]
 
     def update(self, R: Array) -> None:
-        """Each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
+        """Update each case by its own gain; the shares and the later starts by that of their case. (19), (58)"""
         P, R_each = self.P, self._weights @ R
         HP = P[..., HEADING, :] - P[..., GYRO_HEADING, :]
         HPH = HP[..., HEADING] - HP[..., GYRO_HEADING]
@@ -126,12 +126,12 @@ class _Batch:
         P += (HPH + R_each[:, None])[..., None, None] * (K[:, :, None] * K[:, None, :])[:, None]
 
     def anchor(self) -> None:
-        """Without a gyro both headings are the wheels'. (35)"""
+        """Set the gyro's heading to the wheels', where there is no gyro. (35)"""
         self.P[..., GYRO_HEADING, :] = self.P[..., HEADING, :]
         self.P[..., :, GYRO_HEADING] = self.P[..., :, HEADING]
 
     def watch(self, way_m: float, dt_s: float) -> None:
-        """After a block: means over time, and where a tenth of the way ends, the segments."""
+        """Add a block to the means over time and, where a tenth of the way ends, to the segments."""
         diagonal = self.P[:, 0, self._pose, self._pose]
         self._position += (diagonal[:, 0] + diagonal[:, 1]) * dt_s
         self._heading2 += diagonal[:, 2] * dt_s
@@ -145,7 +145,7 @@ class _Batch:
                 self._rebase(self._passed)
 
     def _rebase(self, start: int) -> None:
-        """Errors of this start count from the pose of this moment. (59)"""
+        """Let errors of this start count from the pose of this moment. (59)"""
         T = np.eye(N)
         T[self._pose] = 0.0
         other = GYRO_HEADING if self._heading == HEADING else HEADING
@@ -158,7 +158,7 @@ class _Batch:
         self.P = (np.ascontiguousarray(half).reshape(-1, N) @ F.T).reshape(shape)
 
     def result(self, time_s: float, cases: int) -> tuple[Spread, Spread]:
-        """Of the cases, and of the shares."""
+        """Spreads of the cases, and of the shares."""
         end = self.P[:, 0][:, self._pose][:, :, self._pose]
         drift = self._drift.sum(axis=1) / max(self._segments.sum(), 1.0)
         by_length = self._drift / np.maximum(self._segments, 1.0)

@@ -45,7 +45,7 @@ class Friction:
         self._map = np.where(other, patch, ground.friction)
 
     def at(self, x_m: Array, y_m: Array) -> Array:
-        """Shape of `x_m` and `y_m`."""
+        """Coefficient at places, shape of `x_m` and `y_m`."""
         row, column = (np.floor(value / PATCH_M).astype(int) % PATCHES for value in (x_m, y_m))
         return np.asarray(self._map[row, column])
 

@@ -108,12 +108,12 @@ def _measure(kind: str, blocks: Blocks, at: slice) -> Manoeuvre:
         float(blocks.time_s[at.stop - 1]) + 0.5 * BLOCK_S,
         float(w.sum()) * BLOCK_S,
         float(w.sum() / v.sum()) if drives else nan,
-        _slope(w, right - left) if turns else nan,
-        1.0 - _slope(0.5 * (left + right), v) if drives else nan,
-        _slope(v * w, y) if turns and drives else nan,
-        -_slope(w, y) if turns else nan,
-        _slope(w, v - left) if turns else nan,
-        _slope(w, v - right) if turns else nan,
+        slope(w, right - left) if turns else nan,
+        1.0 - slope(0.5 * (left + right), v) if drives else nan,
+        slope(v * w, y) if turns and drives else nan,
+        -slope(w, y) if turns else nan,
+        slope(w, v - left) if turns else nan,
+        slope(w, v - right) if turns else nan,
         float(blocks.friction[at].mean()),
     )
 
@@ -133,6 +133,6 @@ def coulomb_tread_ratio(vehicle: Vehicle) -> float:
     return float(brentq(moment, half_m, half_m + 10.0 * x_m**2 / half_m) / half_m)
 
 
-def _slope(x: Array, y: Array) -> float:
-    """Least squares of y = slope x."""
+def slope(x: Array, y: Array) -> float:
+    """Slope of y = slope x, by least squares."""
     return float(x @ y / (x @ x))

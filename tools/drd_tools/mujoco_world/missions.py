@@ -14,14 +14,14 @@ QUARTER: Final = 0.5 * math.pi
 
 
 class Follow(NamedTuple):
-    """Along points CELL_M apart, shape (n, 2), from standstill to standstill."""
+    """A way along points CELL_M apart, shape (n, 2), from standstill to standstill."""
 
     way_m: Array
     speed_m_s: float
 
 
 class Spin(NamedTuple):
-    """On the spot, left positive."""
+    """A turn on the spot, left positive."""
 
     angle_rad: float
     rate_rad_s: float

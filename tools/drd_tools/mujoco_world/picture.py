@@ -8,7 +8,7 @@ import numpy as np
 
 from drd_tools.mujoco_world.measure import TURNING_RAD_S, Blocks, Manoeuvre
 from drd_tools.mujoco_world.world import Motion
-from drd_tools.report.style import BLUE, GREY, INK, SKY, TRUE_GREY, VERMILION, picture, tidy
+from drd_tools.report.style import BLUE, GREY, SKY, TRUE_GREY, VERMILION, draw_path, picture, tidy
 
 TIGHTEST_PER_M: Final = 2.5
 SPOT_PER_M: Final = 3.0  # where turns on the spot are drawn
@@ -17,33 +17,17 @@ SPOT_PER_M: Final = 3.0  # where turns on the spot are drawn
 def draw(
     file: Path, title: str, motion: Motion, blocks: Blocks, found: Sequence[Manoeuvre], track_m: float, expected: float
 ) -> None:
-    """Path on the left; effective tread and centre of rotation on the right. Raises OSError.
+    """Draw the path on the left; effective tread and centre of rotation on the right. Raises OSError.
 
     `expected`: ratio of effective tread and track for Coulomb friction.
     """
     with picture(file, 11.0, 6.6) as figure:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
-        _draw_path(sides[0].subplots(), motion)
+        draw_path(sides[0].subplots(), motion.x_m, motion.y_m, "True path of the middle between the wheels")
         upper, lower = sides[1].subplots(2, 1)
         _draw_tread(upper, blocks, found, track_m, expected)
         _draw_centre(lower, blocks)
-
-
-def _draw_path(axes: Any, motion: Motion) -> None:
-    axes.plot(motion.x_m, motion.y_m, color=BLUE, linewidth=1.4)
-    axes.plot(0.0, 0.0, "o", color="none", markeredgecolor=INK, markeredgewidth=1.6, markersize=13, label="start")
-    axes.plot(motion.x_m[-1], motion.y_m[-1], "o", color=INK, markersize=7, label="end")
-    on_the_spot = max(np.ptp(motion.x_m), np.ptp(motion.y_m)) < 0.5
-    axes.set_aspect("equal", adjustable="box" if on_the_spot else "datalim")
-    axes.margins(0.08)
-    if on_the_spot:
-        axes.set_xlim(-0.3, 0.3)
-        axes.set_ylim(-0.3, 0.3)
-    axes.set_xlabel("x / m")
-    axes.set_ylabel("y / m")
-    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
-    tidy(axes, "True path of the middle between the wheels")
 
 
 def _draw_tread(axes: Any, blocks: Blocks, found: Sequence[Manoeuvre], track_m: float, expected: float) -> None:

@@ -1,5 +1,6 @@
 """What the robot's sensors and the tracker make of the motion: the other world's sensors, on what MuJoCo drives."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,19 +13,10 @@ from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.mujoco_world.world import ROW_HZ, Motion, random_of
 from drd_tools.recordings.folder import Recording, ReferenceLog
 from drd_tools.simulate import conditions, sensors
+from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.temperature import warming_c
 
-FOG_HZ: Final = 10
-ENCODERS_HZ: Final = 20
 COUNTS_PER_REVOLUTION: Final = 8192
-# KVH RD2100, Table I of the paper; the bias walk is an assumption.
-RANGE_DEG_S: Final = 100.0
-ANGLE_WALK_DEG_PER_SQRT_H: Final = 0.0833
-REPEATABILITY_DEG_S: Final = 0.02
-BIAS_WALK_DEG_PER_H_PER_SQRT_H: Final = 3.7
-RESOLUTION_DEG_S: Final = 0.004
-POSITION_SIGMA_M: Final = 0.01
-HEADING_SIGMA_DEG: Final = 0.15
 # The gyro warms itself up: T = COLD + WARMER (1 - exp(-t / WARMING)), and its bias follows T.
 COLD_C: Final = 20.0
 WARMER_C: Final = 8.0
@@ -40,23 +32,14 @@ class Readings(NamedTuple):
 
 
 def nominal_of(vehicle: Vehicle, name: str, stand_s: float) -> Robot:
-    """What the robot's engineers believe: the drawing's track and radius, the data sheets' noise."""
-    return Robot(
+    """Nominal robot: the drawing's track and radius, the data sheets' noise."""
+    return replace(
+        DEFAULT,  # its gyro and its reference, as their data sheets have them
         name=name,
         wheel_radius_m=vehicle.wheel_radius_m,
         counts_per_revolution=float(COUNTS_PER_REVOLUTION),
         tread_m=vehicle.track_m,
         gyro_kind="KVH RD2100",
-        gyro_rate_hz=float(FOG_HZ),
-        gyro_range_deg_s=RANGE_DEG_S,
-        gyro_angle_random_walk_deg_per_sqrt_h=ANGLE_WALK_DEG_PER_SQRT_H,
-        gyro_bias_repeatability_deg_s=REPEATABILITY_DEG_S,
-        gyro_bias_random_walk_deg_per_h_per_sqrt_h=BIAS_WALK_DEG_PER_H_PER_SQRT_H,
-        gyro_resolution_deg_s=RESOLUTION_DEG_S,
-        encoders_rate_hz=float(ENCODERS_HZ),
-        slip_noise_m_per_sqrt_m=0.002,
-        reference_position_sigma_m=POSITION_SIGMA_M,
-        reference_heading_sigma_deg=HEADING_SIGMA_DEG,
         standstill_at_start_s=stand_s,
     )
 
@@ -77,7 +60,7 @@ def read_sensors(motion: Motion, reference: conditions.Reference, seed: int, nom
 
 
 def _felt(m: Motion, nominal: Robot) -> Felt:
-    """What perfect sensors would say, as means over the rows' intervals."""
+    """Motion that perfect sensors would tell, as means over the rows' intervals."""
     middle_s = 0.5 * (m.time_s[1:] + m.time_s[:-1])
     gyro, left, right = (np.diff(angle) * ROW_HZ for angle in (m.gyro_rad, m.left_rad, m.right_rad))
     return Felt(
@@ -98,7 +81,7 @@ def _felt(m: Motion, nominal: Robot) -> Felt:
 
 
 def gyro_truth(readings: Readings) -> dict[str, float]:
-    """What robot.yaml does not know of the gyro; its bias is that at switch-on + slope (T - COLD_C)."""
+    """Truth of the gyro that robot.yaml does not state; its bias is that at switch-on + slope (T - COLD_C)."""
     return {
         "bias_at_switch_on_deg_s": round(readings.bias_deg_s, 9),
         "bias_temperature_deg_s_per_c": BIAS_DEG_S_PER_C,

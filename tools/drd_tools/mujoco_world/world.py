@@ -89,7 +89,7 @@ def _lay(model: Any, data: Any, friction: Friction) -> Array:
 
 
 def _yaw_rad(quaternions: Array) -> Array:
-    """Shape (..., 4) to (...)."""
+    """Yaw of quaternions: shape (..., 4) to (...)."""
     w, x, y, z = np.moveaxis(quaternions, -1, 0)
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 

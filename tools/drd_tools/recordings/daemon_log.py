@@ -38,7 +38,7 @@ def read(path: Path) -> Recording:
 
 
 def reference_file(file: Path) -> Path:
-    """Where the reference of FILE.mcap lies: FILE.reference.csv."""
+    """Path of the reference of FILE.mcap: FILE.reference.csv."""
     return file.with_suffix(".reference.csv")
 
 
@@ -73,7 +73,7 @@ def read_daemon_log(file: Path) -> Recording:
 
 
 def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSample]]:
-    """All of them. Raises ConfigError where drd did not write them."""
+    """Read all samples. Raises ConfigError where drd did not write them."""
     gyro: list[GyroSample] = []
     wheels: list[WheelSample] = []
     for part in parts:
@@ -143,7 +143,7 @@ def _shifted(log: ReferenceLog, wall_ns: int) -> ReferenceLog:
 
 
 def _counts_per_revolution(config: Config, base: Path) -> float | None:
-    """Of the layout, which may know its own; None where readings are no counts."""
+    """Counts per revolution of the layout, which may know its own; None where readings are no counts."""
     layout = make_layout(config.encoders, base)
     if layout.modulus_counts is None or layout.reports_speed:
         return None

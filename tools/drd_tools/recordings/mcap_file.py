@@ -57,7 +57,7 @@ def nanoseconds(value: Any) -> int:
 
 @dataclass
 class McapFile:
-    """What a recording says of itself, and where its readable chunks lie. Made by `open_mcap`.
+    """A recording's metadata, and where its readable chunks lie. Made by `open_mcap`.
 
     `information` and `attachments` as the daemon wrote them. `end`: the metadata `drd.end`; None: the file was cut.
     `first_ns`, `last_ns`: log times of the readable messages, 0 where there are none. `cut_chunk_s`: how much later
@@ -82,7 +82,7 @@ class McapFile:
 
     @property
     def part(self) -> int:
-        """Which part of its run the file is, from 1; 1 too where it does not say."""
+        """Number of the file's part in its run, from 1; 1 too where it does not say."""
         part = self.information.get("part", "")
         return int(part) if part.isdecimal() else 1
 
@@ -111,7 +111,7 @@ class McapFile:
             return None
 
     def sentence(self) -> str:
-        """How far the file reads and what is missing."""
+        """Sentence on how far the file reads and what is missing."""
         if not self._chunks:
             reach = "no message can be read"
         else:
@@ -194,7 +194,7 @@ def _cut_chunk_s(found: McapFile, first_ns: int, last_ns: int) -> float | None:
 
 
 def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
-    """One whole record of the data section."""
+    """Take in one whole record of the data section."""
     data = ReadDataStream(BytesIO(body))
     if opcode == Opcode.METADATA:
         metadata = Metadata.read(data)
@@ -216,7 +216,7 @@ def _take(found: McapFile, opcode: int, offset: int, body: bytes) -> None:
 
 
 def _chunk_data(body: bytes) -> bytes:
-    """What a chunk's record holds. Raises what the parsers raise where it is damaged: its sum is checked."""
+    """Contents of a chunk's record. Raises what the parsers raise where it is damaged: its sum is checked."""
     stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(body))), validate_crc=True)
     return bytes(stream.read(size))
 

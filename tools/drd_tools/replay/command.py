@@ -57,7 +57,11 @@ def main(argv: list[str]) -> int:
             recording = with_model(recording, chosen.model)
     _check_output(chosen.output, recording)
     if recording is None:
-        replayed = _replay_mcap(chosen)
+        from drd_tools.replay.mcap_source import replay_mcap  # noqa: PLC0415  # the file's reader, where it is needed
+
+        replayed = replay_mcap(
+            chosen.recording, config=chosen.config, calibration=chosen.calibration, model=chosen.model
+        )
     else:
         replayed = replay_folder(recording, chosen.config, chosen.calibration)
     if not replayed.poses:
@@ -108,7 +112,7 @@ def _start(text: str) -> Start | str:
 
 
 def _check_output(output: Path | None, recording: Recording | None) -> None:
-    """Before the work is done, and before the recording's own files are written over."""
+    """Check the output before the work is done, and before the recording's own files are written over."""
     if output is None:
         return
     if output.suffix != ".csv":
@@ -117,9 +121,3 @@ def _check_output(output: Path | None, recording: Recording | None) -> None:
         raise ConfigError("--output", "", "a file in a folder that exists", repr(str(output)))
     if recording is not None and any(output.resolve() == (recording.folder / f).resolve() for f in recording.sha256):
         raise ConfigError("--output", "", "a file that is not the recording's own", repr(str(output)))
-
-
-def _replay_mcap(chosen: argparse.Namespace) -> Replayed:
-    from drd_tools.replay.mcap_source import replay_mcap  # noqa: PLC0415  # the file's reader, where it is needed
-
-    return replay_mcap(chosen.recording, config=chosen.config, calibration=chosen.calibration, model=chosen.model)

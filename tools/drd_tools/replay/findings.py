@@ -20,7 +20,7 @@ TOPIC = "/findings"
 
 @dataclass
 class Live:
-    """What a recording has of the live monitor: since which sample, with which constants, each list that it told.
+    """The live monitor in a recording: since which sample, with which constants, each list that it told.
 
     `starts`: how many monitors there were; only of one alone a replay can be the same.
     """
@@ -31,7 +31,7 @@ class Live:
     starts: int = 0
 
     def take(self, value: dict[str, Any]) -> None:
-        """A message of TOPIC. Raises what a payload that drd did not write brings: KeyError, TypeError, ValueError."""
+        """Take in a message of TOPIC. Raises KeyError, TypeError or ValueError for a payload that drd did not write."""
         if value.get("began_ns") is None:
             return
         if value["began_ns"] != self.began_ns:

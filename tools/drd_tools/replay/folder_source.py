@@ -53,7 +53,7 @@ def replay_folder(
 
 
 def _latencies_ns(recording: Recording, config: Config) -> tuple[int, int]:
-    """How much earlier than its row a sample was taken, of the gyro and of the wheels.
+    """Time by which a sample was taken earlier than its row, of the gyro and of the wheels.
 
     The samples that the daemon recorded are rid of the latencies that were in force then: what is left is the
     difference.

@@ -85,7 +85,7 @@ def replay_mcap(
 def _monitored(
     kept: Samples, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
 ) -> list[str]:
-    """What the monitor says, where it is asked for, and whether it said so live."""
+    """Sentences of the monitor, where it is asked for, and whether it said so live."""
     is_watched = config.monitor.enabled and config.fog.protocol != "none" and config.model.file is None
     if not is_watched or not (kept.gyro_samples and kept.wheel_samples):
         return []
@@ -126,7 +126,7 @@ class _Replay:
                 made()
 
     def _as_changed(self, event: str, made: Callable[[], object] | None) -> Callable[[], object] | None:
-        """What becomes of an event whose meaning another configuration changes."""
+        """Adapt an event whose meaning another configuration changes."""
         if event == "reload":
             self.notes.append("the live run was given a new configuration on the way; here one holds throughout")
             return None
@@ -210,7 +210,7 @@ def _frame(row: dict[str, Any]) -> CanFrame:
 
 
 def _commanded(value: Any) -> float:
-    """As the daemon lets nothing else through."""
+    """Check a number as the daemon does: it lets nothing else through."""
     if not abs(value) <= LARGEST_COMMANDED:
         raise ValueError(f"expected at most {LARGEST_COMMANDED:g}, got {value!r:.40}")
     return float(value)

@@ -34,7 +34,7 @@ def start_on_reference(replayed: Replayed, recording: Recording) -> Start:
 
 
 def end_error(replayed: Replayed, recording: Recording) -> EndError | None:
-    """None where there is no reference, or none while there were poses."""
+    """Error at the end; None where there is no reference, or none while there were poses."""
     overlap = _overlap(replayed, recording)
     if overlap is None or recording.reference is None:
         return None

@@ -62,13 +62,13 @@ class Replayed:
 
     @property
     def duration_s(self) -> float:
-        """From where the dead reckoning began, or from the first pose, to the last one."""
+        """Time from where the dead reckoning began, or from the first pose, to the last one."""
         if not self.poses:
             return 0.0
         return (self.poses[-1].t_ns - (self.began_ns or self.poses[0].t_ns)) * S_PER_NS
 
     def digest(self) -> str:
-        """Of all poses, see `digest`."""
+        """Digest of all poses, see `digest`."""
         return digest(self.poses)
 
 
@@ -91,7 +91,7 @@ def digest(poses: Sequence[Pose]) -> str:
 
 
 def packed(p: Pose) -> bytes:
-    """All of its numbers, bit for bit."""
+    """All numbers of a pose, bit for bit."""
     rates = (p.speed_m_s, p.rate_rad_s, p.speed_sigma_m_s, p.rate_sigma_rad_s)
     return BITS.pack(p.t_ns, p.sequence, p.x_m, p.y_m, p.heading_rad, *rates, *p.covariance, p.position_bound_m)
 
@@ -142,7 +142,7 @@ def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: di
 
 
 def provenance(replayed: Replayed, start: Start = ORIGIN) -> dict[str, Any]:
-    """What the poses come from, in plain types for JSON: the digest, the inputs, what was in force, the counters."""
+    """Provenance of the poses, in plain types for JSON: the digest, the inputs, what was in force, the counters."""
     calibration = replayed.calibration
     return {
         "format": FORMAT,

@@ -60,7 +60,7 @@ def _counters(replayed: Replayed) -> str:
 
 
 def _advice(replayed: Replayed) -> list[str]:
-    """What to look at where the two headings do not go together."""
+    """Lines on what to look at where the two headings do not go together."""
     counters = replayed.counters.get("estimator", {})
     rejected, compared = counters.get("rejected", 0), counters.get("rejected", 0) + counters.get("accepted", 0)
     if rejected < MANY * compared or not rejected:

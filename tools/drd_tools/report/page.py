@@ -75,11 +75,14 @@ class Page:
 
     def save(self, file: Path) -> None:
         """Write the page. Raises OSError."""
-        environment = Environment(
-            loader=PackageLoader("drd_tools.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-        )
-        now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        html = environment.get_template("page.html.j2").render(
-            title=self._title, lead=self._lead, parts=self._parts, footer=f"drd {__version__}, {now}"
-        )
-        file.write_text(html, encoding="utf-8")
+        footer = f"drd {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
+        values = {"title": self._title, "lead": self._lead, "parts": self._parts, "footer": footer}
+        file.write_text(rendered("drd_tools.report", "page.html.j2", values), encoding="utf-8")
+
+
+def rendered(package: str, template: str, values: Mapping[str, Any]) -> str:
+    """Fill in a template that lies in a package; it escapes what it is given."""
+    environment = Environment(
+        loader=PackageLoader(package, "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template(template).render(values)

@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from drd.arrays import Array
 
 # Okabe and Ito (2008): told apart by all readers, and in grey by their lightness.
 BLUE: Final = "#0072B2"
@@ -89,6 +92,22 @@ def tidy_map(axes: Any, title: str, ticks: int = 8) -> None:
     """The same for paths seen from above: a metre is as long in x as in y."""
     axes.set_aspect("equal", adjustable="datalim")
     tidy(axes, title, ticks, x="x / m", y="y / m")
+
+
+def draw_path(axes: Any, x_m: Array, y_m: Array, title: str) -> None:
+    """Draw a path seen from above, with its two ends; a metre is shown in full where the robot stays on the spot."""
+    axes.plot(x_m, y_m, color=BLUE, linewidth=1.4)
+    ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
+    axes.plot(x_m[0], y_m[0], "o", label="start", zorder=5, **ring)
+    axes.plot(x_m[-1], y_m[-1], "o", color=INK, markersize=7, label="end", zorder=6)
+    is_on_the_spot = max(np.ptp(x_m), np.ptp(y_m)) < 0.5
+    axes.set_aspect("equal", adjustable="box" if is_on_the_spot else "datalim")
+    axes.margins(0.08)
+    if is_on_the_spot:
+        axes.set_xlim(x_m.mean() - 0.5, x_m.mean() + 0.5)
+        axes.set_ylim(y_m.mean() - 0.5, y_m.mean() + 0.5)
+    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
+    tidy(axes, title, x="x / m", y="y / m")
 
 
 def legend_below(figure: Any, axes: Any, ncols: int) -> None:

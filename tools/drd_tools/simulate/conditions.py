@@ -20,7 +20,7 @@ def stream(seed: int, source: str) -> Random:
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """What a skid-steer robot's ground does; the slip noise of robot.yaml is not part of it.
+    """Effect of the ground on a skid-steer robot; the slip noise of robot.yaml is not part of it.
 
     `skid`: standard deviation by which the instantaneous centre of rotation of each side wanders (1: its distance from
     the middle), over `skid_length_m` of the wheels' way; with it wander effective tread and forward gain. `centre_m`:
@@ -44,7 +44,7 @@ GROUNDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """When the reference gives a pose: every `period_s`, or None: at the two ends only. `is_there` False: never.
+    """Times of the reference's poses: every `period_s`, or None: at the two ends only. `is_there` False: never.
 
     Its poses are `latency_s` old, and of a point that is `lever_m` (forward, left) off the robot's centre.
     """

@@ -58,7 +58,7 @@ def write_recording(folder: Path, recording: Recording, truth: str) -> None:
 
 
 def truth_yaml(simulated: Simulated, about: dict[str, Any]) -> str:
-    """What is true; its `effects` are in the form of a model file."""
+    """Text of truth.yaml; its `effects` are in the form of a model file."""
     truth = simulated.truth
     content = {
         **about,

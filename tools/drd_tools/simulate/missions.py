@@ -50,7 +50,6 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
         lap, start = waypoint_lap(Path(mission))
     else:
         raise ConfigError("--mission", "", f"one of {', '.join(MISSIONS)}, or a .csv file", repr(mission))
-    total = None if seconds is None else round(seconds * RATE_HZ)
 
     def laps_of(count: int) -> Steps:
         route = Route(*start).stand(stand_s)
@@ -58,19 +57,18 @@ def make_drive(mission: str, seconds: float | None = None, stand_s: float = 10.0
             lap(route, number)
         return route.stand(1.0).steps()
 
-    steps = laps_of(laps)
-    if total is not None and len(steps.forward_m) < total:
-        first, second = len(steps.forward_m), len(laps_of(2).forward_m)
-        laps = 1 + (total - first) // (second - first)
-        steps = laps_of(laps) if laps > 1 else steps
-    if total is not None:
-        laps = laps if len(steps.forward_m) <= total else 0
-        steps = _lasting(steps, total)
-    return Drive(steps, laps, start)
+    if seconds is None:
+        return Drive(laps_of(laps), laps, start)
+    total, steps = round(seconds * RATE_HZ), laps_of(1)
+    first = len(steps.forward_m)
+    laps = int(first <= total)
+    if first < total:
+        laps += (total - first) // (len(laps_of(2).forward_m) - first)
+    return Drive(_lasting(laps_of(laps) if laps > 1 else steps, total), laps, start)
 
 
 def _lasting(steps: Steps, total: int) -> Steps:
-    """Cut, or standing until the end."""
+    """Steps cut to `total`, or followed by standstill until then."""
     return Steps(*(np.pad(a, (0, max(0, total - len(a))))[:total] for a in steps))
 
 
@@ -92,7 +90,7 @@ def demo_drive(seconds: float, stand_s: float = 10.0) -> Drive:
 
 
 def _wave(route: Route, length_m: float, waves: int, speed_m_s: float, limit_rad_s: float = math.inf) -> None:
-    """The heading swings as a sine over the way, so far that each wave is a closed figure of eight, or as allowed."""
+    """Swing the heading as a sine over the way, so far that each wave is a closed figure of eight, or as allowed."""
     per_m, cells = 2.0 * math.pi * waves / length_m, max(2000, round(100.0 * length_m))
     along = (np.arange(cells) + 0.5) * length_m / cells
     swing = min(EIGHT_SWING_RAD, limit_rad_s / (speed_m_s * per_m))
@@ -119,7 +117,7 @@ def read_waypoints(file: Path) -> tuple[list[tuple[float, float]], list[float]]:
 
 
 def waypoint_lap(file: Path) -> tuple[Callable[[Route, int], object], tuple[float, float, float]]:
-    """From the first point along all others; further laps go back to the first and begin again."""
+    """Lap from the first point along all others, and its start; further laps go back to the first and begin again."""
     points, speeds = read_waypoints(file)
     (x, y), (to_x, to_y) = points[:2]
 

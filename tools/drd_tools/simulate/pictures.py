@@ -8,16 +8,16 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.units import RAD_PER_DEG
-from drd_tools.report.style import BLUE, GREEN, INK, ORANGE, TRUE_GREY, VERMILION, picture, tidy
+from drd_tools.report.style import BLUE, GREEN, ORANGE, TRUE_GREY, VERMILION, draw_path, picture, tidy
 
 
 def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
-    """Path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
+    """Draw the path on the left; speed, yaw rate and temperature on the right. Raises OSError."""
     with picture(file, 11.0, 6.2) as figure:
         figure.suptitle(title, x=0.012, ha="left", fontsize=14, fontweight="bold")
         sides: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = sides
-        _draw_path(left.subplots(), columns)
+        draw_path(left.subplots(), columns["x_m"], columns["y_m"], "True path, seen from above")
         time_s = columns["time_s"]
         panels: Any = right.subplots(3, 1, sharex=True)
         for axes, name, color, what in zip(
@@ -35,26 +35,8 @@ def draw_motion(file: Path, columns: Mapping[str, Array], title: str) -> None:
         panels[2].set_xlabel("time / s")
 
 
-def _draw_path(axes: Any, columns: Mapping[str, Array]) -> None:
-    x, y = columns["x_m"], columns["y_m"]
-    axes.plot(x, y, color=BLUE, linewidth=1.4)
-    ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.6, "markersize": 13}
-    axes.plot(x[0], y[0], "o", label="start", zorder=5, **ring)
-    axes.plot(x[-1], y[-1], "o", color=INK, markersize=7, label="end", zorder=6)
-    on_the_spot = max(np.ptp(x), np.ptp(y)) < 0.5
-    axes.set_aspect("equal", adjustable="box" if on_the_spot else "datalim")
-    axes.margins(0.08)
-    if on_the_spot:
-        axes.set_xlim(x.mean() - 0.5, x.mean() + 0.5)
-        axes.set_ylim(y.mean() - 0.5, y.mean() + 0.5)
-    axes.set_xlabel("x / m")
-    axes.set_ylabel("y / m")
-    axes.legend(loc="upper left", ncols=2, bbox_to_anchor=(0.0, -0.1))
-    tidy(axes, "True path, seen from above")
-
-
 def draw_changes(file: Path, columns: Mapping[str, Array], tread_m: float) -> None:
-    """What the effects changed in the readings. Raises OSError."""
+    """Draw what the effects changed in the readings. Raises OSError."""
     time_s, gyro = columns["time_s"], columns["gyro_change_deg_s"]
     left, right = columns["left_change_m"], columns["right_change_m"]
     step_s = np.diff(time_s, prepend=time_s[0])

@@ -15,7 +15,7 @@ from drd_tools.simulate.pictures import draw_changes, draw_motion
 
 
 def sentences(about: dict[str, Any], columns: dict[str, Array]) -> list[str]:
-    """What was driven, and with which effects."""
+    """Sentences on what was driven, and with which effects."""
     x, y = columns["x_m"], columns["y_m"]
     apart_m = float(np.hypot(x[-1] - x[0], y[-1] - y[0]))
     laps, names = about["whole_laps"], [row["effect"] for row in about["effects"]]
@@ -48,7 +48,7 @@ def condition_table(about: dict[str, Any]) -> Iterable[tuple[str, str]]:
 
 
 def write_report(folder: Path) -> None:
-    """Pictures and report.html from what the folder holds. Raises ConfigError, OSError."""
+    """Write pictures and report.html from what the folder holds. Raises ConfigError, OSError."""
     about, columns = read_truth(folder), read_true_motion(folder)
     recording = read_recording(folder)
     found = sentences(about, columns)

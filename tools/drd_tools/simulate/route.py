@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -31,54 +30,16 @@ class Steps(NamedTuple):
     turned_rad: Array
 
 
-@dataclass(frozen=True)
-class _Way:
-    """Driven from standstill to standstill; `sign` -1 is backwards. Arrays have one value for each cell."""
-
-    length_m: Array
-    curvature_per_m: Array
-    limit_m_s: Array
-    sign: float
-
-    def steps(self) -> Steps:
-        along_m, travel_m = _nodes(self.length_m), _ride(self.length_m, self.limit_m_s, ACCELERATION_M_S2)
-        heading = np.interp(travel_m, along_m, _nodes(self.length_m * self.curvature_per_m))
-        return Steps(self.sign * np.diff(travel_m), self.sign * np.diff(heading))
-
-
-@dataclass(frozen=True)
-class _Turn:
-    """On the spot, left positive."""
-
-    angle_rad: float
-    rate_rad_s: float
-
-    def steps(self) -> Steps:
-        cells = max(1, math.ceil(abs(self.angle_rad) / 0.01))
-        cell, limit = np.full(cells, abs(self.angle_rad) / cells), np.full(cells, self.rate_rad_s)
-        turned = np.diff(_ride(cell, limit, TURN_ACCELERATION_RAD_S2))
-        return Steps(np.zeros_like(turned), math.copysign(1.0, self.angle_rad) * turned)
-
-
-@dataclass(frozen=True)
-class _Stand:
-    seconds: float
-
-    def steps(self) -> Steps:
-        still = np.zeros(round(self.seconds * RATE_HZ))
-        return Steps(still, still)
-
-
 class Route:
     """Collects legs; each begins where the one before ends. Starts at the origin, heading 0 (along x), or as given."""
 
     def __init__(self, x_m: float = 0.0, y_m: float = 0.0, heading_rad: float = 0.0):
         self.x_m, self.y_m, self.heading_rad = x_m, y_m, heading_rad
-        self._done: list[_Way | _Turn | _Stand] = []
+        self._done: list[Steps] = []
         self._cells: list[tuple[Array, Array, Array]] = []
 
     def curve(self, length_m: float, curvature_per_m: Array, speed_m_s: float) -> Self:
-        """Cells of equal length, shape (n,); the speed is lowered where yaw rate or lateral acceleration ask for it."""
+        """Drive cells of equal length, shape (n,), slower where yaw rate or lateral acceleration ask for it."""
         cells, bend = len(curvature_per_m), np.abs(curvature_per_m) + 1e-9
         limit = np.minimum(speed_m_s, np.minimum(RATE_LIMIT_RAD_S / bend, np.sqrt(LATERAL_M_S2 / bend)))
         cell_m = np.full(cells, length_m / cells)
@@ -91,7 +52,7 @@ class Route:
         return self
 
     def straight(self, length_m: float, speed_m_s: float) -> Self:
-        """Negative: backwards, from standstill to standstill."""
+        """Drive straight ahead; negative: backwards, from standstill to standstill."""
         if length_m < 0.0:
             self._stop()
         self.curve(abs(length_m), np.zeros(_cells(length_m)), speed_m_s)
@@ -102,7 +63,7 @@ class Route:
         return self
 
     def bend(self, angle_rad: float, length_m: float, speed_m_s: float) -> Self:
-        """A bend whose curvature rises and falls like a cosine, left positive."""
+        """Drive a bend whose curvature rises and falls like a cosine, left positive."""
         u = (np.arange(_cells(length_m)) + 0.5) / _cells(length_m)
         return self.curve(length_m, angle_rad / length_m * (1.0 - np.cos(2.0 * math.pi * u)), speed_m_s)
 
@@ -110,14 +71,15 @@ class Route:
         """Stop and turn on the spot, left positive."""
         self._stop()
         if angle_rad:
-            self._done.append(_Turn(angle_rad, rate_rad_s))
+            self._done.append(_turning(angle_rad, rate_rad_s))
         self.heading_rad += angle_rad
         return self
 
     def stand(self, seconds: float) -> Self:
         """Stop and stand."""
         self._stop()
-        self._done.append(_Stand(seconds))
+        still = np.zeros(round(seconds * RATE_HZ))
+        self._done.append(Steps(still, still))
         return self
 
     def go(
@@ -127,7 +89,7 @@ class Route:
         corner_m: float = 2.0,
         speeds_m_s: Sequence[float] = (),
     ) -> Self:
-        """Straight from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
+        """Drive from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
         corners = np.array([(self.x_m, self.y_m), *points_m])
         legs = np.diff(corners, axis=0)
         lengths, headings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
@@ -152,18 +114,18 @@ class Route:
     def steps(self) -> Steps:
         """The whole ride, from standstill to standstill."""
         self._stop()
-        forward, turned = zip(*(piece.steps() for piece in self._done), strict=True)
+        forward, turned = zip(*self._done, strict=True)
         return Steps(np.concatenate(forward), np.concatenate(turned))
 
     def _stop(self, sign: float = 1.0) -> None:
         if self._cells:
             length, curvature, limit = map(np.concatenate, zip(*self._cells, strict=True))
-            self._done.append(_Way(length, curvature, limit, sign))
+            self._done.append(_riding(length, curvature, limit, sign))
             self._cells = []
 
 
 def bend_shape(angle_rad: float) -> tuple[float, float]:
-    """Where a bend of unit length, along x at first, ends: x and y, as parts of its length."""
+    """End of a bend of unit length, along x at first: x and y, as parts of its length."""
     u = (np.arange(2000) + 0.5) / 2000
     heading = angle_rad * (u - np.sin(2.0 * math.pi * u) / (2.0 * math.pi))
     return float(np.cos(heading).mean()), float(np.sin(heading).mean())
@@ -184,6 +146,21 @@ def _cells(length_m: float) -> int:
 
 def _nodes(steps: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def _riding(length_m: Array, curvature_per_m: Array, limit_m_s: Array, sign: float) -> Steps:
+    """Ride through cells, shape (n,) each, from standstill to standstill; `sign` -1 is backwards."""
+    travel_m = _ride(length_m, limit_m_s, ACCELERATION_M_S2)
+    heading = np.interp(travel_m, _nodes(length_m), _nodes(length_m * curvature_per_m))
+    return Steps(sign * np.diff(travel_m), sign * np.diff(heading))
+
+
+def _turning(angle_rad: float, rate_rad_s: float) -> Steps:
+    """Turn on the spot, left positive."""
+    cells = max(1, math.ceil(abs(angle_rad) / 0.01))
+    cell, limit = np.full(cells, abs(angle_rad) / cells), np.full(cells, rate_rad_s)
+    turned = np.diff(_ride(cell, limit, TURN_ACCELERATION_RAD_S2))
+    return Steps(np.zeros_like(turned), math.copysign(1.0, angle_rad) * turned)
 
 
 def _ride(cell: Array, limit: Array, acceleration: float) -> Array:

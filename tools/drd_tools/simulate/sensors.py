@@ -61,7 +61,7 @@ def gyro_log(m: Motion, nominal: Robot, effects: Effects, conditions: Conditions
 def readings_deg_s(
     rate_rad_s: Array, interval_s: float, nominal: Robot, conditions: Conditions, random: Random, effects: Effects = ()
 ) -> Array:
-    """What a gyro's output makes of mean rates, shape (n,): white noise, limits, resolution."""
+    """Turn mean rates, shape (n,), into a gyro's output: white noise, limits, resolution."""
     white = conditions.gyro_noise * white_rad_s(nominal.gyro_angle_random_walk_deg_per_sqrt_h or 0.0, interval_s)
     rate = rate_rad_s + white * scatter(len(rate_rad_s), random, conditions.tails)
     for effect, values in effects:  # a limit of the output holds for the noise as well
@@ -110,7 +110,7 @@ def _travel_m(
     conditions: Conditions,
     seed: int,
 ) -> Array:
-    """What one counter has counted, with slip noise and bumps along the wheel's true way."""
+    """Travel that one counter has counted, with slip noise and bumps along the wheel's true way."""
     way, steps = np.diff(_integral(m, np.abs(true_m_s), at_s)), np.diff(_integral(m, read_m_s, at_s))
     slip = conditions.wheel_noise * (nominal.slip_noise_m_per_sqrt_m or 0.0)
     noise = slip * np.sqrt(way) * scatter(len(way), stream(seed, f"{side} slip"), conditions.tails)
@@ -153,12 +153,12 @@ def reference_log(true: ReferenceLog, nominal: Robot, conditions: Conditions, se
 
 
 def _sampled_s(m: Motion, rate_hz: float) -> Array:
-    """From 0 to the end, at least two."""
+    """Times of the samples, from 0 to the end, at least two."""
     return np.arange(max(2, math.floor(m.end_s * rate_hz + 1e-9) + 1)) / rate_hz
 
 
 def _integral(m: Motion, values: Array, at_s: Array) -> Array:
-    """Of means over the motion's steps, whose middles are its times, from 0 to each time."""
+    """Integrate means over the motion's steps, whose middles are its times, from 0 to each time."""
     step_s = 2.0 * float(m.time_s[0])
     sums = np.concatenate(([0.0], np.cumsum(values))) * step_s
     return np.asarray(np.interp(at_s, step_s * np.arange(len(sums)), sums))

@@ -71,7 +71,7 @@ def simulate(
 
 
 def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Motion, Array]:
-    """What perfect sensors of the nominal robot would say on this ground, and how fast the body slides sideways."""
+    """Motion that perfect sensors of the nominal robot tell on this ground, and the body's sideways speed."""
     v, w, half_m = truth.speed_m_s, truth.rate_rad_s, 0.5 * nominal.tread_m
     left_m = right_m = np.full_like(v, half_m)
     slide = np.zeros_like(v)

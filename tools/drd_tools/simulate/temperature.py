@@ -55,7 +55,7 @@ PROFILES: Final = {
 
 
 def temperature_c(profile: str, time_s: Array, duration_s: float) -> Array:
-    """At times since the start, shape (n,), n >= 1.
+    """Temperature at times since the start, shape (n,), n >= 1.
 
     `profile`: a name of PROFILES, also as NAME:A or NAME:A:B; or a CSV file with time_s,temperature_c, whose ends are
     held. Raises ConfigError.

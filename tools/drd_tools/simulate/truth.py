@@ -13,7 +13,7 @@ from drd_tools.simulate.temperature import temperature_c
 
 
 class Place(NamedTuple):
-    """Where the robot is, heading not wrapped, and how far it has driven: forward less backward."""
+    """Pose of the robot, heading not wrapped, and its way: forward less backward."""
 
     x_m: float
     y_m: float
@@ -40,27 +40,27 @@ class Truth:
 
     @property
     def time_s(self) -> Array:
-        """Of the states, from 0."""
+        """Times of the states, from 0."""
         return np.asarray(STEP_S * np.arange(len(self.x_m)))
 
     @property
     def middle_s(self) -> Array:
-        """Of the steps."""
+        """Middles of the steps in time."""
         return np.asarray(STEP_S * (np.arange(len(self.speed_m_s)) + 0.5))
 
     @property
     def duration_s(self) -> float:
-        """Of the whole run."""
+        """Duration of the whole run."""
         return STEP_S * len(self.speed_m_s)
 
     @property
     def length_m(self) -> float:
-        """Of the way, forward and backward."""
+        """Length of the way, forward and backward."""
         return float(np.abs(self.speed_m_s).sum() * STEP_S)
 
     @cached_property
     def way_m(self) -> Array:
-        """At the states: forward less backward, from 0."""
+        """Way at the states: forward less backward, from 0."""
         return np.concatenate(([0.0], np.cumsum(self.speed_m_s) * STEP_S))
 
     @cached_property
@@ -68,7 +68,7 @@ class Truth:
         return np.column_stack((self.x_m, self.y_m, self.heading_rad, self.way_m))
 
     def at(self, t_s: float) -> Place:
-        """`t_s` after the start. Before it and after the end the robot stands there."""
+        """Place `t_s` after the start. Before it and after the end the robot stands there."""
         position = min(max(t_s / STEP_S, 0.0), float(len(self.speed_m_s)))
         index = min(int(position), len(self.speed_m_s) - 1)
         before, after = self._places[index], self._places[index + 1]

@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from drd.arrays import Array
 from drd.batch.run import latest, run
 from drd.batch.samples import gyro_samples, resolution_m, wheel_samples, zero_of
 from drd.effects.catalogue import catalogue
@@ -24,6 +23,7 @@ from drd.monitor.applying import Applying
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample, Pose
 from drd.units import S_PER_NS
+from drd_tools.evaluate.metrics import rms
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.nominal import configuration
 from drd_tools.report.terminal import columns
@@ -53,7 +53,7 @@ CASES: Final[dict[str, dict[str, Values]]] = {
 
 
 class Change(NamedTuple):
-    """At `time_s` a constant was taken, or, None, given back; `step`: by how much the pose stepped, m and rad."""
+    """A constant that was taken at `time_s`, or, None, given back; `step`: by how much the pose stepped, m and rad."""
 
     time_s: float
     name: str
@@ -108,7 +108,7 @@ def position_rms_m(made: Driven, recording: Recording) -> float:
     a, b = x + 1j * y, (log.x_m + 1j * log.y_m)[inside]
     a, b = a - a.mean(), b - b.mean()
     turn = np.vdot(a, b)
-    return float(np.sqrt(np.mean(np.abs(b - a * turn / abs(turn)) ** 2)))
+    return rms(np.abs(b - a * turn / abs(turn)))
 
 
 def simulated(name: str, seed: int, seconds: float = SECONDS) -> Recording:
@@ -130,12 +130,12 @@ class Row(NamedTuple):
 
 
 def of_case(name: str, seed: int) -> Row:
-    """One simulated drive, both ways."""
+    """Compare a simulated drive with it and without."""
     return compared(name, simulated(name, seed))
 
 
 def compared(name: str, recording: Recording) -> Row:
-    """One recording, both ways."""
+    """Compare a recording with it and without."""
     off, on = (driven(recording, is_on) for is_on in (False, True))
     return Row(name, position_rms_m(off, recording), position_rms_m(on, recording), on.changes)
 
@@ -151,13 +151,9 @@ def lines(rows: Iterable[Row]) -> list[str]:
         taken = [any(c.constant is not None for c in r.changes) for r in group]
         back = [any(c.constant is None for c in r.changes) for r in group]
         ratio = on / off
-        found.append([name, str(len(group)), str(sum(taken)), str(sum(back)), f"{_rms(off):.3f} m", f"{_rms(on):.3f} m",
+        found.append([name, str(len(group)), str(sum(taken)), str(sum(back)), f"{rms(off):.3f} m", f"{rms(on):.3f} m",
                       f"{ratio.min():.2f}", f"{ratio.max():.2f}"])  # fmt: skip
     return columns(found)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

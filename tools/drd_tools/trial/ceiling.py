@@ -36,7 +36,7 @@ def set_ceilings(
 
 
 def set_given(recording: Recording, rows: Sequence[TrueEffect]) -> None:
-    """The same for a recording that has its effects already, where the catalogue has them all."""
+    """Set the ceilings for a recording that has its effects already, where the catalogue has them all."""
     if not rows or any(row.effect not in catalogue() for row in rows):
         return
     truth = selected_of([(catalogue()[row.effect], si(row)) for row in rows])

@@ -37,18 +37,18 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
     each side's slip and of the body's sideways motion is taken off, as is the gyro's known drift with temperature;
     the slip noise on the data sheet is what is left then, so that only the contacts' own irregularity is in the data.
     """
-    from drd_tools.mujoco_world import sensors, world  # noqa: PLC0415  # mujoco may be missing
+    from drd_tools.mujoco_world import measure, sensors, world  # noqa: PLC0415  # mujoco may be missing
     from drd_tools.mujoco_world.ground import Ground  # noqa: PLC0415
     from drd_tools.mujoco_world.vehicle import Vehicle  # noqa: PLC0415
 
     vehicle = Vehicle()
     m = world.drive(vehicle, Ground(friction=friction), mission, seconds, STAND_S, seed)
     readings = sensors.read_sensors(m, reference, seed)
-    left, right = (_rate(vehicle.wheel_radius_m * angle, m.time_s) for angle in (m.left_rad, m.right_rad))
-    rate = _rate(m.gyro_rad, m.time_s)
-    gain = _slope(0.5 * (left + right), m.speed_m_s)
+    left, right = (np.gradient(vehicle.wheel_radius_m * angle, m.time_s) for angle in (m.left_rad, m.right_rad))
+    rate = np.gradient(m.gyro_rad, m.time_s)
+    gain = measure.slope(0.5 * (left + right), m.speed_m_s)
     left, right, radius_m = gain * left, gain * right, gain * vehicle.wheel_radius_m
-    tread_m = _slope(rate, right - left)
+    tread_m = measure.slope(rate, right - left)
     fog = readings.recording.fog
     assert fog is not None
     assert fog.temperature_c is not None
@@ -57,7 +57,7 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
     known = _known(m, rate, left, right, tread_m)
     rate, left, right = rate + known.gyro_rad_s, left + known.left_m_s, right + known.right_m_s
     motion = Motion(
-        m.time_s, rate, m.speed_m_s, _rate(m.speed_m_s, m.time_s), m.heading_rad, left, right,
+        m.time_s, rate, m.speed_m_s, np.gradient(m.speed_m_s, m.time_s), m.heading_rad, left, right,
         m.left_rad, m.right_rad, temperature_c, still_c, tread_m, float(m.time_s[-1]),
     )  # fmt: skip
     nominal = replace(
@@ -74,10 +74,10 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
 
 def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Errors:
     """The errors that take off all that a calibration could know, by least squares."""
-    v, w = m.speed_m_s, _rate(m.heading_rad, m.time_s)
-    dv, dw = _rate(v, m.time_s), _rate(w, m.time_s)
+    v, w = m.speed_m_s, np.gradient(m.heading_rad, m.time_s)
+    dv, dw = np.gradient(v, m.time_s), np.gradient(w, m.time_s)
     bent = [v, w, v * np.abs(v), w * np.abs(w), v * w, v * np.abs(w)]
-    changing = [dv, dw, v * dv, w * dw, v * dw, w * dv, _rate(dv, m.time_s), _rate(dw, m.time_s)]
+    changing = [dv, dw, v * dv, w * dw, v * dw, w * dv, np.gradient(dv, m.time_s), np.gradient(dw, m.time_s)]
     # And a table by yaw rate: slip saturates as friction does.
     knots = np.linspace(w.min(), w.max(), KNOTS)
     moving = np.hypot(v, w) > STANDING
@@ -102,12 +102,3 @@ def _slip_m_per_sqrt_m(m: Motion) -> float:
     off_m = summed([m.left_m_s - m.speed_m_s + half, m.right_m_s - m.speed_m_s - half])
     way_m = summed([np.abs(m.left_m_s), np.abs(m.right_m_s)])
     return max(SLIP_M_PER_SQRT_M, math.sqrt(float(np.sum(off_m**2) / np.sum(way_m))))
-
-
-def _rate(values: Array, time_s: Array) -> Array:
-    return np.asarray(np.gradient(values, time_s))
-
-
-def _slope(x: Array, y: Array) -> float:
-    """Least squares of y = slope x."""
-    return float(x @ y / (x @ x))

@@ -78,7 +78,7 @@ class Rivals:
 
 
 class Near(NamedTuple):
-    """A stand-in for an effect (NOTHING: nothing), and its whitened distance from what the effect does."""
+    """A surrogate of an effect (NOTHING: nothing), and its whitened distance from what the effect does."""
 
     name: str
     distance: float
@@ -87,7 +87,7 @@ class Near(NamedTuple):
 def nearest(
     problem: Problem, one: Selected, others: Sequence[Selected], rivals: Rivals, most: int | None = None
 ) -> list[Near]:
-    """The stand-ins for `one` beside the `others`, whose free parameters adapt, the nearest first.
+    """Find the surrogates of `one` beside the `others`, whose free parameters adapt, the nearest first.
 
     Each distance is reached by parameters of the catalogue's plausible range, `most` of them free: it may be too large
     where the descent ends too early, but is never too small. Causes have the catalogue's form.

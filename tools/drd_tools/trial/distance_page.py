@@ -103,7 +103,7 @@ def _cells(distances: Distances, pair: Pair) -> Cells:
 
 
 def _draw(file: Path, title: str, names: Sequence[str], matrix: Array) -> None:
-    """A heat map with the look-alikes in numbers."""
+    """Draw a heat map with the look-alikes in numbers."""
     with picture(file, 12.0, 10.5) as figure:
         axes: Any = figure.subplots()
         colours = ListedColormap(COLOURS).with_extremes(bad=UNSEEN)

@@ -98,7 +98,7 @@ def _prepared(manoeuvre: str) -> tuple[Motion, Problem, Rivals]:
 
 
 class Distances:
-    """All that was measured."""
+    """Everything that was measured, and figures of it."""
 
     def __init__(self, rows: Sequence[Measured]):
         order, names = list(MANOEUVRES), list(catalogue())
@@ -112,7 +112,7 @@ class Distances:
         return np.array([[of.get(a, {}).get(b, np.nan) if a != b else np.nan for b in self.names] for a in self.names])
 
     def best(self) -> Array:
-        """The same, each in the manoeuvre that sets the two apart most."""
+        """Distances (effect, rival), each in the manoeuvre that sets the two apart most."""
         best: Array = np.fmax.reduce([self.matrix(m) for m in self.manoeuvres])
         return best
 
@@ -132,7 +132,7 @@ class Distances:
         return [r.effect for r in self.rows if r.manoeuvre == manoeuvre and not r.distances]
 
     def alike(self, manoeuvre: str) -> int:
-        """How many pairs are look-alikes there."""
+        """Count the pairs that are look-alikes in a manoeuvre."""
         d = self.matrix(manoeuvre)
         return int((np.fmin(d, d.T)[np.triu_indices(len(d), 1)] < ALIKE).sum())
 

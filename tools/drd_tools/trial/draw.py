@@ -113,7 +113,7 @@ def _made(drawing: Drawing, random: Random, judged: bool) -> Case | None:
 
 
 def _run(drawing: Drawing, names: tuple[str, ...], random: Random) -> Run:
-    """Any drive on which it makes sense to look for these."""
+    """Draw a drive on which it makes sense to look for these effects."""
     in_contacts = drawing.world == CONTACTS
     missions = contacts.MISSIONS if in_contacts else [name for name in MISSIONS if name != "stand"]
     mission = missions[int(random.integers(len(missions)))]

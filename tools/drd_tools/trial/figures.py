@@ -137,7 +137,7 @@ class Figures:
         return [p for p in self.pairs if p[0].kind in kinds]
 
     def tables(self) -> list[Table]:
-        """All that have anything in them."""
+        """Tables that have anything in them."""
         kinds, named = self._groups(self.kinds), self._groups(self.named_kinds)
         apart = [(f"{k}, separable", chosen) for k, pairs in named if (chosen := list(filter(_is_separable, pairs)))]
         driven = [(k, [p for p in pairs if p[1].worse_path is not None]) for k, pairs in kinds]
@@ -257,7 +257,7 @@ def by_effect(pairs: Sequence[Pair]) -> list[Group]:
 
 
 def by_method(name: str, pairs: Sequence[Pair]) -> list[Pair]:
-    """The same records with the scores of a method, where it has seen them."""
+    """Replace the scores by those of a method, for the records that it has seen."""
     return [(r, s if name == OURS else of_names(r, name)) for r, s in pairs if name == OURS or name in r.baselines]
 
 

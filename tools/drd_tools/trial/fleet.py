@@ -1,6 +1,6 @@
 """`drd trial --fleet`: how often the statistics of a fleet are right, night after night.
 
-`judged` draws a fleet, and analyses what is there on each evening, as a nightly job would; `figures` counts.
+`judged` draws a fleet, and analyses what is there on each evening, as a nightly job would; `tables` counts.
 """
 
 from collections.abc import Iterator, Sequence

@@ -82,7 +82,7 @@ class Watch:
         self._now_s = -1.0
 
     def __call__(self, monitor: Monitor) -> None:
-        """After each sample."""
+        """Look at the monitor after a sample."""
         if monitor.now_s == self._now_s:
             return
         self._now_s = monitor.now_s

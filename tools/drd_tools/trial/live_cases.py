@@ -10,7 +10,6 @@ import numpy as np
 from msgspec import Struct
 
 from drd.arrays import Array
-from drd.config.robot import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Begins, Chance, Effect, Errors, Parameter, Values
 from drd.effects.motion import Motion
@@ -90,7 +89,7 @@ def seen_live() -> list[Effect]:
 
 
 def cases(each: int, nulls: int, seed: int, remembers: bool = False) -> list[Case]:
-    """So many of each effect and d, and so many nulls of each kind; the nulls first."""
+    """Cases: so many of each effect and d, and so many nulls of each kind, which come first."""
     found = [Case(f"null-{kind}-{n:03}", kind, 0.0, seed, remembers) for n in range(nulls) for kind in NULLS]
     for n in range(each):
         for effect in seen_live():
@@ -141,7 +140,7 @@ def _drawn(case: Case, random: Random) -> Drawn | None:
     recording = overlaid(made.recording, made.motion, [errors])
     known = KNOWN_SIGMAS if case.remembers else stated_constants(configuration(recording)).sigmas
     constants = (FIRST_BIAS_RAD_S, known[TURN], known[WAY], CHANGE_S * known[CHANGE])
-    return Drawn(recording, effect, found, begin_s, limit_s, visibility(errors, made.motion, limit, constants))
+    return Drawn(recording, effect, found, begin_s, limit_s, detectability(errors, made.motion, limit, constants))
 
 
 def _in_mujoco(random: Random) -> Drawn | None:
@@ -216,7 +215,9 @@ def sized(effect: Effect, d: float, m: Motion, steps: tuple[int, int], random: R
         values[q.name] = q.neutral + float(share) * SMALL * (1.0 if q.neutral else q.high * q.si)
     if effect.opposed:
         values[chosen[1].name] = -values[chosen[0].name]
-    return scaled(values, chosen, d, lambda found: visibility(since(effect, found, m, begin), m, limit), ROUNDS, SIZED)
+    return scaled(
+        values, chosen, d, lambda found: detectability(since(effect, found, m, begin), m, limit), ROUNDS, SIZED
+    )
 
 
 def _sizes(effect: Effect) -> list[Parameter]:
@@ -226,9 +227,7 @@ def _sizes(effect: Effect) -> list[Parameter]:
     return [q for q in found if q.name == effect.essential] if effect.essential else found
 
 
-def visibility(
-    errors: Errors, motion: Motion, limit: int, nuisances: Sequence[float] = NUISANCES, robot: Robot = DEFAULT
-) -> float:
+def detectability(errors: Errors, motion: Motion, limit: int, nuisances: Sequence[float] = NUISANCES) -> float:
     """Whitened norm of the errors in rows of the wheels' turn less the gyro's until a step, beside nuisances."""
     size = round(ROW_S / STEP_S)
     n = limit // size
@@ -237,14 +236,14 @@ def visibility(
         full = np.zeros_like(motion.time_s) + values
         return np.asarray(full[: n * size].reshape(n, size).sum(1) * STEP_S)
 
-    seen = (rows(errors.right_m_s) - rows(errors.left_m_s)) / robot.tread_m - rows(errors.gyro_rad_s)
+    seen = (rows(errors.right_m_s) - rows(errors.left_m_s)) / DEFAULT.tread_m - rows(errors.gyro_rad_s)
     ways = rows(np.abs(motion.left_m_s)) + rows(np.abs(motion.right_m_s))
-    walk = (robot.gyro_angle_random_walk_deg_per_sqrt_h or 0.0) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
-    slip = robot.slip_noise_m_per_sqrt_m or 0.0
-    sigma = np.sqrt(walk**2 * ROW_S + slip**2 * ways / robot.tread_m**2)
+    walk = (DEFAULT.gyro_angle_random_walk_deg_per_sqrt_h or 0.0) * RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
+    slip = DEFAULT.slip_noise_m_per_sqrt_m or 0.0
+    sigma = np.sqrt(walk**2 * ROW_S + slip**2 * ways / DEFAULT.tread_m**2)
     change = np.gradient(motion.rate_rad_s, STEP_S)
-    columns = (np.full(n, ROW_S), rows(motion.rate_rad_s), rows(motion.speed_m_s) / robot.tread_m, rows(change))
-    drift = robot.gyro_bias_random_walk_deg_per_h_per_sqrt_h or 0.0
+    columns = (np.full(n, ROW_S), rows(motion.rate_rad_s), rows(motion.speed_m_s) / DEFAULT.tread_m, rows(change))
+    drift = DEFAULT.gyro_bias_random_walk_deg_per_h_per_sqrt_h or 0.0
     step = drift * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H * math.sqrt(BIAS_STEP_S)
     steps = [
         step * ROW_S * (np.arange(n) >= k) for k in range(round(BIAS_STEP_S / ROW_S), n, round(BIAS_STEP_S / ROW_S))

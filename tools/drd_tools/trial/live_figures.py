@@ -23,7 +23,7 @@ HEADER: Final = [
 
 
 def tables(rows: Sequence[LiveRow]) -> list[Table]:
-    """By d, by effect, of what is not there, and how honest probabilities and intervals are."""
+    """Tables by d, by effect, of what is not there, and of how honest probabilities and intervals are."""
     made = [r for r in rows if r.is_made]
     effects = [r for r in made if r.case.kind not in NULLS]
     by_d = [_line(f"d={d:g}" if d else "events", [r for r in effects if r.case.d == d]) for d in (*DISTANCES, 0.0)]

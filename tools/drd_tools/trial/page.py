@@ -62,7 +62,7 @@ def write_page(content: Content, folder: Path) -> list[Path]:
 
 
 def origin(figures: Figures, head: Head) -> str:
-    """Where the figures of simulated and given recordings come from."""
+    """Sentence on where the figures of simulated and given recordings come from."""
     low, high = head.minutes
     return (
         f"Made by `drd trial`, seed {head.seed}: {len(figures.pairs)} recordings whose answer was hidden, drives of "

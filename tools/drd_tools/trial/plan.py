@@ -41,12 +41,12 @@ class Drawing:
 
     @property
     def number(self) -> int:
-        """Which of its kind, from 0."""
+        """Number among those of its kind, from 0."""
         return int(self.name.rpartition("-")[2])
 
 
 class Plan(NamedTuple):
-    """How many: nulls (plain, and stressed), drives of each effect at each d, pairs (and triples), drives of
+    """Numbers of cases: nulls (plain, and stressed), drives of each effect at each d, pairs (and triples), drives of
     each cause that is in no catalogue, nulls (and effects) with each other reference, and in the MuJoCo world.
     """
 

@@ -31,7 +31,7 @@ UNTOUCHED: Final = "untouched"
 
 
 def drives(folder: Path, pattern: str) -> list[Path]:
-    """Recordings of a folder whose names match, and which have wheels. Raises ConfigError where there is none."""
+    """List a folder's recordings whose names match, and which have wheels. Raises ConfigError where there is none."""
     found = sorted(p.parent for p in folder.glob(f"{pattern}/robot.yaml") if (p.parent / "encoders.csv").exists())
     if not found:
         raise ConfigError(str(folder), "--glob", "recordings with robot.yaml and encoders.csv", f"none with {pattern}")

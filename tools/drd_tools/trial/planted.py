@@ -139,7 +139,7 @@ def planted_table(rows: Sequence[Row]) -> Table:
 
 
 def not_visible(rows: Sequence[Row]) -> Table:
-    """How many of the untouched drives cannot show an effect at a distance d at any plausible size."""
+    """Table of how many untouched drives cannot show an effect at a distance d at any plausible size."""
     drives = [r for r in rows if isinstance(r, Untouched)]
     counts = {
         name: [sum(f"{r.case}.{name}.d{d:g}" in r.not_visible for r in drives) for d in DISTANCES]

@@ -35,7 +35,7 @@ NEAR: Final = 1.25  # factor between its d and that wanted
 
 @dataclass(frozen=True)
 class Whitener:
-    """How a diagnosis sees effects along a motion of a recording, `beside` others that it has found there."""
+    """Effects along a motion as a diagnosis weighs them, `beside` others that it has found there."""
 
     problem: Problem
     motion: Motion

@@ -14,7 +14,7 @@ PROGRAM = "drd trial"
 
 
 def text(figures: Figures, arguments: Sequence[str]) -> str:
-    """All of a trial. `arguments`: those with which a case is drawn again."""
+    """Text of a whole trial. `arguments`: those with which a case is drawn again."""
     lines: list[str] = []
     for made in figures.tables():
         lines += [*([""] if lines else []), made.caption, *columns([made.header, *made.rows])]

@@ -39,7 +39,7 @@ class Hidden(Effect):
         return [{q.name: middle[q.name] for q in self.parameters if not q.linear}]
 
     def drawn(self, m: Motion, chance: Chance) -> Values:
-        """Off the middle."""
+        """Draw the parameters that are not linear, off the middle."""
         found = {
             PERIOD.name: between(0.25, 0.6, chance.period) * m.end_s,
             PHASE.name: between(0.0, 2.0 * math.pi, chance.phase),

@@ -1,7 +1,8 @@
 """Calls in processes of their own, and their results as they are ready."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
 from tqdm import tqdm
@@ -17,27 +18,21 @@ def completed(todo: Sequence[Call[T]], jobs: int, then: Callable[[T], Sequence[C
 
     SIGTERM and Ctrl-C end the workers in the midst of their calls. Raises ConfigError where one was killed.
     """
-    with tqdm(total=len(todo), desc="trial", unit="case", disable=None) as bar:
-        for result, more in _each(list(todo), jobs, then):
-            bar.total = (bar.total or 0) + more
-            bar.update()
-            yield result
-
-
-def _each(todo: list[Call[T]], jobs: int, then: Callable[[T], Sequence[Call[T]]]) -> Iterator[tuple[T, int]]:
-    if jobs == 1:
-        while todo:
-            result = todo.pop(0)()
-            more = then(result)
-            todo += more
-            yield result, len(more)
-        return
-    with pool_of(jobs) as pool:
-        pending = {pool.submit(call) for call in todo}
-        while pending:
-            done, pending = wait(pending, return_when=FIRST_COMPLETED)
-            for future in done:
-                result = future.result()
+    calls, pending = list(todo), set[Future[T]]()
+    processes: AbstractContextManager[Executor | None] = nullcontext() if jobs == 1 else pool_of(jobs)
+    with tqdm(total=len(calls), desc="trial", unit="case", disable=None) as bar, processes as pool:
+        while calls or pending:
+            results: Iterable[T]
+            if pool is None:
+                results = [calls.pop(0)()]
+            else:
+                pending |= {pool.submit(call) for call in calls}
+                calls.clear()
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                results = (future.result() for future in done)
+            for result in results:
                 more = then(result)
-                pending |= {pool.submit(call) for call in more}
-                yield result, len(more)
+                calls += more
+                bar.total = (bar.total or 0) + len(more)
+                bar.update()
+                yield result

@@ -81,7 +81,7 @@ class DaemonLink:
         self.starts += self.alive
 
     def allows_commands(self) -> bool:
-        """What the daemon's configuration in force says; False also where it does not answer. Waits for the answer."""
+        """Ask whether the configuration in force allows commands; False also where no answer comes."""
         _, answer = self.ask("config")
         try:
             return answer["config"]["output"]["commands"] is True

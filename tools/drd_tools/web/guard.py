@@ -67,7 +67,7 @@ class Guard:
         return self._token is not None and self._check_token(request)
 
     def _is_ours(self, host: str) -> bool:
-        """An address, or a name of this machine. A rebound name is the attacker's own, so it is none of these."""
+        """Whether it is an address, or a name of this machine. A rebound name is the attacker's own: none of these."""
         found = re.fullmatch(r"\[([0-9a-f:.]+)\](:\d+)?|([^:\[\]]+)(:\d+)?", host.lower())
         if found is None:
             return False
@@ -99,7 +99,7 @@ class Guard:
 
 
 def _harden(response: web.StreamResponse) -> None:
-    """No foreign content, no frames around the buttons, nothing kept, no address with the token handed on."""
+    """Forbid foreign content, frames around the buttons, keeping anything, and handing on an address with the token."""
     response.headers.setdefault("Content-Security-Policy", "default-src 'none'; frame-ancestors 'none'")
     response.headers["X-Content-Type-Options"] = "nosniff"
     response.headers["Referrer-Policy"] = "no-referrer"

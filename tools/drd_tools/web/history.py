@@ -70,13 +70,13 @@ class History:
         return event
 
     def rows(self) -> npt.NDArray[np.float64]:
-        """Shape (n, len(COLUMNS)), oldest first, of the SPAN_S before the newest."""
+        """Rows of COLUMNS, shape (n, len(COLUMNS)), oldest first, of the SPAN_S before the newest."""
         start = self._count % _ROWS
         kept = self._ring[: self._count] if self._count <= _ROWS else np.roll(self._ring, -start, axis=0)
         return kept[kept[:, 0] > kept[-1, 0] - SPAN_S] if len(kept) else kept
 
     def events(self) -> list[dict[str, Any]]:
-        """Oldest first: those of the last SPAN_S, and the one before, which still held then."""
+        """Events of the last SPAN_S, oldest first, and the one before, which still held then."""
         events = list(self._events)
         begin_s = events[-1]["time_s"] - SPAN_S if events else 0.0
         if self._count:

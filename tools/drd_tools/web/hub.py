@@ -25,7 +25,7 @@ class Client:
         self.dropped = 0
 
     def put(self, text: str) -> None:
-        """Never waits."""
+        """Queue a message; never waits."""
         self.dropped += len(self._queue) == QUEUE
         self._queue.append(text)
         self._wake.set()
@@ -65,7 +65,7 @@ class Hub:
         return self._dropped + sum(client.dropped for client in self._clients)
 
     def send(self, text: str) -> None:
-        """To everybody, without waiting for anybody."""
+        """Send to everybody, without waiting for anybody."""
         for client in self._clients:
             client.put(text)
 
@@ -104,6 +104,6 @@ class Hub:
 
 
 async def _read(socket: web.WebSocketResponse) -> None:
-    """Pings and the end are handled in here; what a browser says is not looked at."""
+    """Handle pings and the end; what a browser says is not looked at."""
     async for _ in socket:
         pass

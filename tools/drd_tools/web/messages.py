@@ -33,7 +33,7 @@ class Pose(msgspec.Struct):
 
 
 def read_pose(payload: bytes) -> Pose | None:
-    """None: unreadable."""
+    """Read a pose; None: unreadable."""
     try:
         return msgspec.json.decode(payload, type=Pose)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -41,7 +41,7 @@ def read_pose(payload: bytes) -> Pose | None:
 
 
 def read_health(payload: bytes) -> dict[str, Any] | None:
-    """The health as it is, which other versions of the daemon may have otherwise; None: unreadable."""
+    """Read the health as it is, which other versions of the daemon may have otherwise; None: unreadable."""
     try:
         return msgspec.json.decode(payload, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):

@@ -114,7 +114,7 @@ class State:
         }
 
     def status_message(self, now_s: float, alive: bool, browsers: int) -> dict[str, Any]:
-        """How the messages come."""
+        """Status for the pages: how the messages come."""
         delays_s = self.delays_s()
         return {
             "type": "status",

@@ -15,6 +15,7 @@ from drd_tools.calibrate.gyro.error_function import (
     corner_leverage,
     fit_error_function,
 )
+from drd_tools.evaluate.metrics import rms
 
 ORDERS: Final = tuple(Order(rate, temperature) for rate in range(1, 6) for temperature in range(4))
 FOLDS: Final = 10
@@ -51,16 +52,11 @@ class Candidate:
 
     @property
     def standard_error_deg_s(self) -> float:
-        """Of `held_out_deg_s`."""
+        """Standard error of `held_out_deg_s`; infinite where not tried."""
         if self.residual_deg_s is None or len(self.residual_deg_s) < 2:
             return float("inf")
         square = self.residual_deg_s**2
         return float(square.std(ddof=1) / np.sqrt(len(square)) / (2.0 * max(self.held_out_deg_s, 1e-300)))
-
-
-def rms(values: Array) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def levels(values: Array, step: float) -> list[float]:
@@ -194,7 +190,7 @@ def recommend(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
 
 
 def beyond_the_file(candidates: Sequence[Candidate], chosen: Candidate) -> str:
-    """What a higher order than the file's would bring; a sentence."""
+    """Sentence on what a higher order than the file's would bring; empty where none was tried."""
     higher = [c for c in candidates if c.fitted is not None and not c.order.fits_in_file]
     if not higher:
         return ""

@@ -20,7 +20,6 @@ from drd_tools.calibrate.gyro.candidates import (
     compare,
     recommend,
     require_observable,
-    rms,
 )
 from drd_tools.calibrate.gyro.data_sets import SETTLE_S, DataSets
 from drd_tools.calibrate.gyro.error_function import FILE_ORDER, ErrorFunction, Order
@@ -29,6 +28,7 @@ from drd_tools.calibrate.gyro.file import write_calibration
 from drd_tools.calibrate.gyro.rate_table import RateTable, data_sets, files_in, read_rate_table
 from drd_tools.calibrate.gyro.report import write_report
 from drd_tools.calibrate.gyro.result import CANDIDATE_HEADER, GyroResult
+from drd_tools.evaluate.metrics import rms
 from drd_tools.report.terminal import print_table
 
 PROG = "drd calibrate gyro"
@@ -77,7 +77,7 @@ def main(argv: list[str]) -> int:
 
 
 def calibrate(tables: Sequence[RateTable], arguments: argparse.Namespace) -> GyroResult:
-    """From recordings to the result. Raises ConfigError for bad data, NotObservableError where it does not suffice."""
+    """Fit and judge the orders. Raises ConfigError for bad data, NotObservableError where they do not suffice."""
     data = data_sets(tables, arguments.settle, arguments.latitude)
     new_tables = [read_rate_table(file) for file in files_in(arguments.held_out)]
     _refuse_shared(tables, new_tables)
@@ -108,7 +108,7 @@ def calibrate(tables: Sequence[RateTable], arguments: argparse.Namespace) -> Gyr
 
 
 def _evaluation(new: DataSets | None, chosen: Candidate, fitted: ErrorFunction) -> tuple[Evaluation, int]:
-    """On the new data within the valid range where there are some, otherwise by cross-validation."""
+    """Judge on the new data within the valid range where there are some, otherwise by cross-validation."""
     if new is None:
         assert chosen.unseen is not None
         assert chosen.residual_deg_s is not None
@@ -202,7 +202,7 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
 
 
 def _order(text: str) -> Order:
-    """Of the form 3,2, within what a calibration file holds."""
+    """Parse an order of the form 3,2, within what a calibration file holds."""
     try:
         rate, temperature = map(int, text.split(","))
     except ValueError:

@@ -51,17 +51,17 @@ class DataSets:
 
     @property
     def error_deg_s(self) -> Array:
-        """Shape (n,). (1)"""
+        """Error of each mean reading, shape (n,). (1)"""
         return self.rate_deg_s - self.table_rate_deg_s
 
     def select(self, index: npt.NDArray[np.bool_] | Counts) -> "DataSets":
-        """Those of a mask or of indices."""
+        """Select the data sets of a mask or of indices."""
         chosen = {field.name: getattr(self, field.name)[index] for field in fields(self)[:-1]}
         return DataSets(label=tuple(np.array(self.label, dtype=object)[index]), **chosen)
 
 
 def joined(parts: Sequence[DataSets]) -> DataSets:
-    """All data sets of `parts` (at least one) in their order."""
+    """Join the data sets of `parts` (at least one) in their order."""
     names = [field.name for field in fields(DataSets)[:-1]]
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return DataSets(label=tuple(label for part in parts for label in part.label), **arrays)

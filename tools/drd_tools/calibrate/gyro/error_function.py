@@ -40,7 +40,7 @@ class Order(NamedTuple):
 
     @property
     def coefficients(self) -> int:
-        """How many there are."""
+        """Number of coefficients."""
         return (self.rate + 1) * (self.temperature + 1)
 
     @property
@@ -75,7 +75,7 @@ class ErrorFunction:
     condition_raw: float
 
     def error_deg_s(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> Array:
-        """Shape of the two broadcast; not held at the border of the range. (5)"""
+        """Evaluate e(w, T), shape of the two broadcast; beyond the range it is extrapolated. (5)"""
         regressors, shape = self._regressors(rate_deg_s, temperature_c)
         return np.asarray((regressors @ self.scaled_coefficients).reshape(shape))
 
@@ -86,21 +86,20 @@ class ErrorFunction:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(shape))
 
     def residual_deg_s(self, data: DataSets) -> Array:
-        """What is left of the data sets' errors after the correction, shape (n,). (6)"""
+        """Errors of the data sets after the correction, shape (n,). (6)"""
         return data.error_deg_s - self.error_deg_s(data.rate_deg_s, data.temperature_c)
 
     def calibration(
         self, residual_deg_s: float, provenance: dict[str, str], residual_before_deg_s: float | None = None
     ) -> Calibration:
-        """What the daemon loads. Raises ValueError where the order does not fit in the file's form."""
+        """Make what the daemon loads. Raises ValueError where the order does not fit in the file's form."""
         if not self.order.fits_in_file:
             raise ValueError(f"order {self.order}: a calibration file holds up to {FILE_ORDER}")
+        i, j = self.coefficients.shape
         full = np.zeros((FILE_ORDER.rate + 1, FILE_ORDER.temperature + 1))
-        full[: self.order.rate + 1, : self.order.temperature + 1] = self.coefficients
-        index = np.arange(full.size).reshape(full.shape)
-        places = index[: self.order.rate + 1, : self.order.temperature + 1].ravel()
-        covariance = np.zeros((full.size, full.size))
-        covariance[np.ix_(places, places)] = self.covariance
+        full[:i, :j] = self.coefficients
+        covariance = np.zeros((*full.shape, *full.shape))
+        covariance[:i, :j, :i, :j] = self.covariance.reshape(i, j, i, j)
         rows = [(float(b0), float(b1), float(b2)) for b0, b1, b2 in full]
         return Calibration(
             (rows[0], rows[1], rows[2], rows[3]),
@@ -109,7 +108,7 @@ class ErrorFunction:
             float(residual_deg_s),
             provenance,
             residual_before_deg_s,
-            tuple(tuple(row) for row in covariance.tolist()),
+            tuple(map(tuple, covariance.reshape(full.size, full.size).tolist())),
         )
 
     def _regressors(self, rate_deg_s: npt.ArrayLike, temperature_c: npt.ArrayLike) -> tuple[Array, tuple[int, ...]]:
@@ -265,14 +264,14 @@ def _slope_in_temperature(u: Array, v: Array, order: Order) -> Array:
 
 
 def _range(values: Array, least: float) -> tuple[float, float]:
-    """What the values cover, at least `least` wide."""
+    """Range of the values, widened to `least` where it is narrower."""
     low, high = float(values.min()), float(values.max())
     missing = max(0.0, least - (high - low)) / 2.0
     return low - missing, high + missing
 
 
 def _scaled(values: Array, limits: tuple[float, float]) -> Array:
-    """Mapped so that the limits are -1 and 1."""
+    """Map the values so that the limits become -1 and 1."""
     low, high = limits
     return (2.0 * values - (low + high)) / (high - low)
 

@@ -6,8 +6,9 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C, rms
+from drd_tools.calibrate.gyro.candidates import TEMPERATURE_STEP_C
 from drd_tools.calibrate.gyro.data_sets import DataSets
+from drd_tools.evaluate.metrics import rms
 
 RESAMPLES: Final = 1000
 
@@ -25,12 +26,12 @@ class Evaluation:
 
     @property
     def before_deg_s(self) -> Array:
-        """As read. (1)"""
+        """Errors of the readings as they are. (1)"""
         return self.data.error_deg_s
 
     @property
     def factor(self) -> float:
-        """How many times smaller the rms error is after the correction."""
+        """Ratio of the rms error before the correction to that after it."""
         return rms(self.before_deg_s) / max(rms(self.after_deg_s), 1e-300)
 
     def factor_range(self) -> tuple[float, float]:

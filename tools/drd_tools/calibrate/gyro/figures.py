@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.calibrate.gyro.candidates import rate_levels, rms, temperature_levels
+from drd_tools.calibrate.gyro.candidates import rate_levels, temperature_levels
 from drd_tools.calibrate.gyro.data_sets import DataSets
 from drd_tools.calibrate.gyro.error_function import ErrorFunction
 from drd_tools.calibrate.gyro.evaluation import Evaluation
+from drd_tools.evaluate.metrics import rms
 from drd_tools.report.style import BLUE, BOUND, GREY, SERIES, VERMILION, picture, tidy
 
 MOST_RATES = 5
@@ -17,7 +18,7 @@ POINTS = 200
 
 
 def error_over_rate(file: Path, fitted: ErrorFunction, data: DataSets, residual_deg_s: float) -> float:
-    """Figure 1: the error against the rate at a middle temperature, and what the fit leaves. Returns that degC."""
+    """Draw figure 1: the error against the rate at a middle temperature, and what the fit leaves. Returns that degC."""
     groups = temperature_levels(data)
     middle = groups[len(groups) // 2]
     near = np.argmin(np.abs(data.temperature_c[:, None] - np.array(groups)), axis=1) == len(groups) // 2
@@ -46,7 +47,7 @@ def error_over_rate(file: Path, fitted: ErrorFunction, data: DataSets, residual_
 
 
 def error_over_temperature(file: Path, fitted: ErrorFunction, data: DataSets) -> None:
-    """Figure 2: the error against the temperature at up to five rates."""
+    """Draw figure 2: the error against the temperature at up to five rates."""
     groups = np.array(rate_levels(data))
     few = np.unique(np.round(np.linspace(0, len(groups) - 1, min(MOST_RATES, len(groups)))).astype(int))
     nearest = np.argmin(np.abs(data.table_rate_deg_s[:, None] - groups), axis=1)
@@ -73,7 +74,7 @@ def _error_at(fitted: ErrorFunction, table_rate_deg_s: float, temperature_c: Arr
 
 
 def before_and_after(file: Path, evaluation: Evaluation) -> None:
-    """Figure 3: errors of unseen data sets at all rates and temperatures, (a) as read and (b) corrected."""
+    """Draw figure 3: errors of unseen data sets at all rates and temperatures, (a) as read and (b) corrected."""
     data = evaluation.data
     values: tuple[Array, Array] = evaluation.before_deg_s, evaluation.after_deg_s
     ends = [1.12 * max(float(np.max(np.abs(v))), 1e-9) for v in values]

@@ -98,7 +98,7 @@ def _record(config: Config, file: Path, rate_deg_s: float, seconds: float) -> Pr
 
 
 def doubts_about(progress: Progress, rate_deg_s: float, seconds: float, rate_hz: float) -> list[str]:
-    """What looks wrong with a step, in sentences; `rate_hz` is the gyro's nominal rate."""
+    """Sentences on what looks wrong with a step; `rate_hz` is the gyro's nominal rate."""
     mean, sigma, found = progress.mean_deg_s, progress.sigma_deg_s, []
     expected = seconds * rate_hz
     if progress.samples < max(2.0, ENOUGH_PART * expected):

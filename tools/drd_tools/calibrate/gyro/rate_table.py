@@ -34,7 +34,7 @@ class RateTable:
 
 
 def files_in(paths: Iterable[Path]) -> list[Path]:
-    """The files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
+    """List the files themselves, and of a folder its *.csv in order of their names. Raises ConfigError."""
     files: list[Path] = []
     for path in paths:
         found = sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -49,7 +49,7 @@ def files_in(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_rate_table(file: Path) -> RateTable:
-    """Columns may stand in any order, others are ignored. Raises ConfigError with file, line and column."""
+    """Read columns in any order; others are ignored. Raises ConfigError with file, line and column."""
     table = read_table(file, (COLUMNS,), among=True, cells={"temperature_c": _temperature_c})
     time_s, table_rate_deg_s, rate_deg_s, temperature_c = table.values.T
     return RateTable(file, time_s, table_rate_deg_s, rate_deg_s, temperature_c, file_hash(file))
@@ -63,7 +63,7 @@ def _temperature_c(cell: str) -> float:
 
 
 def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_deg: float | None = None) -> DataSets:
-    """All data sets of the files, checked. With a latitude the laboratory's turn is part of the true rate. (46)
+    """Make the checked data sets of the files. With a latitude the laboratory's turn is part of the true rate. (46)
 
     Raises ConfigError where the columns contradict each other or no data set is left.
     """
@@ -71,11 +71,10 @@ def data_sets(tables: Sequence[RateTable], settle_s: float = SETTLE_S, latitude_
         _check_columns(str(table.file), [table])
     where = str(tables[0].file) if len(tables) == 1 else f"{len(tables)} files"
     _check_columns(where, tables)
-    if _span(np.concatenate([table.table_rate_deg_s for table in tables])) < TURNS_DEG_S:
-        rate = float(np.median(np.concatenate([table.table_rate_deg_s for table in tables])))
-        expected = "a table that turns, at several rates"
-        hint = "a log at standstill is for `drd calibrate noise`"
-        raise ConfigError(where, "table_rate_deg_s", expected, f"{rate:g} deg/s throughout; {hint}")
+    rates_deg_s = np.concatenate([table.table_rate_deg_s for table in tables])
+    if _span(rates_deg_s) < TURNS_DEG_S:
+        got = f"{np.median(rates_deg_s):g} deg/s throughout; a log at standstill is for `drd calibrate noise`"
+        raise ConfigError(where, "table_rate_deg_s", "a table that turns, at several rates", got)
     parts = [_data_sets_of(table, settle_s) for table in tables]
     for table, part in zip(tables, parts, strict=True):
         _check_slope(str(table.file), part)
@@ -104,7 +103,7 @@ def _data_sets_of(table: RateTable, settle_s: float) -> DataSets:
 
 
 def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
-    """Swapped columns show in what follows what, and in which column stays the same from row to row."""
+    """Refuse swapped columns: they show in what follows what, and in which column is held from row to row."""
     w, g, T = (
         np.concatenate([getattr(table, name) for table in tables])
         for name in ("table_rate_deg_s", "rate_deg_s", "temperature_c")
@@ -123,7 +122,7 @@ def _check_columns(where: str, tables: Sequence[RateTable]) -> None:
 
 
 def _check_slope(where: str, data: DataSets) -> None:
-    """A gyro reads what the table does, to 20 %."""
+    """Refuse a gyro that does not read what the table does, to 20 %."""
     if len(data) < 2 or np.ptp(data.table_rate_deg_s) < TURNS_DEG_S:
         return
     few = data.select(np.unique(np.linspace(0, len(data) - 1, 400).astype(np.int64)))  # the slope takes all pairs
@@ -151,7 +150,7 @@ def _check_temperature(tables: Sequence[RateTable]) -> None:
 
 
 def _span(values: Array) -> float:
-    """Without the few percent of spikes."""
+    """Range of the values without the few percent of spikes."""
     low, high = np.percentile(values, (1.0, 99.0))
     return float(high - low)
 

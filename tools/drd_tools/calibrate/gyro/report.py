@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from drd_tools.calibrate.gyro.candidates import rms
 from drd_tools.calibrate.gyro.figures import before_and_after, error_over_rate, error_over_temperature
 from drd_tools.calibrate.gyro.result import CANDIDATE_HEADER, GyroResult
+from drd_tools.evaluate.metrics import rms
 from drd_tools.report.page import Page
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drd_tools.calibrate.gyro.candidates import Candidate, beyond_the_file, rms
+from drd_tools.calibrate.gyro.candidates import Candidate, beyond_the_file
 from drd_tools.calibrate.gyro.data_sets import DataSets
 from drd_tools.calibrate.gyro.error_function import ErrorFunction, Order
 from drd_tools.calibrate.gyro.evaluation import Evaluation
 from drd_tools.calibrate.gyro.rate_table import EARTH_RATE_DEG_H
+from drd_tools.evaluate.metrics import rms
 
 Rows = list[list[str]]
 CANDIDATE_HEADER = ("order", "coefficients", "held-out / deg/s", "+-", "against chosen", "new data / deg/s", "")
@@ -64,14 +65,14 @@ class GyroResult:
         return lines
 
     def choice(self) -> list[str]:
-        """Why this order."""
+        """Sentences on why this order was chosen."""
         lines = [self.why]
         if self.forced and self.order != self.recommended.order:
             lines.append(f"Order {self.order} was asked for and is what was written.")
         return [line for line in (*lines, beyond_the_file(self.candidates, self.chosen)) if line]
 
     def notes(self) -> list[str]:
-        """What a reader has to know before the calibration is believed."""
+        """Sentences that a reader has to know before believing the calibration."""
         noise = float(np.median(self.data.sigma_deg_s))
         lines = [
             f"The Earth's rate at latitude {self.latitude_deg:g} deg was added to the table's: "

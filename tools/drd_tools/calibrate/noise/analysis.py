@@ -25,7 +25,7 @@ MISFIT: Final = 0.10
 
 
 class Origin(Enum):
-    """Where the filter's rate random walk comes from."""
+    """Source of the filter's rate random walk."""
 
     MEASURED = "measured"
     BOUND = "upper bound"
@@ -34,7 +34,7 @@ class Origin(Enum):
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """What the configuration's noise profile takes, SI; `random_walk` is the interval of the fit without flicker."""
+    """Figures for the configuration's noise profile, SI; `random_walk` is the interval of the fit without flicker."""
 
     angle_random_walk: float
     rate_random_walk: float
@@ -63,7 +63,7 @@ class GyroNoise:
 
     @property
     def left_out_s(self) -> float:
-        """What was left out at the log's start, s."""
+        """Time that was left out at the log's start, s."""
         return self.log.begins_s - self.whole.begins_s
 
     @property
@@ -85,9 +85,9 @@ def analyse(
     whole: StaticLog,
     skip_s: float | None = None,
     simulations: int = SIMULATIONS,
-    on_step: Callable[[], None] = lambda: None,
+    on_step: Callable[[], object] = lambda: None,
 ) -> GyroNoise:
-    """All of it. `skip_s`: leave out these seconds instead of the fitted warm-up. `on_step` is called STEPS times.
+    """Analyse a log. `skip_s`: leave out these seconds instead of the fitted warm-up. `on_step` is called STEPS times.
 
     Raises ConfigError where less than 100 s are left.
     """

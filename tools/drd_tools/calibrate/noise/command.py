@@ -65,11 +65,7 @@ def main(argv: list[str]) -> int:
             return 1
     whole = read_static_log(log)
     with tqdm(total=STEPS, desc="simulating such logs", disable=None, leave=False) as shown:
-
-        def on_step() -> None:
-            shown.update()
-
-        result = analyse(whole, arguments.skip, on_step=on_step)
+        result = analyse(whole, arguments.skip, on_step=shown.update)
     print(f"Gyro noise from {log}\n")
     print_table(HEADER, rows(result), text=range(len(HEADER)))
     print()
@@ -114,7 +110,7 @@ class Drift:
         self._samples, self._sum, self._squares = 0, 0.0, 0.0
 
     def feed(self, progress: Progress) -> str:
-        """What to say after this much was recorded."""
+        """Take in what was recorded so far; returns what to say about the drift."""
         if progress.recorded_s >= self._ends_s:
             n = max(progress.samples - self._samples, 1)
             mean = (progress.sum_deg - self._sum) / n

@@ -33,7 +33,7 @@ class Interval:
 
     @property
     def is_visible(self) -> bool:
-        """False: there is only an upper bound, `high`, which 19 of 20 such logs would keep."""
+        """Whether the log shows the term; else `high` is an upper bound that 19 of 20 such logs would keep."""
         return self.low > 0.0
 
 
@@ -65,7 +65,7 @@ class Simulator:
         return np.concatenate([short, np.maximum(long, 0.0)], axis=1)
 
     def estimates(self, squares: Array, terms: Sequence[int]) -> Array:
-        """What the fit makes of each simulated log: squared coefficients, shape (simulations, 5)."""
+        """Fit each simulated log: squared coefficients, shape (simulations, 5)."""
         return fit(self.shape, self.variances(squares), self._curve.edf, terms).squares
 
 
@@ -121,7 +121,7 @@ def flicker_density(length: int) -> Array:
 
 
 def intervals(
-    curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], None] = lambda: None
+    curve: Curve, found: Fit, simulator: Simulator, wanted: Sequence[int], on_step: Callable[[], object] = lambda: None
 ) -> dict[int, Interval]:
     """90 % intervals of the wanted terms, by inverting a test.
 
@@ -157,7 +157,7 @@ def _interval(curve: Curve, found: Fit, simulator: Simulator, term: int) -> Inte
 
 
 def _boundary(holds: Callable[[float], bool], start: float, factor: float) -> float:
-    """Where a condition that holds at `start` ceases to, upwards or downwards: growing steps, then bisection."""
+    """Find where a condition that holds at `start` ceases to, upwards or downwards: growing steps, then bisection."""
     inside, outside = start, start * factor
     for _ in range(GROWTHS):
         if not holds(outside):

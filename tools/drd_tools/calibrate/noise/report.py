@@ -33,7 +33,8 @@ def allan_picture(file: Path, result: GyroNoise) -> None:
         axes.errorbar(curve.tau_s, deviation, limits, fmt="o", ms=4, color=INK, lw=1.2, label="measured, 90 % limits")
         axes.plot(tau_s, model, color=BLUE, lw=2.2, zorder=3, label="model")
         for term in (t for t in result.fit.terms if result.intervals[t].is_visible):
-            axes.plot(tau_s, np.sqrt(parts[:, term]) * DEG_H, color=COLORS[term], lw=1.3, ls="--", label=_name(term))
+            name = f"{unit_of(term)[0]} {TERMS[term]}"
+            axes.plot(tau_s, np.sqrt(parts[:, term]) * DEG_H, color=COLORS[term], lw=1.3, ls="--", label=name)
         filtered = np.sqrt(shapes(tau_s)[:, N] * n**2 + shapes(tau_s)[:, K] * k**2) * DEG_H
         axes.plot(tau_s, filtered, color=GREY, lw=1.6, ls=":", label="the filter's noise profile")
         axes.set_xscale("log")
@@ -98,7 +99,3 @@ def noise_page(file: Path, result: GyroNoise, allan_png: Path, warm_up_png: Path
     page.heading("For the configuration")
     page.code(snippet(result))
     page.save(file)
-
-
-def _name(term: int) -> str:
-    return f"{unit_of(term)[0]} {TERMS[term]}"

@@ -40,7 +40,7 @@ def rows(result: GyroNoise) -> list[tuple[str, str, str, str, str]]:
 
 
 def sentences(result: GyroNoise) -> list[str]:
-    """What the user should know, most important first."""
+    """Sentences that the user should know, most important first."""
     log = result.log
     said = [
         f"{len(log.rate_rad_s)} samples, {duration(log.duration_s)} at {1.0 / log.interval_s:.4g} Hz, were analysed.",
@@ -91,7 +91,7 @@ def _warm_up(result: GyroNoise) -> list[str]:
 
 
 def _not_visible(result: GyroNoise) -> list[str]:
-    """For each slow term that the log is too short or too noisy for."""
+    """Sentence for each slow term that the log is too short or too noisy for."""
     length = duration(result.log.duration_s)
     return [
         f"{name.capitalize()} is not visible in {length}: at most {_two(result.intervals[term].high / si)} {unit}."
@@ -127,7 +127,7 @@ def _doubts(result: GyroNoise) -> list[str]:
 
 
 def random_walk_reason(result: GyroNoise) -> str:
-    """Why the configuration gets this rate random walk."""
+    """Sentence on why the configuration gets this rate random walk."""
     chosen, unit = result.filter, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
     walk = chosen.random_walk
     start = f"Rate random walk for the filter: {chosen.rate_random_walk / unit:.3g} deg/h/sqrt(h), "
@@ -145,7 +145,7 @@ def random_walk_reason(result: GyroNoise) -> str:
 
 
 def _excess(result: GyroNoise) -> str:
-    """How far the filter's profile lies above the model at long averaging times, where that is worth a word."""
+    """Sentence on how far the filter's profile lies above the model at long averaging times, if that is much."""
     n, k, tau_s = result.filter.angle_random_walk, result.filter.rate_random_walk, result.curve.tau_s[-1]
     ratio = math.sqrt((n**2 / tau_s + k**2 * tau_s / 3.0) / float(result.fit.variance[-1]))  # (49)
     return f" At {duration(tau_s)} that is {ratio:.2g} times what was measured: on the safe side." if ratio > 2 else ""
@@ -206,7 +206,7 @@ def _two(value: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """For people: s below two minutes, else min or h."""
+    """Format a time for people: in s below two minutes, else in min or h."""
     if seconds < 120.0:
         return f"{seconds:.3g} s"
     return f"{seconds / 60.0:.3g} min" if seconds < 2.0 * S_PER_H else f"{seconds / S_PER_H:.3g} h"

@@ -42,12 +42,12 @@ class WarmUp:
         return self.bias_rad_s + self.change_rad_s * np.exp(-time_s / self.time_constant_s)
 
     def wait_s(self, drift_rad_s: float, window_s: float = DRIFT_WINDOW_S) -> float:
-        """When the bias changes by less than `drift_rad_s` within the window that follows. (51)"""
+        """Time from which the bias changes by less than `drift_rad_s` within the window that follows. (51)"""
         first_rad_s = abs(self.change_rad_s) * -math.expm1(-window_s / self.time_constant_s)
         return self.time_constant_s * math.log(first_rad_s / drift_rad_s) if first_rad_s > drift_rad_s else 0.0
 
     def settled_s(self, rest_rad_s: float) -> float:
-        """When less than `rest_rad_s` of the change is left."""
+        """Time from which less than `rest_rad_s` of the change is left."""
         return self.wait_s(rest_rad_s, math.inf)
 
 
@@ -130,6 +130,6 @@ def temperature_slope(log: StaticLog) -> Slope | None:
 
 
 def left_out_s(warm_up: WarmUp, instability_rad_s: float, duration_s: float) -> float:
-    """How much of the log's start the Allan deviation leaves out: until the warm-up is gone, at most half of it."""
+    """Length of the log's start that the Allan deviation leaves out: until the warm-up is gone, at most half of it."""
     settled_s = warm_up.settled_s(LEFT_OVER * instability_rad_s)
     return min(settled_s, MOST_LEFT_OUT * duration_s)

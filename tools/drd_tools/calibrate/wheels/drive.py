@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array
+from drd.config.keys import Noise
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
+from drd_tools.evaluate.metrics import turned
 from drd_tools.recordings.folder import Recording
 
 Rows = npt.NDArray[np.intp]
@@ -21,9 +23,10 @@ MIN_WINDOWS: Final = 6
 MIN_TRAVEL_TREADS: Final = 0.1
 SWEEP_DEG: Final = 5.0
 ALIGNMENT_STEPS: Final = 4
-# Where robot.yaml does not say how good the reference is.
+# Where robot.yaml does not say how good the reference is, and how much the wheels slip.
 POSITION_SIGMA_M: Final = 0.01
 HEADING_SIGMA_RAD: Final = 0.2 * RAD_PER_DEG
+SLIP_M_PER_SQRT_M: Final = Noise().wheel_m_per_sqrt_m
 
 
 class Wheels(NamedTuple):
@@ -36,7 +39,7 @@ class Wheels(NamedTuple):
 
 @dataclass(frozen=True)
 class Mounting:
-    """How the reference sits on the robot: nuisances of the calibration.
+    """Mounting of the reference on the robot: nuisances of the calibration.
 
     It shows the wheels' motion of `time_s` later, of a point (`forward_m`, `left_m`) from the middle of the axle, with
     `heading_rad` added.
@@ -63,7 +66,7 @@ class Drive:
     reference_heading_rad: Array
     position_sigma_m: float
     heading_sigma_rad: float
-    slip_m_per_sqrt_m: float | None
+    slip_m_per_sqrt_m: float
 
     @cached_property
     def travel_m(self) -> Array:
@@ -92,14 +95,14 @@ class Drive:
 
     @property
     def spot_share(self) -> float:
-        """Which part of the turning is done on the spot, the wheels running against each other; 0 to 1."""
+        """Share of the turning that is done on the spot, the wheels running against each other; 0 to 1."""
         left, right = np.diff(self.left_rad), np.diff(self.right_rad)
         turn = np.abs(right - left)
         return float(turn[left * right < 0].sum() / max(float(turn.sum()), 1e-12))
 
     @property
     def turns_rad(self) -> tuple[float, float]:
-        """How far it turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
+        """Angles turned to the left and to the right by the reference, in sweeps of SWEEP_DEG at least."""
         sweep = SWEEP_DEG * RAD_PER_DEG
         kept = [float(self.reference_heading_rad[0])]
         for value in self.reference_heading_rad:
@@ -139,7 +142,7 @@ def make_drive(recording: Recording) -> Drive:
         heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)]),
         sheet.reference_position_sigma_m or POSITION_SIGMA_M,
         (sheet.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
-        sheet.slip_noise_m_per_sqrt_m,
+        SLIP_M_PER_SQRT_M if sheet.slip_noise_m_per_sqrt_m is None else sheet.slip_noise_m_per_sqrt_m,
     )
     travel_m = float(np.ptp(drive.travel_m))
     if travel_m < MIN_TRAVEL_TREADS * nominal.tread_m:
@@ -180,13 +183,10 @@ def odometry(drive: Drive, wheels: Wheels, at_s: Array) -> tuple[Array, Array]:
 
 
 def seen_by_reference(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
-    """What the reference would show at its rows: path, shape (n, 2), and heading, shape (n,)."""
+    """Predict what the reference shows at its rows: path, shape (n, 2), and heading, shape (n,)."""
     xy_m, heading = odometry(drive, wheels, drive.reference_s + mounting.time_s)
-    c, s = np.cos(heading), np.sin(heading)
-    lever = np.stack(
-        [c * mounting.forward_m - s * mounting.left_m, s * mounting.forward_m + c * mounting.left_m], axis=1
-    )
-    return xy_m + lever, heading + mounting.heading_rad
+    lever_m = turned(np.array([[mounting.forward_m, mounting.left_m]]), heading)
+    return xy_m + lever_m, heading + mounting.heading_rad
 
 
 def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) -> Array:
@@ -216,6 +216,4 @@ def residuals(drive: Drive, wheels: Wheels, mounting: Mounting, weights: Array) 
         slope = along * np.sin(turn) - across * np.cos(turn) + weight * (turn - mean)
         curve = np.maximum(along * np.cos(turn) + across * np.sin(turn), 0.0) + weight
         turn = turn - slope / curve
-    c, s = np.cos(turn)[window], np.sin(turn)[window]
-    turned = np.stack([c * model[:, 0] - s * model[:, 1], s * model[:, 0] + c * model[:, 1]], axis=1)
-    return np.column_stack([seen - turned, ahead - turn[window]])
+    return np.column_stack([seen - turned(model, turn[window]), ahead - turn[window]])

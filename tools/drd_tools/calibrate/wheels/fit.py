@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array
-from drd.config.keys import Noise
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
@@ -35,7 +34,6 @@ MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation
 MANY_WINDOWS: Final = 30
 MANY_RECORDINGS: Final = 4
-SLIP_M_PER_SQRT_M: Final = Noise().wheel_m_per_sqrt_m
 
 
 @dataclass(frozen=True)
@@ -51,10 +49,10 @@ class WheelFit:
     """
 
     wheels: Wheels
-    sigma: tuple[float, float, float]
-    window_sigma: tuple[float, float, float]
-    determined: tuple[bool, bool, bool]
-    free_sigma: tuple[float, float, float]
+    sigma: tuple[float, ...]
+    window_sigma: tuple[float, ...]
+    determined: tuple[bool, ...]
+    free_sigma: tuple[float, ...]
     correlation: float
     disagreement: float
     mounting: Mounting
@@ -120,7 +118,7 @@ class _Part:
         return left_over(np.zeros(len(steps))), np.stack(columns, axis=-1)
 
     def reweigh(self, r: Array) -> None:
-        """Noise from the middle of the residuals, and Huber's weights against jumps."""
+        """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
         drive = self.drive
         self.white_m = max(drive.position_sigma_m, 1.4826 * float(np.median(np.abs(r[:, :2]))))
         self.white_rad = max(drive.heading_sigma_rad, 1.4826 * float(np.median(np.abs(r[:, 2]))))
@@ -142,8 +140,7 @@ def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tup
         scores = []
         for part in parts:
             r, J = part.evaluate(shared)
-            slip = part.drive.slip_m_per_sqrt_m
-            scores.append(score(part.drive, r, J, part.weights, part.own, OWN_PRIOR, SLIP_M_PER_SQRT_M, slip))
+            scores.append(score(part.drive, r, J, part.weights, part.own, OWN_PRIOR))
             part.reweigh(r)
         A = sum((s.information for s in scores), np.diag(PRIOR**-2.0))[np.ix_(free, free)]
         g = sum((s.gradient for s in scores), shared / PRIOR**2)[free]
@@ -176,10 +173,10 @@ def fit_wheels(
         D = nominal.tread_m
         shared[3:], free[3:] = (mounted.forward_m / D, mounted.left_m / D, mounted.heading_rad), False
     shared, scores = _solve(parts, free, shared)
-    free_sigma = _sigmas(scores, free)[0][:3] if start is None else np.array(start.free_sigma)
+    free_sigma = _sigmas(scores, free) if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
     while True:
-        excess = np.where(free[:3], _sigmas(scores, free)[0][:3] / limit, 0.0)
+        excess = np.where(free[:3], _sigmas(scores, free) / limit, 0.0)
         if excess.max() <= 1.0:
             break
         free[int(excess.argmax())] = False
@@ -224,9 +221,9 @@ def _meat(clusters: Array) -> Array:
     return np.asarray(clusters.T @ clusters * count / max(count - 1, 1))
 
 
-def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> tuple[Array, list[Array]]:
-    covariances = _covariances(scores, free)
-    return np.sqrt(np.max([np.diag(V) for V in covariances], axis=0)), covariances
+def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> Array:
+    """Standard deviations of mean scale, difference and tread."""
+    return np.asarray(np.sqrt(np.max([np.diag(V)[:WHEELS] for V in _covariances(scores, free)], axis=0)))
 
 
 def _result(
@@ -237,14 +234,13 @@ def _result(
     scores: list[Scores],
     free_sigma: Array,
 ) -> WheelFit:
-    covariances = _sigmas(scores, free)[1]
+    covariances = _covariances(scores, free)
     wheels = wheels_of(nominal, shared)
     # Left radius, right radius and tread as functions of the unknowns.
     M = np.zeros((3, len(shared)))
     M[0, :2], M[1, :2], M[2, 2] = (1.0, -0.5), (1.0, 0.5), 1.0
     value = 1.0 + M @ shared
     every = np.sqrt([np.diag(M @ V @ M.T) for V in covariances]) / value
-    sigma, by_window = every.max(axis=0), every[0]
     disagreement = 0.0
     if len(parts) >= MANY_RECORDINGS:
         with np.errstate(invalid="ignore"):
@@ -255,10 +251,10 @@ def _result(
     usual = np.array([np.median([part.own[0] for part in parts]), 0.0])
     return WheelFit(
         wheels,
-        (float(sigma[0]), float(sigma[1]), float(sigma[2])),
-        (float(by_window[0]), float(by_window[1]), float(by_window[2])),
-        (bool(free[0]), bool(free[1]), bool(free[2])),
-        (float(free_sigma[0]), float(free_sigma[1]), float(free_sigma[2])),
+        tuple(every.max(axis=0).tolist()),
+        tuple(every[0].tolist()),
+        tuple(free[:3].tolist()),
+        tuple(free_sigma.tolist()),
         float(V[1, 2] / pair) if pair else 0.0,
         disagreement,
         _mounting(parts[0].drive, shared, usual),

@@ -29,7 +29,7 @@ class Found:
     drives: Sequence[Drive]
     tests: Sequence[Drive]
     fit: WheelFit
-    apart: tuple[float, float, float]
+    apart: tuple[float, ...]
     other: WheelFit | None
     lag: Lag | None
     rest: Rest | None
@@ -48,7 +48,7 @@ def find(
     *,
     judged: bool = True,
 ) -> Found:
-    """What `recordings`, whose drives were fitted, say beside the fit, and what the drives `tests` say of it.
+    """Find what `recordings`, whose drives were fitted, say beside the fit, and what the drives `tests` say of it.
 
     Without `tests` each drive tells about a fit of the others, which takes long for many; not so if not `judged`.
     """

@@ -1,6 +1,5 @@
 """How well a calibration does on drives that it has not seen."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -11,6 +10,7 @@ from tqdm import tqdm
 from drd.arrays import Array
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, cut_drive, seen_by_reference
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
+from drd_tools.evaluate.metrics import rms, turned
 
 START_TREADS: Final = 0.1  # while the wheels have travelled no further, the reference tells where the drive begins
 BLOCKS: Final = 5
@@ -18,7 +18,7 @@ BLOCKS: Final = 5
 
 @dataclass(frozen=True)
 class Error:
-    """Of one drive's odometry, started from the reference's pose: at the end, and rms along the way."""
+    """Error of one drive's odometry, started from the reference's pose: at the end, and rms along the way."""
 
     end_m: float
     rms_m: float
@@ -34,28 +34,21 @@ class HeldOut:
     nominal: Error
     calibrated: Error
 
-    @property
-    def name(self) -> str:
-        """Of the recording, or of its part."""
-        return self.drive.name
-
 
 def aligned_path(drive: Drive, wheels: Wheels, mounting: Mounting) -> tuple[Array, Array]:
     """Odometry as the reference would see it, shape (n, 2) and heading (n,), put on the reference at the start."""
     xy_m, heading = seen_by_reference(drive, wheels, mounting)
     first = drive.travel_m <= drive.travel_m[0] + START_TREADS * drive.nominal.tread_m
     turn = float(np.mean((drive.reference_heading_rad - heading)[first]))
-    c, s = math.cos(turn), math.sin(turn)
-    turned = np.stack([c * xy_m[:, 0] - s * xy_m[:, 1], s * xy_m[:, 0] + c * xy_m[:, 1]], axis=1)
-    return turned + (drive.reference_xy_m - turned)[first].mean(axis=0), heading + turn
+    xy_m = turned(xy_m, turn)
+    return xy_m + (drive.reference_xy_m - xy_m)[first].mean(axis=0), heading + turn
 
 
 def error_of(drive: Drive, wheels: Wheels, mounting: Mounting) -> Error:
-    """The odometry's error with `wheels`."""
+    """Error of the odometry with `wheels`."""
     xy_m, heading = aligned_path(drive, wheels, mounting)
     distance_m = np.hypot(*(xy_m - drive.reference_xy_m).T)
-    rms_m = math.sqrt(float(np.mean(distance_m**2)))
-    return Error(float(distance_m[-1]), rms_m, float(heading[-1] - drive.reference_heading_rad[-1]))
+    return Error(float(distance_m[-1]), rms(distance_m), float(heading[-1] - drive.reference_heading_rad[-1]))
 
 
 def compare(drive: Drive, fit: WheelFit) -> HeldOut:

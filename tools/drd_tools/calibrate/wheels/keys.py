@@ -49,7 +49,7 @@ def initial_keys(fit: WheelFit, apart: Sequence[float], other: WheelFit | None) 
 
 
 def sections(found: Found) -> dict[str, Any]:
-    """All of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
+    """Sections of wheels.yaml. Where a value was not determined its key is left out, but for the wheels' own."""
     initial, noise = _gyro_keys(found.rest)
     initial = initial_keys(found.fit, found.apart, found.other) | initial
     lag = found.lag if found.lag is not None and found.lag.applies else None
@@ -78,14 +78,16 @@ def _at_least(name: str, latency_s: float, rate_hz: float, default_s: float) -> 
 
 
 def _gyro_keys(rest: Rest | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of `estimation.initial` and `estimation.noise` what the gyro's standstills tell."""
+    """Keys of `estimation.initial` and `estimation.noise` that the gyro's standstills tell."""
     initial: dict[str, Any] = {}
     noise: dict[str, Any] = {}
-    if rest is not None and rest.noise_deg_per_sqrt_h is not None:
+    if rest is None:
+        return initial, noise
+    if rest.noise_deg_per_sqrt_h is not None:
         said = f"sigma {rest.noise_sigma:.2g}, {rest.standstill_s:.0f} s of standstill"
         noise["gyro_deg_per_sqrt_h"] = (rest.noise_deg_per_sqrt_h, said)
-    if rest is not None and rest.bias_deg_s is not None:
+    if rest.bias_deg_s is not None:
         initial["gyro_bias_deg_s"] = (rest.bias_deg_s, "root mean square of the recordings' biases at rest")
-    if rest is not None and rest.repeatability_deg_s is not None:
+    if rest.repeatability_deg_s is not None:
         noise["gyro_bias_repeatability_deg_s"] = (rest.repeatability_deg_s, "between recordings")
     return initial, noise

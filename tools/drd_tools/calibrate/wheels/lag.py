@@ -44,7 +44,7 @@ CONVERGED_S: Final = 1e-5
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later than the gyro, or the reference, the wheels tell of a turn.
+    """Delay of the wheels behind the gyro, or behind the reference.
 
     `spread_s`: standard deviation from recording to recording; nan for a single one. `hold_s`: for how long the drive
     holds a wheel speed, 0 where it does not. `each`: lag by recording. `determined`: its sigma is small enough.
@@ -112,7 +112,7 @@ class _Part:
         return residual, -scale * slope, -by_wheels, scale
 
     def reweigh(self, residual: Array) -> None:
-        """Noise from the middle of the residuals, and Huber's weights against slip and jumps."""
+        """Set the noise by the middle of the residuals, and Huber's weights against slip and jumps."""
         self.sigma = max(LEAST_SIGMA_RAD, 1.4826 * float(np.median(np.abs(residual))))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
@@ -126,7 +126,7 @@ def find_lag(recordings: Sequence[Recording]) -> Lag | None:
 
 
 def reference_lag(recording: Recording) -> Lag | None:
-    """How late the reference's headings are against the gyro; None without one, or where rows are too far apart."""
+    """Delay of the reference's headings behind the gyro; None without one, or where rows are too far apart."""
     fog, reference = recording.fog, recording.reference
     if fog is None or reference is None:
         return None
@@ -144,12 +144,12 @@ class Drift(NamedTuple):
 
 
 def find_drift(recording: Recording, lag: Lag) -> Drift | None:
-    """How the wheels' lag grows in a recording, from a lag that is its mean; None where the rows do not tell."""
+    """Fit how the wheels' lag grows in a recording, from its mean; None where the rows do not tell."""
     part = _part(recording, lag.against)
     if part is None:
         return None
     middle_s = float(part.at_s.mean())
-    x, covariance = np.array([lag.lag_s, 0.0]), np.zeros((2, 2))
+    x = np.array([lag.lag_s, 0.0])
     for _ in range(MAX_STEPS):
         late_s = x[0] + x[1] * (part.at_s - middle_s)
         part.reweigh(part.regress(late_s)[0])
@@ -262,7 +262,7 @@ def _is_dense(time_s: Array, at_s: Array) -> npt.NDArray[np.bool_]:
 
 
 def held_s(recording: Recording) -> float:
-    """For how long the drive holds a wheel speed: the median, and 0 where that is a single row."""
+    """Time for which the drive holds a wheel speed: the median, and 0 where that is a single row."""
     log = recording.encoders
     held_s = []
     for speed in (log.left_rad_s, log.right_rad_s):

@@ -84,10 +84,10 @@ def _method(fit: WheelFit, drives: Sequence[Drive]) -> str:
     )
 
 
-def _how_tested(is_apart: bool, drives: Sequence[Drive]) -> str:
-    if is_apart:
+def _how_tested(found: Found) -> str:
+    if found.tests:
         return "Held-out figures: recordings that were not fitted."
-    if len(drives) > 1:
+    if len(found.drives) > 1:
         return "Held-out figures: each recording with the wheels that all others give."
     return "Held-out figures: each fifth of the recording with the wheels that the rest gives."
 
@@ -102,7 +102,7 @@ def _print(found: Found) -> None:
         print(_wrapped(sentence))
     print()
     if found.figures:
-        print(_wrapped(f"{_how_tested(bool(found.tests), drives)} {FIGURE_NOTE} Nominal -> calibrated.") + "\n")
+        print(_wrapped(f"{_how_tested(found)} {FIGURE_NOTE} Nominal -> calibrated.") + "\n")
         print_table(*held_out_table(found))
         print()
     else:
@@ -134,7 +134,7 @@ def _write_report(output: Path, inputs: Sequence[str], found: Found) -> None:
     shown = [("fitted", longest, fit)]
     if figures:
         # Another one than the fitted panel has, where there is another.
-        held_out = max(figures, key=lambda f: (f.name != longest.name, f.drive.path_m))
+        held_out = max(figures, key=lambda f: (f.drive.name != longest.name, f.drive.path_m))
         shown.append(("held out", held_out.drive, held_out.fit))
     paths_picture(output / "paths.png", shown)
     lines = [_method(fit, drives), *found.notes, *(f"Warning: {text}" for text in found.doubts)]
@@ -145,7 +145,7 @@ def _write_report(output: Path, inputs: Sequence[str], found: Found) -> None:
     page.heading("Held out")
     if figures:
         held_out_picture(output / "held_out.png", figures)
-        page.text(f"{_how_tested(bool(found.tests), drives)} {FIGURE_NOTE}")
+        page.text(f"{_how_tested(found)} {FIGURE_NOTE}")
         page.picture(output / "held_out.png", "Errors of the recordings that were held out, nominal and calibrated.")
         page.table(*held_out_table(found), "nominal -> calibrated")
     else:

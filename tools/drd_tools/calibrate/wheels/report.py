@@ -1,4 +1,4 @@
-"""Pictures of the wheel calibration, and its page."""
+"""Pictures of the wheel calibration."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ NAME_LETTERS: Final = 38
 
 
 def paths_picture(file: Path, panels: Sequence[tuple[str, Drive, WheelFit]]) -> None:
-    """Paths by the nominal and the calibrated wheels, and the reference's, a panel for each drive. Raises OSError."""
+    """Draw the paths by nominal and calibrated wheels, and the reference's, a panel for each drive. Raises OSError."""
     with picture(file, 10.0, 5.4) as figure:
         all_axes: Any = figure.subplots(1, len(panels), squeeze=False)[0]
         for axes, (title, drive, fit) in zip(all_axes, panels, strict=True):
@@ -31,16 +31,17 @@ def paths_picture(file: Path, panels: Sequence[tuple[str, Drive, WheelFit]]) -> 
 
 
 def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
-    """Error of each held-out drive, before and after, in position and heading. Raises OSError."""
+    """Draw the error of each held-out drive, before and after, in position and heading. Raises OSError."""
     with picture(file, 10.0, 1.7 + ROW_IN * len(figures)) as figure:
         both: Any = figure.subplots(1, 2, sharey=True)
         rows = np.arange(len(figures))[::-1]
-        pairs = [[(f.nominal.rms_m, f.calibrated.rms_m) for f in figures]]
-        pairs += [
-            [tuple(np.degrees(np.abs((f.nominal.end_heading_rad, f.calibrated.end_heading_rad)))) for f in figures]
-        ]
-        titles = (("Position, rms along the way", "m"), ("Heading at the end", "deg"))
-        for axes, values, (title, unit) in zip(both, np.array(pairs), titles, strict=True):
+        position_m = np.array([(f.nominal.rms_m, f.calibrated.rms_m) for f in figures])
+        heading_rad = np.array([(f.nominal.end_heading_rad, f.calibrated.end_heading_rad) for f in figures])
+        panels = (
+            ("Position, rms along the way", "m", position_m),
+            ("Heading at the end", "deg", np.degrees(np.abs(heading_rad))),
+        )
+        for axes, (title, unit, values) in zip(both, panels, strict=True):
             axes.hlines(rows, values.min(axis=1), values.max(axis=1), color=TRUE_GREY, linewidth=2)
             axes.plot(values[:, 0], rows, "o", color=VERMILION, label="nominal wheels")
             axes.plot(values[:, 1], rows, "o", color=BLUE, label="calibrated without this recording")
@@ -49,12 +50,12 @@ def held_out_picture(file: Path, figures: Sequence[HeldOut]) -> None:
             else:
                 axes.set_xlim(left=0.0)
             tidy(axes, title, 6, x=f"error / {unit}")
-            axes.set_yticks(rows, [short(f.name, NAME_LETTERS) for f in figures], fontsize=8)
+            axes.set_yticks(rows, [short(f.drive.name, NAME_LETTERS) for f in figures], fontsize=8)
         legend_below(figure, both[0], 2)
 
 
 def returns_picture(file: Path, returns: Returns, result: Umbmark) -> None:
-    """UMBmark's picture: return positions cw and ccw, their centroids, and what is left of them. Raises OSError."""
+    """Draw the return positions cw and ccw of UMBmark, their centroids, and what is left of them. Raises OSError."""
     with picture(file, 7.5, 6.0) as figure:
         axes: Any = figure.subplots()
         axes.axhline(0.0, color=GREY, linewidth=0.8)

@@ -47,7 +47,7 @@ class Rest:
 
 
 def at_rest(recordings: Sequence[Recording]) -> Rest | None:
-    """What the standstills say; None where no recording has a gyro."""
+    """Noise and bias from the standstills; None where no recording has a gyro."""
     if all(recording.fog is None for recording in recordings):
         return None
     blocks = [_blocks(recording, recording.fog) for recording in recordings if recording.fog is not None]

@@ -11,7 +11,7 @@ from drd_tools.calibrate.wheels.drive import Drive
 
 @dataclass(frozen=True)
 class Scores:
-    """After the recording's own unknowns were eliminated; p shared unknowns, q own ones.
+    """One recording's score and information on p shared unknowns, its q own ones eliminated.
 
     `information`, shape (p, p); `gradient`, shape (p,); `by_window`: the gradient's parts, shape (windows, p), whose
     scatter gives the uncertainty; `expected`: the scatter that noise of the reference and slip should give, (p, p).
@@ -31,21 +31,11 @@ class Scores:
         return np.asarray(-np.linalg.solve(self.own_information, push))
 
 
-def score(
-    drive: Drive,
-    r: Array,
-    J: Array,
-    weights: Array,
-    own: Array,
-    own_prior: Array,
-    default_slip_m_per_sqrt_m: float,
-    slip_m_per_sqrt_m: float | None,
-) -> Scores:
-    """Normal equations of one recording.
+def score(drive: Drive, r: Array, J: Array, weights: Array, own: Array, own_prior: Array) -> Scores:
+    """Form the normal equations of one recording.
 
     `r`, shape (n, 3), and its derivatives `J`, shape (n, 3, p + q), at the drive's rows; `weights`, shape (n, 2).
-    `own`, `own_prior`, shape (q,): value and standard deviation of the own unknowns. The slip is the data sheet's, or
-    else the default.
+    `own`, `own_prior`, shape (q,): value and standard deviation of the own unknowns.
     """
     q = len(own)
     p = J.shape[2] - q
@@ -59,12 +49,11 @@ def score(
     effective = JW[:, :, :p] - JW[:, :, p:] @ eliminate
     by_window: Array = np.add.reduceat(np.einsum("nij,ni->nj", effective, r), drive.windows[1], axis=0)
     white = np.einsum("nij,nik,ni->jk", effective, effective, 1.0 / w)
-    slip = default_slip_m_per_sqrt_m if slip_m_per_sqrt_m is None else slip_m_per_sqrt_m
     return Scores(
         A[:p, :p] - A[:p, p:] @ eliminate,
         g[:p] - eliminate.T @ g[p:],
         by_window,
-        white + slip**2 * _slip_scatter(drive, effective),
+        white + drive.slip_m_per_sqrt_m**2 * _slip_scatter(drive, effective),
         A[p:, p:],
         g[p:],
         A[:p, p:],

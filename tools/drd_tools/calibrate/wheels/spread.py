@@ -33,7 +33,7 @@ def spread(values: Array, variances: Array) -> float:
     return math.sqrt(brentq(excess, 0.0, high, xtol=1e-12 * high))
 
 
-def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, float]:
+def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, ...]:
     """Spread of left radius, right radius and tread, relative to `fit`; nan where fewer than two drives tell a value.
 
     Each drive is fitted by itself, with the mounting of all: it would trade that for radii and tread. One that does not
@@ -52,4 +52,4 @@ def wheel_spread(drives: Sequence[Drive], fit: WheelFit) -> tuple[float, float, 
         found.append(
             spread(ratios, np.array([(f.window_sigma[k] * r) ** 2 for f, r in zip(informative, ratios, strict=True)]))
         )
-    return found[0], found[1], found[2]
+    return tuple(found)

@@ -47,7 +47,7 @@ def _value_rows(fit: WheelFit, apart: Sequence[float], drive: Drive) -> list[lis
 
 
 def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
-    """What else was found of the sensors, as text; what was not determined is left out."""
+    """Rows of what was found of the sensors, as text; what was not determined is left out."""
     rows = []
     if lag is not None and lag.determined:
         apart = "-" if math.isnan(lag.spread_s) else f"{1000 * lag.spread_s:.1f} ms"
@@ -67,7 +67,7 @@ def _sensor_rows(lag: Lag | None, rest: Rest | None) -> list[list[str]]:
 def held_out_table(found: Found) -> tuple[Sequence[str], list[list[str]]]:
     """Header and rows: held-out figures, nominal -> calibrated, and over all of them."""
     figures, tread_m = found.figures, found.drives[0].nominal.tread_m
-    rows = [_figure_row(f.name, f.drive.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
+    rows = [_figure_row(f.drive.name, f.drive.path_m, f.nominal, f.calibrated, tread_m) for f in figures]
     count = len(figures)
     if count > 1:
         means = []

@@ -5,7 +5,6 @@ Robotics and Automation 12(6), 1996. The signs are derived anew in REP-103 axes,
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -40,7 +39,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Umbmark:
-    """What the squares say.
+    """Result of the squares.
 
     `alpha_rad`: how far each true turn exceeds 90 deg (type A, tread). `beta_rad`: how far each straight leg bends to
     the left (type B, unequal wheels). `significant`: of the two, whether they differ from 0 with 95 % confidence.
@@ -75,7 +74,7 @@ def _way(cell: str) -> float:
 
 
 def square_return_m(alpha_rad: float, beta_rad: float, side_m: float, direction: int) -> Array:
-    """Where a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
+    """Position at which a robot ends that believes it drove a square; direction +1 is ccw. Shape (2,). (55)
 
     Each leg is an arc that bends by beta to the left; each turn overshoots 90 deg by alpha in its own direction.
     """
@@ -94,7 +93,7 @@ def predict_m(alpha_rad: float, beta_rad: float, side_m: float) -> Array:
 
 
 def one_way_rad(returns_m: Array, side_m: float, direction: int) -> float:
-    """What one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
+    """Angle that one direction tells: alpha + beta from ccw runs, alpha - beta from cw runs, to first order. (55)"""
     x_m, y_m = returns_m.mean(axis=0)
     return float((x_m - direction * y_m) / (4.0 * side_m))
 
@@ -146,7 +145,7 @@ def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
 
 
 def _variance_of_mean(returns_m: Array, direction: int, side_m: float) -> float:
-    """Of `one_way_rad`; nan for a single run."""
+    """Variance of `one_way_rad`; nan for a single run."""
     if len(returns_m) < 2:
         return math.nan
     each = (returns_m[:, 0] - direction * returns_m[:, 1]) / (4.0 * side_m)
@@ -171,18 +170,19 @@ def leave_one_pair_out(returns: Returns, side_m: float) -> tuple[Array, Array]:
     Pair k, the k-th cw and the k-th ccw run, is corrected by what all other runs say.
     """
     pairs = min(len(returns.cw_m), len(returns.ccw_m))
+    pairs = pairs if pairs > 1 else 0  # with one, nothing is left to correct it by
     before, after = np.zeros((pairs, 2)), np.zeros((pairs, 2))
-    for k in range(pairs if pairs > 1 else 0):
+    for k in range(pairs):
         alpha, beta = _solve(np.delete(returns.cw_m, k, 0), np.delete(returns.ccw_m, k, 0), side_m)
         seen = np.stack([returns.cw_m[k], returns.ccw_m[k]])
         before[k] = np.hypot(*seen.T)
         after[k] = np.hypot(*(seen - predict_m(alpha, beta, side_m)).T)
-    return (before, after) if pairs > 1 else (before[:0], after[:0])
+    return before, after
 
 
 def runs_problem(returns: Returns) -> str:
     """A sentence where there are fewer runs than UMBmark asks for; empty otherwise."""
-    counts: Sequence[int] = (len(returns.cw_m), len(returns.ccw_m))
-    if min(counts) >= RUNS:
+    cw, ccw = len(returns.cw_m), len(returns.ccw_m)
+    if min(cw, ccw) >= RUNS:
         return ""
-    return f"UMBmark asks for {RUNS} runs in each direction; here are {counts[0]} cw and {counts[1]} ccw."
+    return f"UMBmark asks for {RUNS} runs in each direction; here are {cw} cw and {ccw} ccw."

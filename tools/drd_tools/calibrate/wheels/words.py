@@ -122,7 +122,7 @@ def _way_of_driving(drives: Sequence[Drive], tests: Sequence[Drive]) -> str:
 
 
 def lag_sentences(lag: Lag | None) -> list[str]:
-    """What the lag of the wheels means, or why it is not determined."""
+    """Sentences on what the lag of the wheels means, or why it is not determined."""
     if lag is None:
         return ["lag of the wheels: not determined, no recording has motion and rows dense enough to show it."]
     if not lag.determined:
@@ -154,7 +154,7 @@ def lag_sentences(lag: Lag | None) -> list[str]:
 
 
 def rest_sentences(rest: Rest | None) -> list[str]:
-    """Why the gyro's noise or bias is not determined."""
+    """Sentences on why the gyro's noise or bias is not determined."""
     if rest is None:
         return []
     if rest.noise_deg_per_sqrt_h is None:
