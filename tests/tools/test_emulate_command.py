@@ -102,10 +102,10 @@ def test_an_emulator_that_fails_ends_it_with_code_1(config: Path, monkeypatch: p
     assert main(["emulate", str(config)]) == 1
 
 
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf", "1e9", "soon"])
-def test_a_senseless_duration_is_a_usage_error(config: Path, seconds: str) -> None:
+@pytest.mark.parametrize("option", [*(f"--seconds={s}" for s in ("0", "-1", "nan", "inf", "1e9", "soon")), "--seed=-1"])
+def test_a_senseless_number_is_a_usage_error(config: Path, option: str) -> None:
     with pytest.raises(SystemExit) as refused:
-        main(["emulate", str(config), f"--seconds={seconds}"])
+        main(["emulate", str(config), option])
     assert refused.value.code == 2
 
 

@@ -270,8 +270,13 @@ def test_tables_by_name_and_by_number(tmp_path: Path, capsys: pytest.CaptureFixt
     for names in ("l,r", "2,3"):
         assert run(path, "--wheels", names, *words) == 0
         check_wheels(read_recording(tmp_path / "out"), 1e-6)
+    quoted = tmp_path / "quoted.csv"
+    rows = path.read_text().splitlines()[1:]
+    quoted.write_text("\n".join(["t,l,r,remark", *(",".join([*row.split(",")[:3], '"dry, flat"']) for row in rows)]))
+    assert run(quoted, "--wheels", "l,r", *words) == 0
+    check_wheels(read_recording(tmp_path / "out"), 1e-6)
     bare = tmp_path / "bare.txt.gz"
-    text = "\n".join(" ".join(["rate:", *row.split(",")]) for row in path.read_text().splitlines()[1:])
+    text = "\n".join(" ".join(["rate:", *row.split(",")]) for row in rows)
     bare.write_bytes(gzip.compress(text.encode()))
     assert run(bare, "--time", "2", "--wheels", "3,4", "--gyro", "5", "--gyro-unit", "rad_s", *words) == 0
     check_wheels(read_recording(tmp_path / "out"), 1e-6)

@@ -135,7 +135,9 @@ def test_an_unknown_binary_file_is_called_one(name: str, tmp_path: Path, capsys:
 
 
 @pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a.blf", "a.asc", "a.csv", "a.log.gz", "a.trc", "a.bin"])
-@pytest.mark.parametrize("content", [b"", b"\0\1\2rubbish\xff" * 50, b"1,2,3\n4,5\n", b"\x1f\x8b\x08"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\0\1\2rubbish\xff" * 50, b"1,2,3\n4,5\n", b"\x1f\x8b\x08", b"1," + b"2" * 200_000]
+)
 def test_rubbish_is_refused_in_a_sentence(
     name: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from drd.commands import command, number
+from drd.commands import command, number, whole
 from drd.config.file import load_config
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.simulate.missions import Drive, demo_drive, make_drive
@@ -72,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("config", type=Path, metavar="CONFIG", help="the daemon's configuration file")
     add("--seconds", type=_seconds, metavar="N", help="stop after N seconds; otherwise at Ctrl-C or SIGTERM")
-    add("--seed", type=int, default=0, metavar="N", help="repeats the sensors' noise (default 0)")
+    add("--seed", type=whole(0), default=0, metavar="N", help="repeats the sensors' noise (default 0)")
     text = (
         f"demo: figures of eight for --seconds, or {DEMO_S:g} s (default); square: 210 m with rounded corners in "
         "about three minutes. Both begin with 10 s of standstill (a short demo: a third of it); at the end "

@@ -1,5 +1,6 @@
 """Tables as text: CSV with a header, or columns of numbers and words between spaces; gzip as it is."""
 
+import csv
 import math
 import zlib
 from pathlib import Path
@@ -141,7 +142,13 @@ class TextTable(Source):
         raise ConfigError(str(self.path), option, f"{known} from 1 to {self._width}", repr(name))
 
     def _cells(self, line: str) -> list[str]:
-        return [cell.strip() for cell in line.split(self._separator)]
+        if self._separator is None:
+            return line.split()
+        try:
+            (cells,) = csv.reader([line], delimiter=self._separator, skipinitialspace=True)
+        except csv.Error as error:
+            raise ConfigError(str(self.path), "", "rows of cells", str(error)) from error
+        return [cell.strip() for cell in cells]
 
 
 def _is_number(text: str) -> bool:
