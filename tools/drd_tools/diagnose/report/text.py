@@ -23,11 +23,11 @@ EVIDENCE_HEADER: Final = (
 )
 EVIDENCE_TEXT: Final = (1, 2, 3, 8)
 LEGEND: Final = (
-    "Gain: the logarithm of the likelihood ratio of the data, with the effect over without. p: how often a recording "
-    "in which nothing is missing would bring any such finding. e-value: how many times likelier the data that the "
-    "search had not seen are with the effect than without. Explains: its share of the mismatch. Suspected: chance "
-    "might bring it too, or held-out recordings speak against it; supported: chance would not; confirmed: data that "
-    "it was not fitted to bear it out."
+    "Gain: the logarithm of the likelihood ratio of the data, with the effect over without, all others fitted anew. p: "
+    "how often a recording in which nothing is missing would bring any such finding. e-value: how many times likelier "
+    "the data that the search had not seen are with the effect than without. Explains: its share of the mismatch, by "
+    "squared detectability. Suspected: chance might bring it too, or held-out recordings speak against it; supported: "
+    "chance would not; confirmed: data that it was not fitted to bear it out."
 )
 SPEAKS: Final = {
     "for": "The held-out recordings bear it out",
@@ -217,7 +217,9 @@ def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> 
         fitted = ", and the effect as fitted" if curve.fit_x.size else ", as a smooth curve"
         parts.append(f"What the nominal model does not explain, against what it goes with{fitted}.")
     if evidence.time_s.size:
-        parts.append("How the evidence adds up: where it rises, the data speak for it.")
+        parts.append(
+            "How the evidence adds up, all other effects held as they are: where it rises, the data speak for it."
+        )
     if is_shaded:
         parts.append("Shaded: when it acts.")
     return " ".join(parts)
