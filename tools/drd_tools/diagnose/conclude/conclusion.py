@@ -12,6 +12,7 @@ from drd_tools.diagnose.conclude.confirm import (
     LARGEST_NATS,
     OtherHalf,
     chance_gains,
+    curve_nats,
     e_value,
     family_wise_p,
     gain_over_time,
@@ -108,8 +109,9 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
         p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
         unexplained = left.gain / whole
         same = any(f.selected is None and f.curve is not None and f.curve.covariate == left.covariate for f in findings)
-        if p <= FAMILY_WISE and not same:
-            findings.append(_unknown(left, p, unexplained))
+        unseen = curve_nats(found.problem, found.fit, splines.rows(left), splines.columns(left))
+        if p <= FAMILY_WISE and not same and _holds(found.problem, unseen):
+            findings.append(_unknown(left, p, unexplained, e=e_value(unseen)))
     findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
     bounds = identity.bounds(found.fit.left)
@@ -158,8 +160,11 @@ def _in_place_of_several(
             continue
         if curve.gain < worth - problem.penalty(group) + margin:
             continue
+        unseen = curve_nats(problem, rest, splines.rows(curve), splines.columns(curve))
+        if not _holds(problem, unseen):
+            continue
         p = family_wise_p(curve.gain, chance)
-        unknown.append(_unknown(curve, p, 0.0, rivals=unique(group)))
+        unknown.append(_unknown(curve, p, 0.0, rivals=unique(group), e=e_value(unseen)))
         fit = rest
     return Found(problem, fit, search.score(fit), found.null), unknown
 
@@ -183,9 +188,9 @@ def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: C
     problem, fit = found.problem, found.fit
     stays = search.known.union(constants)
     unseen = [(0.0, 0.0) if c.id in stays else t.nats for c, t in zip(fit.selection, tests, strict=True)]
-    # Real ground is not the same all along: what only one half of it shows is the ground's.
-    floor = -APART_NATS if problem.evidence.is_far else -math.inf
-    kept = [c for c, nats in zip(fit.selection, unseen, strict=True) if sum(nats) > FAILING_NATS and min(nats) > floor]
+    kept = [
+        c for c, nats in zip(fit.selection, unseen, strict=True) if sum(nats) > FAILING_NATS and _holds(problem, nats)
+    ]
     if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
     while others := [one for one in fit.selection if one.id not in search.known]:
@@ -199,6 +204,16 @@ def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: C
         return found
     # Constants far off were linearised around beside the others, which took part of them.
     return linearised(problem, fit, found.null) if constants else Found(problem, fit, search.score(fit), found.null)
+
+
+def _status(e: float) -> Status:
+    """Of what chance does not bring."""
+    return Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED
+
+
+def _holds(problem: Problem, unseen: tuple[float, float]) -> bool:
+    """Whether either half of the data bears it out: what only one half of real ground shows is the ground's."""
+    return not problem.evidence.is_far or min(unseen) > -APART_NATS
 
 
 def _finding(
@@ -220,7 +235,7 @@ def _finding(
     by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
     p = family_wise_p(worth, by_chance)
     sure = p <= FAMILY_WISE
-    status = Status.CONFIRMED if sure and e >= CONFIRMING_E else Status.SUPPORTED if sure else Status.SUSPECTED
+    status = _status(e) if sure else Status.SUSPECTED
     rivals = rivals_of(found, search, selected, rest, near)
     rival, asked = splines.best(fit.selection, selected), max(GENERIC_NATS, _generic_share(problem) * worth)
     # A constant that a calibration gives is no curve, whatever varies about it.
@@ -293,7 +308,7 @@ def _unknown(
     surrogate: Selected | None = None,
     rivals: tuple[Selected, ...] = (),
     e: float = 1.0,
-    status: Status = Status.SUPPORTED,
+    status: Status | None = None,
     probabilities: dict[str, float] | None = None,
 ) -> Cause:
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
@@ -309,7 +324,7 @@ def _unknown(
     )
     return Cause(
         selected=None,
-        status=status,
+        status=status or _status(e),
         rivals=rivals,
         windows=(),
         support=Support(curve.gain, p, e),

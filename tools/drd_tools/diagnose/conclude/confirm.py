@@ -83,18 +83,20 @@ class OtherHalf:
 
     @cached_property
     def _halves(self) -> "tuple[_Half, _Half] | None":
-        problem, others = self._problem, [c for c in self._fit.selection if c is not self.selected]
-        data = problem.data - problem.effect_rows(others)
-        soft, freed = nuisance_columns(problem, others)
-        seen = problem.effect_rows([self.selected]) ** 2
-        order = np.argsort(problem.row_time_s, kind="stable")
-        total = np.cumsum(seen[order])
-        if total[-1] <= 0.0:
-            return None
-        half = np.zeros(len(data), bool)
-        half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
-        first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
-        return first, second
+        others = [c for c in self._fit.selection if c is not self.selected]
+        return _split(self._problem, others, self._problem.effect_rows([self.selected]))
+
+
+def curve_nats(problem: Problem, fit: Fit, rows: Array, columns: Array) -> tuple[float, float]:
+    """Log likelihood ratio of a curve beside all effects of a fit, on each half as the other half has it. (85)
+
+    `rows` (r,): what it explains; `columns` (r, k): what it is made of, of prior 1.
+    """
+    halves = _split(problem, fit.selection, rows)
+    if halves is None:
+        return 0.0, 0.0
+    first, second = halves
+    return _curve_nats(columns, first, second), _curve_nats(columns, second, first)
 
 
 class _Half(NamedTuple):
@@ -104,6 +106,20 @@ class _Half(NamedTuple):
     rows: npt.NDArray[np.bool_]
     soft: Array
     freed: Array
+
+
+def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_Half, _Half] | None:
+    """Halves, less the other effects, of segments in which `rows` (r,) are as visible; None where they are nowhere."""
+    data = problem.data - problem.effect_rows(others)
+    soft, freed = nuisance_columns(problem, others)
+    order = np.argsort(problem.row_time_s, kind="stable")
+    total = np.cumsum(rows[order] ** 2)
+    if total[-1] <= 0.0:
+        return None
+    half = np.zeros(len(data), bool)
+    half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
+    first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
+    return first, second
 
 
 def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> float:
