@@ -23,6 +23,8 @@ EPOCH_NS: Final = 1000 * NS_PER_S
 STEP_S: Final = 0.01
 # Speeds and rates of the legs run into each other over this long.
 SMOOTHING_S: Final = 1.5
+# Nobody turns a robot so steadily that a gyro without noise says the same again and again, as one that is stuck does.
+UNSTEADY, UNSTEADY_S = 0.01, 1.0
 GUARD_S: Final = 1.0  # longer than the bias is measured the robot stands at first
 # From the end of a gyro's interval to its packet's last byte: the least, and the mean beyond it. Together about what
 # the configuration states.
@@ -90,7 +92,7 @@ class World:
         for e in self._events(SIDEWAYS):
             sideways += e.size * self.during(t, e)
         for e in self._events("turned by hand"):
-            by_hand += e.size * RAD_PER_DEG * self.during(t, e)
+            by_hand += e.size * RAD_PER_DEG * self.during(t, e) * (1.0 + UNSTEADY * np.sin(t / UNSTEADY_S))
         for e in self._events("other ground"):
             treads *= 1.0 + e.size * self.during(t, e)
 

@@ -134,6 +134,11 @@ MENDED = {
                "estimation.static_bias.duration_s": 2.0}, (Leg(2.3, 1.39, 0.11), Leg(3.0, 1.2, -0.41),
                Leg(2.9, 0.36, -0.57)), (Event("turned by hand", 2.7, 5.1, 19.7), Event("host stands still", 3.0, 3.8))),
         1.0),
+    "turned by hand for 8 s, each comparison taken for slip (3.7)": (
+        Genome(2423126909, {"encoders.rate_hz": 5.0, "encoders.silent_after_s": 1.0,
+               "estimation.rejections_before_release": 1}, (Leg(9.7, 0.51, 0.0), Leg(5.2, 0.99, 0.0),
+               Leg(7.9, 0.11, -0.09), Leg(3.8, 0.0, 0.03), Leg(7.3, 0.62, 0.0), Leg(2.1, 0.0, 0.0)),
+               (Event("turned by hand", 19.3, 8.0, -21.0),)), 1.0),
 }  # fmt: skip
 
 
