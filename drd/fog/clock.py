@@ -46,8 +46,8 @@ LOCKING: Final = 20
 # beat measured anew.
 FIT_PART: Final = 0.1
 RELOCKING: Final = 8
-# After a stall what waited may come packet by packet: at 10 Hz, of six seconds.
-STALLED_RELOCKING: Final = 64
+# What was held up may come packet by packet: at 10 Hz, of six seconds.
+HELD_UP_RELOCKING: Final = 64
 TOGETHER_S: Final = 0.001  # arrivals nearer than that are one bundle, read in parts
 # Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
 # and while an adapter bundles packets (the newest of a bundle has any age up to a period).
@@ -165,6 +165,7 @@ class SampleClock:
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
         self._misfits: list[tuple[float, int]] = []
+        self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
         self._inferred: deque[int] = deque([0], maxlen=EVIDENCE_BUNDLED)
         self._counted = 0
@@ -190,7 +191,7 @@ class SampleClock:
             self._advance(further)
             late_s -= further * self.period_s
         if abs(late_s) > fitting_s:
-            self._misfit(arrival_s, sum(steps))
+            self._misfit(arrival_s, sum(steps), late_s > 0.0)
         elif further <= 0:
             # A loss just inferred may turn out to be a delay: its arrival proves no phase.
             self._correct(late_s)
@@ -255,13 +256,18 @@ class SampleClock:
         self._fitting += 1
         self._misfits.clear()
 
-    def _misfit(self, arrival_s: float, beats: int) -> None:
+    def _misfit(self, arrival_s: float, beats: int, is_late: bool) -> None:
         """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
+        self._only_late = is_late and (self._only_late or not self._misfits)
         if self._misfits and arrival_s - self._misfits[-1][0] < TOGETHER_S:  # its newest packet tells the most
             beats += self._misfits.pop()[1]
         self._misfits.append((arrival_s, beats))
         *whole, (_, newest) = self._misfits  # more of the newest bundle may come
-        if len(whole) < RELOCKING or (self._is_stalled and len(whole) < STALLED_RELOCKING and self._waited(whole)):
+        if len(whole) < RELOCKING:
+            return
+        # Numbers that go on are those of a sensor whose beat goes on, too: what is only late is held up on its way.
+        goes_on = self._modulus is not None and self._locked and self._only_late
+        if len(whole) < HELD_UP_RELOCKING and (goes_on or (self._is_stalled and self._waited(whole))):
             return
         whole = whole[-RELOCKING:]
         ends = list(accumulate(beats for _, beats in whole[1:]))

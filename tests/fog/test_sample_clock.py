@@ -294,6 +294,19 @@ def test_a_beat_that_changes_its_phase_is_locked_to_again(numbered: bool) -> Non
     assert max(abs(s.interval_s - 0.1) for s in line.stamps[300:]) < 5e-4
 
 
+@pytest.mark.parametrize("bundle_s", [0.0995, 0.108])
+def test_numbers_that_go_on_are_those_of_a_beat_that_does(bundle_s: float) -> None:
+    """Bundles about as long as a period hold packets up by almost one, more or less from one to the next."""
+    line = make_line(10, 10, numbered=True)
+    for n in range(1, 301):
+        line.deliver([n], n / 10)
+    for n in range(301, 451):
+        line.deliver([n], np.ceil(n / 10 / bundle_s) * bundle_s)
+    assert np.abs(line.errors_s()).max() < 0.012
+    assert line.clock.period_s == pytest.approx(0.1, rel=2e-3)
+    assert line.lost == 0
+
+
 def test_a_slower_sensor_after_a_restart_is_not_taken_for_one_that_loses_packets() -> None:
     line = steady_line()
     line.clock.restart()

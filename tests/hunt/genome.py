@@ -20,6 +20,7 @@ from hunt.kinds import (
     NO_GYRO,
     SIDEWAYS,
     SLIP_BOTH,
+    TURNS_LATE,
     UNCOMPARED,
     UNCONTRADICTED,
     UNLEARNED,
@@ -55,6 +56,7 @@ LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
 AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
 TEACHING_RAD: Final = 1.0  # of turning: then the tread is known to some per cent
+AS_LONG: Final = 0.1  # of a gyro's interval: a delay drifts that changes by less from one packet to the next
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
 
 
@@ -99,7 +101,11 @@ class Genome(Struct, frozen=True):
         jumps = "node restarts" in kinds and self.gene("encoders.layout") != "cia406"  # which alone tells of it
         slips = self.gene("estimation.heading") == "gyro" and "one wheel slips" in kinds
         early = any(event.kind == "one wheel slips" and self._without_tread(event) for event in self.events)
-        others = [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
+        # Without numbers of its packets a gyro that has begun anew looks like one whose delay drifts by an interval.
+        numbered, rate_hz = self.gene("fog.protocol") == "dsp17xx", self.gene("fog.rate_hz")
+        drifts = any(e.kind == "gyro in bunches" and abs(e.size * rate_hz - 1.0) < AS_LONG for e in self.events)
+        others = [TURNS_LATE] * (drifts and not numbered)
+        others += [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}
 
     def _without_tread(self, event: Event) -> bool:

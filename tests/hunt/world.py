@@ -35,6 +35,8 @@ CLOCK_ERROR: Final = 0.01
 SKID_TREAD: Final = (1.25, 1.9)
 MOST_SLIP_S: Final = 0.4
 
+AT_ONCE_S: Final = 1e-6  # the same time, but for rounding
+
 Item = tuple[float, Any]  # when it arrives, s, and bytes, a list of frames, or a command's event
 # Makes of an item what comes instead, from the event, random numbers and when it began.
 LineFault = Callable[[Item, Event, np.random.Generator, float], list[Item]]
@@ -57,7 +59,7 @@ class World:
         self._drive()
         items = self._gyro_items() if self.config.fog.protocol != "none" else []
         items += self._wheel_items() + [(self.at_s(e), e) for e in genome.events if e.kind in COMMANDS]
-        self.items = self._stalled(sorted(items, key=lambda item: item[0]))
+        self.items = _read(self._stalled(sorted(items, key=lambda item: item[0])))
 
     def at_s(self, event: Event) -> float:
         """When an event begins."""
@@ -209,6 +211,18 @@ class World:
             begin_s, end_s = self.at_s(e), self.at_s(e) + e.seconds
             items = [(end_s if begin_s <= t < end_s else t, content) for t, content in items]
         return sorted(items, key=lambda item: item[0])
+
+
+def _read(items: list[Item]) -> list[Item]:
+    """Bytes that have come at the same time are read at once, as the port does."""
+    found: list[Item] = []
+    for t_s, content in items:
+        since_s, before = found[-1] if found else (0.0, None)
+        if isinstance(before, bytes) and isinstance(content, bytes) and t_s < since_s + AT_ONCE_S:
+            found[-1] = since_s, before + content
+        else:
+            found.append((t_s, content))
+    return found
 
 
 def _sums(steps: Array) -> Array:

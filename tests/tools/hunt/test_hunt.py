@@ -10,7 +10,7 @@ import pytest
 from hunt import __main__ as command
 from hunt.genome import MENU, Event, Genome, Leg, bred, drawn
 from hunt.judge import judge, once
-from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH, UNLEARNED
+from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH, TURNS_LATE, UNLEARNED
 from hunt.search import Case, hunt, simplified
 from hunt.world import World
 from msgspec.structs import replace as changed
@@ -139,6 +139,10 @@ MENDED = {
                "estimation.rejections_before_release": 1}, (Leg(9.7, 0.51, 0.0), Leg(5.2, 0.99, 0.0),
                Leg(7.9, 0.11, -0.09), Leg(3.8, 0.0, 0.03), Leg(7.3, 0.62, 0.0), Leg(2.1, 0.0, 0.0)),
                (Event("turned by hand", 19.3, 8.0, -21.0),)), 1.0),
+    "the gyro's packets in bunches about as long as its interval, with numbers (3.3)": (
+        Genome(1807481283, {"wheel_lag_s": 0.15, "fog.protocol": "dsp17xx", "encoders.layout": "odrive",
+               "encoders.counts_per_revolution": 2000.0}, (Leg(2.8, 1.05, -0.16), Leg(2.6, 1.15, 0.42),
+               Leg(3.8, 0.0, 0.0), Leg(2.4, 1.01, -0.29)), (Event("gyro in bunches", 1.1, 14.8, 0.1079),)), 1.0),
 }  # fmt: skip
 
 
@@ -189,6 +193,10 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     beyond = Genome(1, {"fog.full_scale_deg_s": 40.0}, PLAIN.legs, (by_hand,))
     assert beyond.named == {NO_GYRO}
     assert changed(beyond, events=(changed(by_hand, size=10.0),)).named == frozenset()
+    bunches = Event("gyro in bunches", 3.0, 2.0, 0.103)
+    assert Genome(1, {}, PLAIN.legs, (bunches,)).named == {TURNS_LATE}
+    assert Genome(1, {"fog.protocol": "dsp17xx"}, PLAIN.legs, (bunches,)).named == frozenset()
+    assert Genome(1, {}, PLAIN.legs, (changed(bunches, size=0.3),)).named == frozenset()
     restart = Event("node restarts", 3.0, 0.0)
     assert Genome(1, {}, PLAIN.legs, (restart,)).named == frozenset()
     assert Genome(1, {"encoders.layout": "vesc"}, PLAIN.legs, (restart,)).named == {JUMPS}
