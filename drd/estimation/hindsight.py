@@ -30,6 +30,14 @@ class Memory:
     left_m: float
     right_m: float
     turn_rad: float
+    corrected_x_m: float
+    corrected_y_m: float
+    corrected_rad: float
+
+    def corrected(self, kf: Filter) -> tuple[float, float]:
+        """Squares of what comparisons since then have corrected position, m^2, and heading, rad^2, by."""
+        x_m, y_m = kf.corrected_x_m - self.corrected_x_m, kf.corrected_y_m - self.corrected_y_m
+        return x_m * x_m + y_m * y_m, (kf.corrected_rad - self.corrected_rad) ** 2
 
     @property
     def tread_m2(self) -> float:
@@ -68,7 +76,8 @@ class Hindsight:
         """The constants as known now, before something may teach wrong ones."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
-        return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
+        corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad
+        return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad, *corrected)
 
     @property
     def before(self) -> Memory | None:
@@ -78,6 +87,10 @@ class Hindsight:
     def lag_doubt_s(self, kf: Filter) -> float:
         """By how much the lag has changed meanwhile."""
         return kf.nominal.wheel_lag_s - then.lag_s if (then := self.before) is not None else 0.0
+
+    def corrected(self, kf: Filter) -> tuple[float, float]:
+        """Squares of what position, m^2, and heading, rad^2, have been corrected by meanwhile."""
+        return then.corrected(kf) if (then := self.before) is not None else (0.0, 0.0)
 
     @property
     def slipped_m(self) -> float:

@@ -84,6 +84,26 @@ def test_what_was_long_ago_is_no_doubt_any_more() -> None:
     assert seen.lag_doubt_s(kf) == 0.0
 
 
+def test_what_comparisons_have_corrected_is_in_doubt_for_some_seconds() -> None:
+    kf, seen = make(), Hindsight()
+    kf.anchor_gyro()
+    kf.P[TREAD, GYRO_HEADING] = kf.P[GYRO_HEADING, TREAD] = 0.002  # a turn that the wheels alone have told
+    kf.P[GYRO_HEADING, GYRO_HEADING] = 0.01
+    seen.watch(kf, 1)
+    kf.predict(0.1, 0.08, 0.12, 0.4)
+    n = kf.nominal
+    before = n.gyro_heading_rad, n.wheel_lag_s, n.x_m, n.y_m
+    kf.update(0.4)
+    lag_s, v = n.wheel_lag_s - before[1], 1.0
+    turned_rad = n.gyro_heading_rad - before[0] + kf.rate_rad_s * lag_s
+    x_m, y_m = n.x_m - before[2] + v * lag_s * math.cos(before[0]), n.y_m - before[3] + v * lag_s * math.sin(before[0])
+    assert turned_rad != pytest.approx(0.0, abs=1e-3)
+    assert seen.corrected(kf) == pytest.approx((x_m**2 + y_m**2, turned_rad**2), rel=0.01)
+    for i in range(1, 4):
+        seen.watch(kf, 1 + i * (SPAN_NS + 1))
+    assert seen.corrected(kf) == (0.0, 0.0)
+
+
 def test_what_is_given_from_elsewhere_is_not_taken_back() -> None:
     kf, seen = make(), Hindsight()
     seen.watch(kf, 1)

@@ -139,6 +139,10 @@ MENDED = {
                "estimation.rejections_before_release": 1}, (Leg(9.7, 0.51, 0.0), Leg(5.2, 0.99, 0.0),
                Leg(7.9, 0.11, -0.09), Leg(3.8, 0.0, 0.03), Leg(7.3, 0.62, 0.0), Leg(2.1, 0.0, 0.0)),
                (Event("turned by hand", 19.3, 8.0, -21.0),)), 1.0),
+    "turned by hand after 9 s without a gyro, taken for another tread, and the heading with it (1.9)": (
+        Genome(3015919402, {"split": True, "encoders.rate_hz": 20.0, "encoders.gap_s": 2.0}, (Leg(4.6, 0.5, 0.44),
+               Leg(8.5, 0.2, -0.65), Leg(4.3, 0.5, 0.34), Leg(2.7, 0.4, 0.0)),
+               (Event("gyro port lost", 4.0, 9.5), Event("turned by hand", 16.0, 5.2, -9.9))), 1.0),
     "the gyro's packets in bunches about as long as its interval, with numbers (3.3)": (
         Genome(1807481283, {"wheel_lag_s": 0.15, "fog.protocol": "dsp17xx", "encoders.layout": "odrive",
                "encoders.counts_per_revolution": 2000.0}, (Leg(2.8, 1.05, -0.16), Leg(2.6, 1.15, 0.42),
@@ -189,6 +193,10 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     before = Genome(1, {"robot.drive": "differential"}, PLAIN.legs, (changed(slip, at_s=0.5, seconds=0.5), silent))
     assert before.named == frozenset()
     assert changed(before, genes={}).named == {UNLEARNED}
+    # Turns that the gyro has not seen teach nothing.
+    away, late = Event("gyro silent", 0.5, 2.9), Event("turned by hand", 5.5, 1.0, 10.0)
+    assert Genome(1, {}, PLAIN.legs, (late,)).named == frozenset()
+    assert Genome(1, {}, PLAIN.legs, (away, late)).named == {UNLEARNED}
     by_hand = Event("turned by hand", 3.0, 2.0, 30.0)
     beyond = Genome(1, {"fog.full_scale_deg_s": 40.0}, PLAIN.legs, (by_hand,))
     assert beyond.named == {NO_GYRO}
