@@ -89,6 +89,7 @@ class SampleClock:
         self._modulus = sequence_modulus
         self._period_var = (NOMINAL_TOLERANCE * self.period_s) ** 2
         self._bundled: int
+        self._habit: int
         self._origin_ns: int | None = None
         self._last_t_ns: int | None = None
         self.restart()
@@ -115,6 +116,7 @@ class SampleClock:
             self._origin_ns = arrival_ns
         arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
         steps = self._steps(sequences, arrival_s)
+        self._habit = (self._habit + 1 if self._bundled else 1) if len(steps) > 1 else self._habit
         self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
         if not self._synchronised:
             self._synchronise(arrival_s)
@@ -133,9 +135,9 @@ class SampleClock:
     def _waiting_s(self) -> float:
         """Age that the newest packet of a bundle may have: almost a period; 0 if there are no bundles.
 
-        A bundle of packets that are far apart is no adapter's habit but a host that was busy once.
+        One bundle of packets that are far apart is no adapter's habit but a host that was busy once.
         """
-        return self.period_s if self._bundled and self.period_s < MAX_DELAY_S else 0.0
+        return self.period_s if self._bundled and (self.period_s < MAX_DELAY_S or self._habit > 1) else 0.0
 
     @property
     def _locked(self) -> bool:
@@ -164,6 +166,7 @@ class SampleClock:
         """Collect anew what tells losses and a wrong beat."""
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
+        self._habit = 0  # bundles since it was
         self._misfits: list[tuple[float, int]] = []
         self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
