@@ -23,8 +23,9 @@ EPOCH_NS: Final = 1000 * NS_PER_S
 STEP_S: Final = 0.01
 # Speeds and rates of the legs run into each other over this long.
 SMOOTHING_S: Final = 1.5
-# Nobody turns a robot so steadily that a gyro without noise says the same again and again, as one that is stuck does.
-UNSTEADY, UNSTEADY_S = 0.01, 1.0
+# Of what is stated. With less a gyro that works would say the same digits again and again, as one that is stuck does:
+# an E-Core's last one is three quarters of its noise.
+LEAST_NOISE: Final = 0.5
 GUARD_S: Final = 1.0  # longer than the bias is measured the robot stands at first
 # From the end of a gyro's interval to its packet's last byte: the least, and the mean beyond it. Together about what
 # the configuration states.
@@ -94,7 +95,7 @@ class World:
         for e in self._events(SIDEWAYS):
             sideways += e.size * self.during(t, e)
         for e in self._events("turned by hand"):
-            by_hand += e.size * RAD_PER_DEG * self.during(t, e) * (1.0 + UNSTEADY * np.sin(t / UNSTEADY_S))
+            by_hand += e.size * RAD_PER_DEG * self.during(t, e)
         for e in self._events("other ground"):
             treads *= 1.0 + e.size * self.during(t, e)
 
@@ -138,7 +139,8 @@ class World:
         turned = np.diff(np.interp(np.concatenate(([0.0], ends)), self.time_s, self.truth[:, 2]))
         initial = self.config.estimation.initial
         rate = (1.0 + initial.gyro_scale * scale) * turned / period_s + initial.gyro_bias_deg_s * bias * RAD_PER_DEG
-        sigma = noise.gyro_deg_per_sqrt_h * RAD_PER_DEG / 60.0 / math.sqrt(period_s) * self.genome.gene("noise")
+        sigma = noise.gyro_deg_per_sqrt_h * RAD_PER_DEG / 60.0 / math.sqrt(period_s)
+        sigma *= max(self.genome.gene("noise"), LEAST_NOISE)
         white, valid = sigma * random.standard_normal(len(ends)), np.ones(len(ends), bool)
         for e in self.genome.events:
             now, size = self.during(ends, e), e.size * RAD_PER_DEG

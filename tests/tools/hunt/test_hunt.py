@@ -145,9 +145,9 @@ MENDED = {
                (Event("gyro port lost", 4.0, 9.5), Event("turned by hand", 16.0, 5.2, -9.9))), 1.0),
     "the gyro's packets in bunches, three or two at a time (1.7)": (
         Genome(3063717791, {"wheel_lag_s": 0.15, "fog.rate_hz": 5.0, "encoders.layout": "agilex",
-               "encoders.rate_hz": 20.0, "estimation.gate_sigma": 6.0, "estimation.reorder_s": 1.0}, (Leg(7.5, 0.58, 0.0),
-               Leg(8.9, 0.0, 0.0), Leg(8.1, 0.57, 0.0), Leg(8.3, -0.15, 0.43), Leg(3.2, 0.78, -0.49)),
-               (Event("gyro in bunches", 30.6, 6.4, 0.542),)), 1.0),
+               "encoders.rate_hz": 20.0, "estimation.gate_sigma": 6.0, "estimation.reorder_s": 1.0},
+               (Leg(7.5, 0.58, 0.0), Leg(8.9, 0.0, 0.0), Leg(8.1, 0.57, 0.0), Leg(8.3, -0.15, 0.43),
+                Leg(3.2, 0.78, -0.49)), (Event("gyro in bunches", 30.6, 6.4, 0.542),)), 1.0),
     "the gyro's packets in bunches about as long as its interval, with numbers (3.3)": (
         Genome(1807481283, {"wheel_lag_s": 0.15, "fog.protocol": "dsp17xx", "encoders.layout": "odrive",
                "encoders.counts_per_revolution": 2000.0}, (Leg(2.8, 1.05, -0.16), Leg(2.6, 1.15, 0.42),
