@@ -15,9 +15,10 @@ Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival
 a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
 it is taken back, and only losses that lasted are counted. After a stall of the host nothing is inferred until an
 arrival fits the beat again: what waited may come in parts, and a part that is given the time of its arrival leaves
-none for the others. Numbers that go on are of a beat that goes on, however late they come. Limits, for sensors without counter whose beat is within
-0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of
-single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
+none for the others. Numbers that go on are those of a beat that goes on, however late they come. Limits, for sensors
+without counter whose beat is within 0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the
+intervals spread over them; of single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks
+like one that loses packets.
 """
 
 from cmath import rect
