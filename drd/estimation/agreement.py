@@ -79,11 +79,13 @@ class Agreement:
         If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side.
         """
         kf, slipped_m = track.kf, track.hindsight.slipped_m
+        corrected_m2, corrected_rad2 = track.hindsight.corrected(kf)
         self._is_slip = True
         self._counters["released"] += 1
         track.hindsight.take_back(kf, track.hindsight.before, t_ns)
         kf.add_heading_variance(parted_rad * parted_rad)
-        kf.add_position_variance(self._slipped_m.growth(slipped_m))
+        kf.add_position_variance(self._slipped_m.growth(slipped_m) + corrected_m2)
+        kf.add_heading_variance(corrected_rad2, both=True)
 
     def gyro_repeats(self, track: Track) -> None:
         """It has said the same twice: what is known now may have to be gone back to."""
@@ -92,9 +94,10 @@ class Agreement:
     def gyro_is_stuck(self, track: Track) -> None:
         """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
         if (then := self._before_repeats) is not None:
-            parted_rad = track.hindsight.apart_rad(then)
+            parted_rad, (corrected_m2, corrected_rad2) = track.hindsight.apart_rad(then), then.corrected(track.kf)
             track.hindsight.take_back(track.kf, then, track.t_ns)
-            track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
+            track.kf.add_position_variance(corrected_m2)
+            track.kf.add_heading_variance(parted_rad * parted_rad + corrected_rad2, both=True)
 
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
         drift, seen, text = self._drift, track.hindsight, None

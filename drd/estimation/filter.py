@@ -102,6 +102,8 @@ class Filter(State):
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
         self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
+        # What comparisons have corrected so far, of the newest pose and the gyro's heading.
+        self.corrected_x_m = self.corrected_y_m = self.corrected_rad = 0.0
         self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (25)
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
@@ -135,6 +137,8 @@ class Filter(State):
         """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
         self._copy_state(other)
         self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
+        self.corrected_x_m, self.corrected_y_m = other.corrected_x_m, other.corrected_y_m
+        self.corrected_rad = other.corrected_rad
         self._left_m_s, self._right_m_s = other._left_m_s, other._right_m_s
 
     def predict(
@@ -407,6 +411,11 @@ class Filter(State):
         n.gyro_scale -= gyro_scale * k
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
+        # Of the pose that the lag leads to, which the lag by itself does not move.
+        way_m = 0.5 * (self._left_m_s + self._right_m_s) * lag
+        self.corrected_x_m -= (x + way_m * cos(n.gyro_heading_rad)) * k
+        self.corrected_y_m -= (y + way_m * sin(n.gyro_heading_rad)) * k
+        self.corrected_rad -= (gyro_heading + self.rate_rad_s * lag) * k
 
     @property
     def gain(self) -> Matrix:

@@ -6,13 +6,14 @@ from typing import Final
 import numpy as np
 
 from drd.estimation.filter import Filter
-from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix
+from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix, X, Y
 from drd.units import NS_PER_S
 
 # Slip is found later than it begins: as long as agreement takes to end the report of it.
 SPAN_NS: Final = 2 * NS_PER_S
 TAUGHT: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, WHEEL_LAG)
 TREAD_OF_TAUGHT: Final = TAUGHT.index(TREAD)
+POSE: Final = (X, Y, HEADING, GYRO_HEADING)
 BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
 
 
@@ -29,6 +30,14 @@ class Memory:
     left_m: float
     right_m: float
     turn_rad: float
+    corrected_x_m: float
+    corrected_y_m: float
+    corrected_rad: float
+
+    def corrected(self, kf: Filter) -> tuple[float, float]:
+        """Squares of what comparisons since then have corrected position, m^2, and heading, rad^2, by."""
+        x_m, y_m = kf.corrected_x_m - self.corrected_x_m, kf.corrected_y_m - self.corrected_y_m
+        return x_m * x_m + y_m * y_m, (kf.corrected_rad - self.corrected_rad) ** 2
 
     @property
     def tread_m2(self) -> float:
@@ -67,7 +76,8 @@ class Hindsight:
         """The constants as known now, before something may teach wrong ones."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
-        return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad)
+        corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad
+        return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad, *corrected)
 
     @property
     def before(self) -> Memory | None:
@@ -77,6 +87,10 @@ class Hindsight:
     def lag_doubt_s(self, kf: Filter) -> float:
         """By how much the lag has changed meanwhile."""
         return kf.nominal.wheel_lag_s - then.lag_s if (then := self.before) is not None else 0.0
+
+    def corrected(self, kf: Filter) -> tuple[float, float]:
+        """Squares of what position, m^2, and heading, rad^2, have been corrected by meanwhile."""
+        return then.corrected(kf) if (then := self.before) is not None else (0.0, 0.0)
 
     @property
     def slipped_m(self) -> float:
@@ -102,9 +116,14 @@ class Hindsight:
         n.wheel_lag_s = then.lag_s
         n.gyro_heading_rad += rate * (lag_s - then.lag_s)  # as an update does, (30)
         kf.set_tread(then.tread_m)
+        # What the gyro's scale has made of the pose stays its error, which is the same in all turns.
+        variance = kf.P[GYRO_SCALE, GYRO_SCALE]
+        of_scale = {i: kf.P[i, GYRO_SCALE] / variance if variance > 0.0 else 0.0 for i in POSE}
+        kf.spread_error(GYRO_SCALE, {i: -share for i, share in of_scale.items()})
         # The headings have the error of the lag that it had then, in place of the present one's.
         if (variance := kf.P[WHEEL_LAG, WHEEL_LAG]) > 0.0:
             kf.spread_error(WHEEL_LAG, {i: -kf.P[i, WHEEL_LAG] / variance for i in (HEADING, GYRO_HEADING)})
         kf.set_covariance(TAUGHT, then.P)
+        kf.spread_error(GYRO_SCALE, of_scale)
         kf.spread_error(WHEEL_LAG, dict.fromkeys((HEADING, GYRO_HEADING), -rate))
         self.begin(kf, t_ns)

@@ -119,7 +119,7 @@ def covariance_after(
         xh + vx * lh + rate_rad_s * lx + vx * rate_rad_s * variance,
         yy + 2.0 * vy * ly + vy * vy * variance + reading + gy * gy,
         yh + vy * lh + rate_rad_s * ly + vy * rate_rad_s * variance,
-        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance + turned,
+        hh + 2.0 * rate_rad_s * lh + rate_rad_s * rate_rad_s * variance + turned + lead.corrected_rad2,
     )
 
 

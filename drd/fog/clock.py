@@ -15,9 +15,10 @@ Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival
 a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
 it is taken back, and only losses that lasted are counted. After a stall of the host nothing is inferred until an
 arrival fits the beat again: what waited may come in parts, and a part that is given the time of its arrival leaves
-none for the others. Limits, for sensors without counter whose beat is within
-0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of
-single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
+none for the others. Numbers that go on are those of a beat that goes on, however late they come. Limits, for sensors
+without counter whose beat is within 0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the
+intervals spread over them; of single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks
+like one that loses packets.
 """
 
 from cmath import rect
@@ -46,8 +47,8 @@ LOCKING: Final = 20
 # beat measured anew.
 FIT_PART: Final = 0.1
 RELOCKING: Final = 8
-# After a stall what waited may come packet by packet: at 10 Hz, of six seconds.
-STALLED_RELOCKING: Final = 64
+# What was held up may come packet by packet: at 10 Hz, of six seconds.
+HELD_UP_RELOCKING: Final = 64
 TOGETHER_S: Final = 0.001  # arrivals nearer than that are one bundle, read in parts
 # Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
 # and while an adapter bundles packets (the newest of a bundle has any age up to a period).
@@ -89,6 +90,7 @@ class SampleClock:
         self._modulus = sequence_modulus
         self._period_var = (NOMINAL_TOLERANCE * self.period_s) ** 2
         self._bundled: int
+        self._habit: int
         self._origin_ns: int | None = None
         self._last_t_ns: int | None = None
         self.restart()
@@ -115,6 +117,7 @@ class SampleClock:
             self._origin_ns = arrival_ns
         arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
         steps = self._steps(sequences, arrival_s)
+        self._habit = (self._habit + 1 if self._bundled else 1) if len(steps) > 1 else self._habit
         self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
         if not self._synchronised:
             self._synchronise(arrival_s)
@@ -133,9 +136,9 @@ class SampleClock:
     def _waiting_s(self) -> float:
         """Age that the newest packet of a bundle may have: almost a period; 0 if there are no bundles.
 
-        A bundle of packets that are far apart is no adapter's habit but a host that was busy once.
+        One bundle of packets that are far apart is no adapter's habit but a host that was busy once.
         """
-        return self.period_s if self._bundled and self.period_s < MAX_DELAY_S else 0.0
+        return self.period_s if self._bundled and (self.period_s < MAX_DELAY_S or self._habit > 1) else 0.0
 
     @property
     def _locked(self) -> bool:
@@ -164,7 +167,9 @@ class SampleClock:
         """Collect anew what tells losses and a wrong beat."""
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
+        self._habit = 0  # bundles since it was
         self._misfits: list[tuple[float, int]] = []
+        self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
         self._inferred: deque[int] = deque([0], maxlen=EVIDENCE_BUNDLED)
         self._counted = 0
@@ -190,7 +195,7 @@ class SampleClock:
             self._advance(further)
             late_s -= further * self.period_s
         if abs(late_s) > fitting_s:
-            self._misfit(arrival_s, sum(steps))
+            self._misfit(arrival_s, sum(steps), late_s > 0.0)
         elif further <= 0:
             # A loss just inferred may turn out to be a delay: its arrival proves no phase.
             self._correct(late_s)
@@ -255,13 +260,18 @@ class SampleClock:
         self._fitting += 1
         self._misfits.clear()
 
-    def _misfit(self, arrival_s: float, beats: int) -> None:
+    def _misfit(self, arrival_s: float, beats: int, is_late: bool) -> None:
         """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
+        self._only_late = is_late and (self._only_late or not self._misfits)
         if self._misfits and arrival_s - self._misfits[-1][0] < TOGETHER_S:  # its newest packet tells the most
             beats += self._misfits.pop()[1]
         self._misfits.append((arrival_s, beats))
         *whole, (_, newest) = self._misfits  # more of the newest bundle may come
-        if len(whole) < RELOCKING or (self._is_stalled and len(whole) < STALLED_RELOCKING and self._waited(whole)):
+        if len(whole) < RELOCKING:
+            return
+        # Numbers that go on are those of a sensor whose beat goes on, too: what is only late is held up on its way.
+        goes_on = self._modulus is not None and self._locked and self._only_late
+        if len(whole) < HELD_UP_RELOCKING and (goes_on or (self._is_stalled and self._waited(whole))):
             return
         whole = whole[-RELOCKING:]
         ends = list(accumulate(beats for _, beats in whole[1:]))

@@ -294,6 +294,33 @@ def test_a_beat_that_changes_its_phase_is_locked_to_again(numbered: bool) -> Non
     assert max(abs(s.interval_s - 0.1) for s in line.stamps[300:]) < 5e-4
 
 
+@pytest.mark.parametrize("bundle_s", [0.0995, 0.108])
+def test_numbers_that_go_on_are_those_of_a_beat_that_does(bundle_s: float) -> None:
+    """Bundles about as long as a period hold packets up by almost one, more or less from one to the next."""
+    line = make_line(10, 10, numbered=True)
+    for n in range(1, 301):
+        line.deliver([n], n / 10)
+    for n in range(301, 451):
+        line.deliver([n], np.ceil(n / 10 / bundle_s) * bundle_s)
+    assert np.abs(line.errors_s()).max() < 0.012
+    assert line.clock.period_s == pytest.approx(0.1, rel=2e-3)
+    assert line.lost == 0
+
+
+@pytest.mark.parametrize("bundle_s", [0.305, 0.33])
+def test_bundles_in_a_row_are_a_habit_and_no_loss(bundle_s: float) -> None:
+    """Their newest packet is up to a period old, and none is missing where one holds a packet less."""
+    line = make_line(10, 10)
+    for n in range(1, 301):
+        line.deliver([n], n / 10)
+    numbers = np.arange(301, 451)
+    bundles = np.ceil((numbers / 10 - 30.0) / bundle_s)
+    for bundle in np.unique(bundles)[:-1]:  # the last one is not whole
+        line.deliver(numbers[bundles == bundle].tolist(), 30.0 + bundle * bundle_s)
+    assert np.abs(line.errors_s()).max() < 0.012
+    assert line.lost == 0
+
+
 def test_a_slower_sensor_after_a_restart_is_not_taken_for_one_that_loses_packets() -> None:
     line = steady_line()
     line.clock.restart()

@@ -20,6 +20,7 @@ from hunt.kinds import (
     NO_GYRO,
     SIDEWAYS,
     SLIP_BOTH,
+    TURNS_LATE,
     UNCOMPARED,
     UNCONTRADICTED,
     UNLEARNED,
@@ -55,6 +56,8 @@ LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
 AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
 TEACHING_RAD: Final = 1.0  # of turning: then the tread is known to some per cent
+AS_LONG: Final = 0.1  # of a gyro's interval: a delay drifts that changes by less from one packet to the next
+TEACHES_TREAD: Final = ("one wheel slips", "turned by hand")  # a wrong one, in a curve
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
 
 
@@ -98,17 +101,26 @@ class Genome(Struct, frozen=True):
         alone = any(event.kind in UNCONTRADICTED and self._without_gyro(event) for event in self.events)
         jumps = "node restarts" in kinds and self.gene("encoders.layout") != "cia406"  # which alone tells of it
         slips = self.gene("estimation.heading") == "gyro" and "one wheel slips" in kinds
-        early = any(event.kind == "one wheel slips" and self._without_tread(event) for event in self.events)
-        others = [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
+        early = any(event.kind in TEACHES_TREAD and self._without_tread(event) for event in self.events)
+        # Without numbers of its packets a gyro that has begun anew looks like one whose delay drifts by an interval.
+        numbered, rate_hz = self.gene("fog.protocol") == "dsp17xx", self.gene("fog.rate_hz")
+        drifts = any(e.kind == "gyro in bunches" and abs(e.size * rate_hz - 1.0) < AS_LONG for e in self.events)
+        others = [TURNS_LATE] * (drifts and not numbered)
+        others += [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}
 
     def _without_tread(self, event: Event) -> bool:
-        """Whether the robot turns while the event lasts, and has hardly turned before: any tread explains that."""
+        """Whether the robot turns while the event lasts, and has hardly turned before, as far as there was a gyro: any
+        tread explains that.
+        """
         if self.gene("robot.drive") == "differential":
             return False
         turned_rad, at_s, turns = 0.0, 0.0, False
+        away = [(e.at_s, e.at_s + e.seconds) for e in self.events if e.kind in AWAY]
         for leg in self.legs:
-            turned_rad += abs(leg.rate_rad_s) * min(max(event.at_s - at_s, 0.0), leg.seconds)
+            until_s = min(at_s + leg.seconds, event.at_s)
+            unseen_s = sum(max(min(end_s, until_s) - max(begin_s, at_s), 0.0) for begin_s, end_s in away)
+            turned_rad += abs(leg.rate_rad_s) * max(until_s - at_s - unseen_s, 0.0)
             turns |= leg.rate_rad_s != 0.0 and at_s < event.at_s + event.seconds and event.at_s < at_s + leg.seconds
             at_s += leg.seconds
         return turns and turned_rad < TEACHING_RAD

@@ -149,11 +149,12 @@ class _Run:
         """
         t_s = np.array([(pose.t_ns - EPOCH_NS) / NS_PER_S for pose in self.poses])
         arrivals = np.array([at_s for at_s, content in self.world.items if isinstance(content, bytes)])
+        late_s = 1.0 / self.world.config.fog.rate_hz + GYRO_DELAY_S - min(self.world.genome.gene("wheel_lag_s"), 0.0)
         found = np.zeros(len(t_s), bool)
         for e in self.world.genome.events:
             if KINDS[e.kind].unseen:
                 begin_s = self.world.at_s(e)
-                whole = arrivals[arrivals > begin_s + 1.0 / self.world.config.fog.rate_hz + GYRO_DELAY_S]
+                whole = arrivals[arrivals > begin_s + late_s]
                 found |= (t_s > begin_s) & (t_s < whole.min(initial=self.world.seconds))
         return found
 

@@ -10,7 +10,7 @@ GYRO_LIES: Final = "the gyro reads wrong"  # beyond the gate the wheels are take
 TURNS_LATE: Final = "a line turns late"  # how late a sensor is, is learned over a minute
 NO_GYRO: Final = "one wheel lies, no gyro"
 UNCOMPARED: Final = "one wheel lies, heading: gyro"  # in motion the wheels' heading is the gyro's: nothing is compared
-UNLEARNED: Final = "one wheel slips before the tread is learned"  # in a curve that is the turn of another tread
+UNLEARNED: Final = "one wheel slips, or turned by hand, before the tread is learned"  # in a curve: another tread's turn
 JUMPS: Final = "a counter jumps by less than the robot can drive"  # believed until the gyro's next sample
 
 

@@ -23,6 +23,9 @@ EPOCH_NS: Final = 1000 * NS_PER_S
 STEP_S: Final = 0.01
 # Speeds and rates of the legs run into each other over this long.
 SMOOTHING_S: Final = 1.5
+# Of what is stated. With less a gyro that works would say the same digits again and again, as one that is stuck does:
+# an E-Core's last one is three quarters of its noise.
+LEAST_NOISE: Final = 0.5
 GUARD_S: Final = 1.0  # longer than the bias is measured the robot stands at first
 # From the end of a gyro's interval to its packet's last byte: the least, and the mean beyond it. Together about what
 # the configuration states.
@@ -32,6 +35,8 @@ CLOCK_ERROR: Final = 0.01
 # Skid steering: the effective tread over the measured one, from where it is found out; where its sideways slip ends.
 SKID_TREAD: Final = (1.25, 1.9)
 MOST_SLIP_S: Final = 0.4
+
+AT_ONCE_S: Final = 1e-6  # the same time, but for rounding
 
 Item = tuple[float, Any]  # when it arrives, s, and bytes, a list of frames, or a command's event
 # Makes of an item what comes instead, from the event, random numbers and when it began.
@@ -55,7 +60,7 @@ class World:
         self._drive()
         items = self._gyro_items() if self.config.fog.protocol != "none" else []
         items += self._wheel_items() + [(self.at_s(e), e) for e in genome.events if e.kind in COMMANDS]
-        self.items = self._stalled(sorted(items, key=lambda item: item[0]))
+        self.items = _read(self._stalled(sorted(items, key=lambda item: item[0])))
 
     def at_s(self, event: Event) -> float:
         """When an event begins."""
@@ -134,7 +139,8 @@ class World:
         turned = np.diff(np.interp(np.concatenate(([0.0], ends)), self.time_s, self.truth[:, 2]))
         initial = self.config.estimation.initial
         rate = (1.0 + initial.gyro_scale * scale) * turned / period_s + initial.gyro_bias_deg_s * bias * RAD_PER_DEG
-        sigma = noise.gyro_deg_per_sqrt_h * RAD_PER_DEG / 60.0 / math.sqrt(period_s) * self.genome.gene("noise")
+        sigma = noise.gyro_deg_per_sqrt_h * RAD_PER_DEG / 60.0 / math.sqrt(period_s)
+        sigma *= max(self.genome.gene("noise"), LEAST_NOISE)
         white, valid = sigma * random.standard_normal(len(ends)), np.ones(len(ends), bool)
         for e in self.genome.events:
             now, size = self.during(ends, e), e.size * RAD_PER_DEG
@@ -207,6 +213,18 @@ class World:
             begin_s, end_s = self.at_s(e), self.at_s(e) + e.seconds
             items = [(end_s if begin_s <= t < end_s else t, content) for t, content in items]
         return sorted(items, key=lambda item: item[0])
+
+
+def _read(items: list[Item]) -> list[Item]:
+    """Bytes that have come at the same time are read at once, as the port does."""
+    found: list[Item] = []
+    for t_s, content in items:
+        since_s, before = found[-1] if found else (0.0, None)
+        if isinstance(before, bytes) and isinstance(content, bytes) and t_s < since_s + AT_ONCE_S:
+            found[-1] = since_s, before + content
+        else:
+            found.append((t_s, content))
+    return found
 
 
 def _sums(steps: Array) -> Array:

@@ -10,7 +10,7 @@ import pytest
 from hunt import __main__ as command
 from hunt.genome import MENU, Event, Genome, Leg, bred, drawn
 from hunt.judge import judge, once
-from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH, UNLEARNED
+from hunt.kinds import JUMPS, KINDS, NO_GYRO, SLIP_BOTH, TURNS_LATE, UNLEARNED
 from hunt.search import Case, hunt, simplified
 from hunt.world import World
 from msgspec.structs import replace as changed
@@ -134,6 +134,24 @@ MENDED = {
                "estimation.static_bias.duration_s": 2.0}, (Leg(2.3, 1.39, 0.11), Leg(3.0, 1.2, -0.41),
                Leg(2.9, 0.36, -0.57)), (Event("turned by hand", 2.7, 5.1, 19.7), Event("host stands still", 3.0, 3.8))),
         1.0),
+    "turned by hand for 8 s, each comparison taken for slip (3.7)": (
+        Genome(2423126909, {"encoders.rate_hz": 5.0, "encoders.silent_after_s": 1.0,
+               "estimation.rejections_before_release": 1}, (Leg(9.7, 0.51, 0.0), Leg(5.2, 0.99, 0.0),
+               Leg(7.9, 0.11, -0.09), Leg(3.8, 0.0, 0.03), Leg(7.3, 0.62, 0.0), Leg(2.1, 0.0, 0.0)),
+               (Event("turned by hand", 19.3, 8.0, -21.0),)), 1.0),
+    "turned by hand after 9 s without a gyro, taken for another tread, and the heading with it (1.9)": (
+        Genome(3015919402, {"split": True, "encoders.rate_hz": 20.0, "encoders.gap_s": 2.0}, (Leg(4.6, 0.5, 0.44),
+               Leg(8.5, 0.2, -0.65), Leg(4.3, 0.5, 0.34), Leg(2.7, 0.4, 0.0)),
+               (Event("gyro port lost", 4.0, 9.5), Event("turned by hand", 16.0, 5.2, -9.9))), 1.0),
+    "the gyro's packets in bunches, three or two at a time (1.7)": (
+        Genome(3063717791, {"wheel_lag_s": 0.15, "fog.rate_hz": 5.0, "encoders.layout": "agilex",
+               "encoders.rate_hz": 20.0, "estimation.gate_sigma": 6.0, "estimation.reorder_s": 1.0},
+               (Leg(7.5, 0.58, 0.0), Leg(8.9, 0.0, 0.0), Leg(8.1, 0.57, 0.0), Leg(8.3, -0.15, 0.43),
+                Leg(3.2, 0.78, -0.49)), (Event("gyro in bunches", 30.6, 6.4, 0.542),)), 1.0),
+    "the gyro's packets in bunches about as long as its interval, with numbers (3.3)": (
+        Genome(1807481283, {"wheel_lag_s": 0.15, "fog.protocol": "dsp17xx", "encoders.layout": "odrive",
+               "encoders.counts_per_revolution": 2000.0}, (Leg(2.8, 1.05, -0.16), Leg(2.6, 1.15, 0.42),
+               Leg(3.8, 0.0, 0.0), Leg(2.4, 1.01, -0.29)), (Event("gyro in bunches", 1.1, 14.8, 0.1079),)), 1.0),
 }  # fmt: skip
 
 
@@ -180,10 +198,18 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     before = Genome(1, {"robot.drive": "differential"}, PLAIN.legs, (changed(slip, at_s=0.5, seconds=0.5), silent))
     assert before.named == frozenset()
     assert changed(before, genes={}).named == {UNLEARNED}
+    # Turns that the gyro has not seen teach nothing.
+    away, late = Event("gyro silent", 0.5, 2.9), Event("turned by hand", 5.5, 1.0, 10.0)
+    assert Genome(1, {}, PLAIN.legs, (late,)).named == frozenset()
+    assert Genome(1, {}, PLAIN.legs, (away, late)).named == {UNLEARNED}
     by_hand = Event("turned by hand", 3.0, 2.0, 30.0)
     beyond = Genome(1, {"fog.full_scale_deg_s": 40.0}, PLAIN.legs, (by_hand,))
     assert beyond.named == {NO_GYRO}
     assert changed(beyond, events=(changed(by_hand, size=10.0),)).named == frozenset()
+    bunches = Event("gyro in bunches", 3.0, 2.0, 0.103)
+    assert Genome(1, {}, PLAIN.legs, (bunches,)).named == {TURNS_LATE}
+    assert Genome(1, {"fog.protocol": "dsp17xx"}, PLAIN.legs, (bunches,)).named == frozenset()
+    assert Genome(1, {}, PLAIN.legs, (changed(bunches, size=0.3),)).named == frozenset()
     restart = Event("node restarts", 3.0, 0.0)
     assert Genome(1, {}, PLAIN.legs, (restart,)).named == frozenset()
     assert Genome(1, {"encoders.layout": "vesc"}, PLAIN.legs, (restart,)).named == {JUMPS}

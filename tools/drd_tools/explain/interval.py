@@ -164,6 +164,8 @@ class Interval:
         covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
         covariance[SLIP_FOUND, XY, XY] += self._slipped_m2 - min(self._from_slipped_m2, self._slipped_m2)
         if self._from_ns is None:  # else it is in both poses alike
+            corrected_m2, corrected_rad2 = self._hindsight.corrected(kf)  # (18)
+            covariance[SLIP_FOUND] += np.diag((corrected_m2, corrected_m2, corrected_rad2))
             late, lead_s2 = _lead_moments(kf)
             lead_s2 += self._hindsight.lag_doubt_s(kf) ** 2  # (18)
             covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
