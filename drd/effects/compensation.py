@@ -17,8 +17,8 @@ from drd.units import NS_PER_S, S_PER_NS
 # Of an equation that is solved by iteration: rounds at most, and the error (rad/s, m/s) that is small enough.
 ROUNDS: Final = 4
 SOLVED: Final = 1e-9
-# The same for the speed that the wheels' effects depend on.
-PASSES, SPEED_SOLVED_M_S = 12, 1e-7
+# The same for the speed that the wheels' effects depend on: a metre per second halved so often is as small.
+PASSES, SPEED_SOLVED_M_S = 24, 1e-7
 # A sample's mean speed is this much of the speed at its end, and the rest of that at its begin. One half would be the
 # middle, but then an error would alternate for ever; so it more than halves in two samples.
 END_WEIGHT: Final = 0.6

@@ -146,6 +146,14 @@ def test_remove_after_add_gives_the_truth_within_the_bound(effect: Effect, data:
     assert ways.share() <= effect.remainder, term
 
 
+@pytest.mark.parametrize(("k", "seed"), [(0.1969117, 1), (0.1969117, 3), (0.195, 3), (0.2, 1)])
+def test_slip_that_takes_many_passes_is_removed_all_the_same(k: float, seed: int) -> None:
+    """What twelve of them leave of a sample, the next ones amplify."""
+    slip = catalogue()["slip_acceleration"]
+    _, ways = remove(MOTIONS[seed], [Term(slip, {"k": Amount(k)})])
+    assert ways.share() <= slip.remainder
+
+
 @pytest.mark.parametrize("effect", IRREVERSIBLE, ids=lambda effect: effect.id)
 @settings(deadline=None, max_examples=3, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
