@@ -48,6 +48,11 @@ def test_the_middle_of_rows_with_heavy_tails_is_found_better() -> None:
     assert weighted < 0.8 * mean
 
 
+@pytest.mark.parametrize("row", [0.0, 3.0, 1e-200])
+def test_rows_that_are_all_the_same_have_the_deviation_that_is_stated(row: float) -> None:
+    assert long_run(np.full(500, row), 0.1) == 1.0
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_the_long_run_deviation_of_rows_is_the_root_of_their_spectrum_at_zero(share: float) -> None:
     found, phi = [], float(np.exp(-0.1))  # rows of 0.1 s that hang together for 1 s

@@ -273,6 +273,8 @@ def long_run(rows: Array, every_s: float) -> float:
     if len(rows) < FEWEST_ROWS:
         return 1.0
     power = np.abs(np.fft.rfft(rows - rows.mean())[1:]) ** 2 / len(rows)
+    if not power.any():  # rows that are all the same, as of a sensor that says nothing
+        return 1.0
     omega = np.pi * np.arange(1, len(power) + 1) / (0.5 * len(rows))
     most, found = -math.inf, 1.0
     for together_s in (0.0, *TOGETHER_S):
