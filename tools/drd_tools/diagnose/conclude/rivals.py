@@ -66,7 +66,8 @@ def at_odds(probabilities: Mapping[str, float], odds: float) -> dict[str, float]
     """Probabilities of names, at these odds that the robot has anything at all; else it is nothing of its own."""
     something = 1.0 if math.isinf(odds) else odds / (1.0 + odds)
     scaled = {name: something * p for name, p in probabilities.items()}
-    return scaled if something == 1.0 else {**scaled, NOTHING: scaled.get(NOTHING, 0.0) + 1.0 - something}
+    scaled[NOTHING] = scaled.get(NOTHING, 0.0) + 1.0 - something
+    return {name: p for name, p in sorted(scaled.items(), key=lambda item: -item[1]) if p > 0.0}
 
 
 def near_sets(found: Found, search: Search) -> list[Near]:

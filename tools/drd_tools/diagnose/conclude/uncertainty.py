@@ -83,8 +83,11 @@ def odds_over_the_reference(problem: Problem, selected: Selected) -> float:
 def _odds(problem: Problem, selected: Selected, name: str) -> float:
     if not _of_the_reference(problem, selected, name):
         return math.inf
-    q, x, sigma = selected.parameter(name), selected.number(name), selected.sigma(name)
+    q, sigma = selected.parameter(name), selected.sigma(name)
     high = q.high * q.si
+    x = min(abs(selected.number(name)), high)  # what is larger is no likelier the reference's
+    if sigma == 0.0:
+        return math.inf
     low = -high if q.signed else 0.0
     either = float(ndtr((high - x) / sigma) - ndtr((low - x) / sigma)) / (high - low)
     return either * sigma * math.sqrt(2.0 * math.pi) * math.exp(min(0.5 * (x / sigma) ** 2, LARGEST_NATS))
