@@ -195,7 +195,7 @@ class SampleClock:
             self._advance(further)
             late_s -= further * self.period_s
         if abs(late_s) > fitting_s:
-            self._misfit(arrival_s, sum(steps), late_s > 0.0)
+            self._misfit(arrival_s, sum(steps), 0.0 < late_s < 2.0 * self.period_s)
         elif further <= 0:
             # A loss just inferred may turn out to be a delay: its arrival proves no phase.
             self._correct(late_s)
@@ -269,7 +269,7 @@ class SampleClock:
         *whole, (_, newest) = self._misfits  # more of the newest bundle may come
         if len(whole) < RELOCKING:
             return
-        # Numbers that go on are those of a sensor whose beat goes on, too: what is only late is held up on its way.
+        # Numbers that go on are those of a sensor whose beat goes on, too: what is late by a period or two is held up.
         goes_on = self._modulus is not None and self._locked and self._only_late
         if len(whole) < HELD_UP_RELOCKING and (goes_on or (self._is_stalled and self._waited(whole))):
             return
