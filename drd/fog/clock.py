@@ -117,7 +117,7 @@ class SampleClock:
             self._origin_ns = arrival_ns
         arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
         steps = self._steps(sequences, arrival_s)
-        self._habit = (self._habit + 1 if self._bundled else 1) if len(steps) > 1 else self._habit
+        self._habit = self._habit + 1 if len(steps) > 1 else 0
         self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
         if not self._synchronised:
             self._synchronise(arrival_s)
