@@ -60,7 +60,7 @@ def _refuse(loaded: Loaded[Config], found: Iterable[Complaint]) -> None:
 
 
 def _encoders(e: Encoders) -> Iterator[Complaint]:
-    """What is wrong with the encoders."""
+    """Complaints about the encoders."""
     by_counts = {"cia406": True, "odrive": e.odrive.message == "counts", "dbc": e.dbc.quantity == "counts"}
     if by_counts.get(e.layout, False) and e.counts_per_revolution is None:
         yield "encoders.counts_per_revolution", f"a number, since layout {e.layout} counts", "nothing"

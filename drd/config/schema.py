@@ -54,7 +54,7 @@ class Key:
 
     @property
     def expected(self) -> str:
-        """What is expected, as an error says it."""
+        """Expected value, in the words of an error."""
         unit = f" in {self.unit}" if self.unit else ""
         words = {bool: "true or false", int: f"a whole number{unit}", float: f"a number{unit}", types.NoneType: "null"}
         text, items = words.get(self.kind, f"a {self.unit or 'text'}"), typing.get_args(self.kind)

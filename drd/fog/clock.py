@@ -15,10 +15,10 @@ Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival
 a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
 it is taken back, and only losses that lasted are counted. After a stall of the host nothing is inferred until an
 arrival fits the beat again: what waited may come in parts, and a part that is given the time of its arrival leaves
-none for the others. Numbers that go on are those of a beat that goes on, however late they come. Limits, for sensors
-without counter whose beat is within 0.5 % of a multiple of the adapter's: of bundles, losses may stay uncounted and the
-intervals spread over them; of single packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks
-like one that loses packets.
+none for the others. Numbers that go on, less than two periods late, are those of a beat that goes on. Limits, for
+sensors without counter whose beat is within 0.5 % of a multiple of the adapter's: of bundles, losses may stay
+uncounted and the intervals spread over them; of single packets (an adapter that delivers every 10 ms at 100 Hz), a
+slower sensor looks like one that loses packets.
 """
 
 from cmath import rect
@@ -167,7 +167,7 @@ class SampleClock:
         """Collect anew what tells losses and a wrong beat."""
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
-        self._habit = 0  # bundles since it was
+        self._habit = 0  # bundles in a row
         self._misfits: list[tuple[float, int]] = []
         self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)

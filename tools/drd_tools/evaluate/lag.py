@@ -30,8 +30,8 @@ def lag_of(poses: Poses, reference: Reference) -> Lag:
     changes = [_changes(poses, reference, float(lag_s)) for lag_s in (0.0, *LAGS_S)]
     none, *squares = (float(np.mean(c**2)) if c.size else math.inf for c in changes)
     best = int(np.argmin(squares))
-    if not math.isfinite(squares[best]) or best in (0, len(LAGS_S) - 1):  # nothing, or beyond what is searched
-        return Lag(float(LAGS_S[best]) if math.isfinite(squares[best]) else 0.0, 0.0)
+    if best in (0, len(LAGS_S) - 1):  # beyond what is searched, or no rows at all
+        return Lag(float(LAGS_S[best]), 0.0)
     nats = 0.5 * (changes[best + 1].size - 1) * math.log((none + LEAST_SQUARE) / (squares[best] + LEAST_SQUARE))
     return Lag(float(LAGS_S[best]), nats)
 

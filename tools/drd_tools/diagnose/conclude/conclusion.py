@@ -207,7 +207,7 @@ def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: C
 
 
 def _status(e: float) -> Status:
-    """Of what chance does not bring."""
+    """Status of a finding that chance does not bring."""
     return Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED
 
 
