@@ -20,6 +20,7 @@ from drd_tools.diagnose.conclude.confirm import (
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
+from drd_tools.diagnose.results import Status
 from drd_tools.diagnose.select.library import Library
 from drd_tools.diagnose.select.search import Found, Search
 from drd_tools.diagnose.select.splines import SplineTerms
@@ -162,3 +163,9 @@ def test_what_is_detectable_would_gain_just_its_cost() -> None:
     row = p.effect_rows([selected("gyro_scale_error", k=smallest.smallest or 0.0)])
     held = row - p.nuisance @ np.linalg.solve(p.nuisance.T @ p.nuisance + np.eye(3), p.nuisance.T @ row)
     assert 0.5 * float(row @ held) == pytest.approx(p.per_parameter + p.per_effect, rel=1e-3)
+
+
+def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:
+    assert conclusion._status(2.0 * conclusion.FAMILY_WISE, 1e9) is Status.SUSPECTED
+    assert conclusion._status(conclusion.FAMILY_WISE, 1e9) is Status.CONFIRMED
+    assert conclusion._status(conclusion.FAMILY_WISE, 1.0) is Status.SUPPORTED

@@ -78,30 +78,28 @@ def conclude(found: Found, events: Sequence[Event], constants: Collection[str] =
         tests = _tests(found, search)
     near = near_sets(found, search)
     unnamed += [_periodic(r) for r in ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)]
-    nats = shared_nats(found.problem, found.fit, search.known)
+    estimates = reported_estimates(
+        found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
+    )
+    odds = [odds_over_the_reference(found.problem, reported) for reported in estimates]
+    of_the_reference = [reported for reported, own in zip(estimates, odds, strict=True) if own < BARELY]
+    taken = search.known.union(one.id for one in of_the_reference)
+    nats = shared_nats(found.problem, found.fit, taken)
     explained = sum(nats.values()) + sum(c.gain_nats for c in unnamed) + sum(e.nats for e in events)
     left = splines.best(found.fit.selection)
     if left is not None and left.gain <= max(LEAST_NATS, UNKNOWN_SHARE * explained):
         left = None
     whole = max(explained + (0.0 if left is None else left.gain), LEAST_NATS)
     findings = [replace(c, explains=c.gain_nats / whole) for c in unnamed]
-    estimates = reported_estimates(
-        found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
-    )
-    of_the_reference: list[Selected] = []
-    for test, reported in zip(tests, estimates, strict=True):
+    for test, reported, own in zip(tests, estimates, odds, strict=True):
         name = test.selected.id
-        odds = odds_over_the_reference(found.problem, reported)
-        if odds < BARELY:
-            of_the_reference.append(reported)
-            continue
         event = by_logic.get(name)
         if event is not None:
             findings.append(_event_finding(test.selected, event, event.nats / whole))
-        else:
+        elif own >= BARELY:
             share = nats[name] / whole
             cause = _finding(found, search, splines, test, reported, near, chance, share, name in constants)
-            findings.append(replace(cause, probabilities=at_odds(cause.probabilities, odds)))
+            findings.append(replace(cause, probabilities=at_odds(cause.probabilities, own)))
     unexplained = 0.0
     if left is not None:
         # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
@@ -206,8 +204,10 @@ def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: C
     return linearised(problem, fit, found.null) if constants else Found(problem, fit, search.score(fit), found.null)
 
 
-def _status(e: float) -> Status:
-    """Status of a finding that chance does not bring."""
+def _status(p: float, e: float) -> Status:
+    """Status of a finding that chance brings with probability p, and that unseen data bear out by odds of e."""
+    if p > FAMILY_WISE:
+        return Status.SUSPECTED
     return Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED
 
 
@@ -234,8 +234,6 @@ def _finding(
     # A constant was looked for before all others.
     by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
     p = family_wise_p(worth, by_chance)
-    sure = p <= FAMILY_WISE
-    status = _status(e) if sure else Status.SUSPECTED
     rivals = rivals_of(found, search, selected, rest, near)
     rival, asked = splines.best(fit.selection, selected), max(GENERIC_NATS, _generic_share(problem) * worth)
     # A constant that a calibration gives is no curve, whatever varies about it.
@@ -248,11 +246,11 @@ def _finding(
     if rival is not None and unnamed is not None and unnamed > rivals.own:
         surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
         also = (selected, *rivals.alike)
-        return _unknown(rival, p, explains, surrogate, also, e, status, probabilities)
+        return _unknown(rival, p, explains, surrogate, also, e, probabilities)
     curve = _curve(splines, found, selected, rival)
     return Cause(
         selected=reported,
-        status=status,
+        status=_status(p, e),
         rivals=rivals.alike,
         windows=_windows(selected, problem.evidence.time_s),
         support=Support(worth, p, e),
@@ -308,7 +306,6 @@ def _unknown(
     surrogate: Selected | None = None,
     rivals: tuple[Selected, ...] = (),
     e: float = 1.0,
-    status: Status | None = None,
     probabilities: dict[str, float] | None = None,
 ) -> Cause:
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
@@ -324,7 +321,7 @@ def _unknown(
     )
     return Cause(
         selected=None,
-        status=status or _status(e),
+        status=_status(p, e),
         rivals=rivals,
         windows=(),
         support=Support(curve.gain, p, e),

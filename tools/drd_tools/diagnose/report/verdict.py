@@ -147,9 +147,10 @@ def _noise(d: Result) -> list[str]:
 
 def _share(d: Result) -> str:
     """Words for how much is explained; where something has no name, the shares one by one."""
-    findings, left = d.findings, d.unexplained.share_of_residual
-    if all(f.is_named for f in findings) and left is not None:
+    findings, shares = d.findings, [f.explains for f in d.findings if f.explains is not None]
+    if all(f.is_named for f in findings) and shares:
         who, ending = ("It explains", "s") if len(findings) == 1 else ("Together they explain", "")
+        left = max(0.0, 1.0 - sum(shares))
         if left < ALL:
             return f"{who} all of the mismatch that the noise does not"
         return f"{who} {percent(1.0 - left)} of the mismatch and leave{ending} {percent(left)}"
@@ -157,8 +158,7 @@ def _share(d: Result) -> str:
     known = [(f, percent(f.explains)) for f in findings if f.explains is not None]
     if len(findings) == 1:
         return f"it makes up {known[0][1]} of the mismatch" if known else ""
-    shares = [f"{_name(f)} {share}" for f, share in known]
-    return f"shares of the mismatch: {listed(shares)}" if shares else ""
+    return f"shares of the mismatch: {listed([f'{_name(f)} {share}' for f, share in known])}" if known else ""
 
 
 def _counted(findings: Sequence[Finding]) -> str:
