@@ -1,6 +1,7 @@
 """`drd diagnose` as its users call it: files, sentences and exit codes."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from drd.config.schema import ConfigError
 from drd.effects.model import load_model
 from drd_tools.diagnose import run
 from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.combine.expected import Expected
 from drd_tools.diagnose.run import run_all
 from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
@@ -50,9 +52,9 @@ def test_an_effect_is_named_with_its_size_and_the_model_helps_another_day(
 def test_one_thread_computes_whatever_numpy_was_loaded_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[int] = []
 
-    def seen(recording: Recording) -> Analysis:
+    def seen(recording: Recording, expected: Sequence[Expected]) -> Analysis:
         threads.extend(pool["num_threads"] for pool in threadpool_info())
-        return analyse(recording)
+        return analyse(recording, expected)
 
     monkeypatch.setattr(run, "analyse", seen)
     with threadpool_limits(limits=2):

@@ -2,23 +2,17 @@
 
 from pathlib import Path
 
-import diagnosis_files
 import numpy as np
 import pytest
+from diagnosis_results import said, seeing, tread
 from msgspec import UNSET
 from msgspec.structs import replace
 
 from drd_tools.diagnose.combine.joint import SufficientStatistics, united
 from drd_tools.diagnose.combine.pool import combined
-from drd_tools.diagnose.files import load
-from drd_tools.diagnose.results import Amount, Because, Finding, Result, Smallest, Status, Support, Unexplained, Verdict
+from drd_tools.diagnose.results import Because, Result, Smallest, Status
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
-
-
-def said(folder: Path, name: str, end_error_m: float | None = None) -> Result:
-    result, _ = load(diagnosis_files.write(folder, diagnosis_files.nothing_missing()))
-    return replace(result, recording=name, unexplained=Unexplained(0.0, end_error_m))
 
 
 def together(*results: Result) -> Result:
@@ -53,19 +47,6 @@ def test_what_any_recording_rules_out_is_as_it_would_be_seen_best(tmp_path: Path
 def test_a_recording_that_shows_a_covariate_at_one_value_has_no_range_of_it() -> None:
     assert united([{"curvature": (0.1, 0.5)}, {}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.1, 0.9)}
     assert united([{}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.2, 0.9)}
-
-
-def tread(value: float, std: float = 0.002) -> Finding:
-    return Finding(
-        effect="tread_error", status=Status.CONFIRMED, also_fits=(), acts_on="wheels", windows=((0.0, 1.0),),
-        parameters={"k": Amount(value, std, "1")}, covariate="yaw_rate", evidence=Support(50.0, 0.001, 1e9),
-        explains=1.0, sentence="Found.",
-    )  # fmt: skip
-
-
-def seeing(folder: Path, smallest: float, *findings: Finding) -> Result:
-    result = replace(said(folder, "other"), detectable={"tread_error": Smallest(smallest, "1")}, findings=findings)
-    return replace(result, recording=f"{len(findings)} at {smallest} of {findings}", verdict=Verdict.EXPLAINED)
 
 
 def test_a_name_in_one_recording_that_others_would_show_is_withdrawn(tmp_path: Path) -> None:

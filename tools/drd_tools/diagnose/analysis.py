@@ -1,11 +1,12 @@
 """The way of one recording from evidence to conclusion."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.audit import Event
@@ -16,7 +17,7 @@ from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import reference_drift, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
 from drd_tools.diagnose.select.library import release
-from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough
+from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.select.start import Start, started
 from drd_tools.recordings.folder import Recording
 
@@ -52,17 +53,21 @@ class Analysis:
         return scatter_of(found.problem, found.fit.left, self.recording.nominal)
 
 
-def analyse(recording: Recording) -> Analysis:
-    """Audit, fit the noise, search, and judge what was found."""
+def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis:
+    """Audit, fit the noise, search, and judge what was found. `expected`: effects that the robot's others have."""
     measured, audited = observe(recording)
     start = started(audited, measured)
     # Noise and effects are fitted in turn, which may end where noise has taken an effect's place.
     searched = (_searched(problem, start) for problem in _first_problems(start))
     problem, found = max(searched, key=lambda s: score_with_noise(s[1].problem, s[1].fit))
     null = refine(problem, start.known)
+    new = [one.selected for one in expected if one.selected.id not in {c.id for c in found.fit.selection}]
+    if new:
+        found = linearised(found.problem, replace(found.fit, selection=(*found.fit.selection, *new)), found.null)
     if found.problem is not problem:
         release(problem)
-    conclusion = conclude(found, audited.events, {c.id for c in start.constants})
+    conclusion = conclude(found, audited.events, {c.id for c in start.constants}, {c.id for c in new})
+    conclusion = borne_out(conclusion, [one for one in expected if one.selected in new])
     release(found.problem)
     return Analysis(measured.recording, _faults(measured, conclusion), audited.events, problem, null.left, conclusion)
 

@@ -54,11 +54,15 @@ class Term(Struct, frozen=True, kw_only=True):
 
 
 class Support(Struct, frozen=True):
-    """Evidence for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value."""
+    """Evidence for a finding: gain in log likelihood, chance of it anywhere in the catalogue, e-value.
+
+    `prior_odds`: of what a recording is expected to have, by others of the robot, whose value is its parameters' prior.
+    """
 
     gain_nats: float | None
     family_wise_p: float | None
     e_value: float | None
+    prior_odds: float | UnsetType = UNSET
 
 
 class HeldOut(Struct, frozen=True):

@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from tqdm import tqdm
 import drd
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.combine.expected import Expected, expected
 from drd_tools.diagnose.combine.joint import sufficient_statistics
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.conclude import outcome
@@ -74,10 +76,8 @@ def run_all(
         futures = {r.name: pool.submit(_written, r, others, folder / r.name) for r in by_length}
         for future in futures.values():
             future.add_done_callback(lambda _: bar.update())
-        made = []
-        for recording in recordings:
-            made.append(futures[recording.name].result())
-            yield made[-1]
+        made = _in_agreement(recordings, [futures[r.name].result() for r in recordings], others, folder, pool)
+        yield from made
         whole = together(recordings, others, [w.diagnosis for w in made], names, pool.map)
         yield Written(whole, whole.report(folder))
 
@@ -86,16 +86,28 @@ def _samples(recording: Recording) -> int:
     return sum(len(log.time_s) for log in (recording.wheels, recording.fog) if log is not None)
 
 
-def _written(recording: Recording, held_out: Sequence[Prepared], folder: Path) -> Written:
-    diagnosis = run(recording, held_out)
+def _in_agreement(
+    recordings: Sequence[Recording], made: Sequence[Written], held_out: Sequence[Prepared], folder: Path, pool: Executor
+) -> list[Written]:
+    """The diagnoses, anew where a recording is expected to have what others show."""
+    diagnoses = [w.diagnosis for w in made]
+    found = expected([d.result for d in diagnoses], [d.statistics for d in diagnoses if d.statistics is not None])
+    again = {r.name: pool.submit(_written, r, held_out, folder / r.name, e) for r, e in zip(recordings, found, strict=True) if e}  # fmt: skip  # noqa: E501
+    return [again[r.name].result() if r.name in again else w for r, w in zip(recordings, made, strict=True)]
+
+
+def _written(
+    recording: Recording, held_out: Sequence[Prepared], folder: Path, expected: Sequence[Expected] = ()
+) -> Written:
+    diagnosis = run(recording, held_out, expected)
     return Written(diagnosis, diagnosis.report(folder))
 
 
-def run(recording: Recording, held_out: Sequence[Prepared] = ()) -> Diagnosis:
+def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
     """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
     with threadpool_limits(limits=1):
-        return concluded(analyse(recording), held_out)
+        return concluded(analyse(recording, expected), held_out)
 
 
 def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:

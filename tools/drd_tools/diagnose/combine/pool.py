@@ -5,10 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
+from drd_tools.diagnose.combine.means import contradict, scatter, sigmas, weighted
 from drd_tools.diagnose.conclude.conclusion import rounded
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
@@ -29,8 +31,6 @@ from drd_tools.diagnose.results import (
 )
 
 SURER: Final = list(Status)
-# Values of one parameter further apart than this, in sigmas of their difference, are not one value.
-APART_SIGMAS: Final = 4.0
 FEWEST_AGAINST: Final = 2  # recordings: one alone may be the one that is wrong
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
@@ -59,7 +59,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     before = _side_by_side(results, [r.fit.train.before for r in results])
     after = _side_by_side(results, [r.fit.train.after for r in results])
     return Result(
-        recording=", ".join(map(_name, results)),
+        recording=", ".join(map(name_of, results)),
         verdict=_verdict(results, findings, bool(common)),
         findings=tuple(findings),
         unexplained=Unexplained(
@@ -71,12 +71,13 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         not_observable=_unobservable(results, {*found, *detectable}),
         classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
         fit=Fit(Train(before, after), results[0].fit.held_out),
-        scatter=tuple(replace(n, sentence=f"{_name(r)}: {n.sentence}") for r in results for n in r.scatter),
+        scatter=tuple(replace(n, sentence=f"{name_of(r)}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
     )
 
 
-def _name(result: Result) -> str:
+def name_of(result: Result) -> str:
+    """The recording's name, or those of several."""
     return result.recording if isinstance(result.recording, str) else ", ".join(result.recording)
 
 
@@ -84,13 +85,15 @@ def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
     groups: dict[str, list[_Said]] = {}
     for result in results:
         for finding in result.findings:
-            groups.setdefault(finding.effect, []).append(_Said(_name(result), finding))
+            groups.setdefault(finding.effect, []).append(_Said(name_of(result), finding))
     return groups
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:
     """Combine what some of `count` recordings say of a lasting effect into one finding."""
-    found = [f for _, f in said]
+    all_found = [f for _, f in said]
+    # What others of these have given as a prior counts once.
+    found = [f for f in all_found if f.evidence.prior_odds is UNSET]
     best = max(found, key=lambda f: f.gain_nats)
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
     log_e = sum(math.log(max(f.evidence.e_value or 0.0, LEAST)) for f in found)
@@ -102,13 +105,13 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
         status=max((f.status for f in found), key=SURER.index),
         also_fits=tuple(sorted(set.intersection(*(set(f.also_fits) for f in found)))),
         parameters=parameters,
-        seen=united([f.seen for f in found]),
+        seen=united([f.seen for f in all_found]),
         evidence=Support(
-            sum(f.gain_nats for f in found),
+            sum(f.gain_nats for f in all_found),
             min(1.0, min(ps) * count) if ps else None,
             math.exp(min(LARGEST_NATS, log_e)),
         ),
-        explains=sum(f.explains or 0.0 for f in found) / count,
+        explains=sum(f.explains or 0.0 for f in all_found) / count,
         sentence=text + _apart(said),
         probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
@@ -127,28 +130,23 @@ def _apart(said: Sequence[_Said]) -> str:
     told = []
     for name in said[0].finding.parameters:
         values = [(f.parameters[name], recording) for recording, f in said if name in f.parameters]
-        if _contradict([amount for amount, _ in values]):
-            pair = max(combinations(values, 2), key=lambda two: _sigmas(two[0][0], two[1][0]))
+        if contradict([amount for amount, _ in values]):
+            pair = max(combinations(values, 2), key=lambda two: sigmas(two[0][0], two[1][0]))
             shown = [f"{rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") + f" in {where}" for a, where in pair]
             told.append(f"{name} is {shown[0]} and {shown[1]}")
     return f" They contradict each other: {'; '.join(told)}." if told else ""
 
 
-def _sigmas(a: Amount, b: Amount) -> float:
-    """How far two values are apart, in deviations of their difference."""
-    return abs(a.value - b.value) / math.hypot(a.std, b.std)
-
-
 def _borne_out(finding: Finding, said: Sequence[_Said], results: Sequence[Result]) -> Finding:
     """The finding; withdrawn to a suspicion where one recording says so and several that would show it do not."""
-    others = [r for r in results if _name(r) != said[0].recording and _would_show(r, finding)]
+    others = [r for r in results if name_of(r) != said[0].recording and would_show(r, finding)]
     if len(said) > 1 or len(others) < FEWEST_AGAINST:
         return finding
     text = f"{finding.sentence} {len(others)} others would show it and do not: it is withdrawn."
     return replace(finding, status=Status.SUSPECTED, sentence=text)
 
 
-def _would_show(result: Result, finding: Finding) -> bool:
+def would_show(result: Result, finding: Finding) -> bool:
     """Whether a recording would have found an effect half as large, and says neither its name nor one of its class."""
     if any({f.effect, *f.also_fits} & {finding.effect, *finding.also_fits} for f in result.findings):
         return False
@@ -165,32 +163,8 @@ def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
     for name, first in parameters[0].items():
         amounts = [p[name] for p in parameters if name in p]
         if all(a.std > 0.0 for a in amounts):
-            found[name] = Amount(*_weighted(amounts, _scatter(amounts)), first.unit)
+            found[name] = Amount(*weighted(amounts, scatter(amounts)), first.unit)
     return found
-
-
-def _weighted(amounts: Sequence[Amount], scatter: float = 0.0) -> tuple[float, float]:
-    """Mean with the inverse of the variances, that of the values' own scatter included, and its standard deviation."""
-    weights = [1.0 / (a.std**2 + scatter) for a in amounts]
-    return sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights), sum(weights) ** -0.5
-
-
-def _scatter(amounts: Sequence[Amount]) -> float:
-    """Variance of values from recording to recording, beyond their own deviations (DerSimonian and Laird 1986). (89)"""
-    if len(amounts) < 2:
-        return 0.0
-    mean, std = _weighted(amounts)
-    weights = [a.std**-2 for a in amounts]
-    excess = sum(((a.value - mean) / a.std) ** 2 for a in amounts) - (len(amounts) - 1)
-    return max(0.0, excess / (sum(weights) - std**2 * sum(w**2 for w in weights)))
-
-
-def _contradict(amounts: Sequence[Amount]) -> bool:
-    """Whether values with standard deviations are not one value."""
-    if any(not a.std > 0.0 for a in amounts):
-        return False
-    mean, std = _weighted(amounts)
-    return any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
 
 
 def _with_one_surrogate_each(findings: Sequence[Finding]) -> list[Finding]:
@@ -233,7 +207,7 @@ def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
     for result in results:
         for row in result.ruled_out:
             size = _size(result.detectable.get(row.effect))
-            said.setdefault(row.effect, []).append((size, f"{_name(result)}: {row.because}"))
+            said.setdefault(row.effect, []).append((size, f"{name_of(result)}: {row.because}"))
     return [
         Because(name, min(texts, key=lambda t: t[0])[1])
         for name, texts in sorted(said.items())
@@ -248,7 +222,7 @@ def _unobservable(results: Sequence[Result], seen: set[str]) -> list[Because]:
 
 
 def _side_by_side(results: Sequence[Result], figures: Sequence[Figures]) -> Figures:
-    return {f"{_name(r)}: {q}": v for r, own in zip(results, figures, strict=True) for q, v in own.items()}
+    return {f"{name_of(r)}: {q}": v for r, own in zip(results, figures, strict=True) for q, v in own.items()}
 
 
 def _most_sensitive(results: Sequence[Result]) -> dict[str, Smallest]:

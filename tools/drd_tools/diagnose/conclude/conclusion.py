@@ -63,12 +63,17 @@ class Conclusion:
     of_the_reference: Sequence[Selected] = ()
 
 
-def conclude(found: Found, events: Sequence[Event], constants: Collection[str] = ()) -> Conclusion:
-    """Judge each selected effect, and what is left. `constants`: names that a calibration has given."""
+def conclude(
+    found: Found, events: Sequence[Event], calibrated: Collection[str] = (), expected: Collection[str] = ()
+) -> Conclusion:
+    """Judge each selected effect, and what is left. `calibrated`, `expected`: names that a calibration, other
+    recordings have given.
+    """
+    constants = {*calibrated, *expected}
     logic = [e.selected for e in events]
     before, search = found.fit, Search(found.problem, logic)
     tests = _tests(found, search)
-    found = _held(found, search, tests, constants)
+    found = _held(found, search, tests, constants, expected)
     search, splines = Search(found.problem, logic), SplineTerms(found.problem)
     identity = Identifiability(found.problem, search.library)
     chance = chance_gains(found.problem, search.library, found.fit.left)
@@ -178,7 +183,9 @@ def _tests(found: Found, search: Search) -> list[OtherHalf]:
     return [OtherHalf(found.problem, search.library, found.fit, c) for c in found.fit.selection]
 
 
-def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: Collection[str]) -> Found:
+def _held(
+    found: Found, search: Search, tests: Sequence[OtherHalf], constants: Collection[str], expected: Collection[str] = ()
+) -> Found:
     """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
     One that shows in a single fix has no such data: nothing speaks against it there.
@@ -191,7 +198,7 @@ def _held(found: Found, search: Search, tests: Sequence[OtherHalf], constants: C
     ]
     if len(kept) < len(fit.selection):
         fit = refine(problem, kept)
-    while others := [one for one in fit.selection if one.id not in search.known]:
+    while others := [one for one in fit.selection if one.id not in search.known.union(expected)]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
         worth = [rest.cost - fit.cost for rest in rests]
         least = int(np.argmin(worth))

@@ -1,0 +1,108 @@
+"""Effects that a recording does not show by itself, but is expected to: others of the robot have them. (110)"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.combine.joint import SufficientStatistics
+from drd_tools.diagnose.combine.means import scatter, weighted
+from drd_tools.diagnose.combine.pool import would_show
+from drd_tools.diagnose.conclude.cause import Cause
+from drd_tools.diagnose.conclude.conclusion import Conclusion, sentence
+from drd_tools.diagnose.conclude.outcome import names_of
+from drd_tools.diagnose.results import NOTHING, Amount, Array, Finding, Result, Status, Support
+from drd_tools.diagnose.selected import Selected
+
+FEWEST: Final = 2  # other recordings that show an effect: one alone may be the one that is wrong
+LEAST_ODDS: Final = 20.0  # to 1: "strong" (Kass and Raftery 1995)
+
+
+class Expected(NamedTuple):
+    """An effect with the prior that other recordings give, of how many of them, and the Bayes factor for it."""
+
+    selected: Selected
+    others: int
+    bayes_factor: float
+    odds: float
+
+
+def expected(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> list[tuple[Expected, ...]]:
+    """For each recording the effects that it has not found, but that others and its own data speak for by 20 to 1."""
+    return [_of_one(i, results, own) for i, own in enumerate(statistics)]
+
+
+def borne_out(conclusion: Conclusion, expected: Sequence[Expected]) -> Conclusion:
+    """The conclusion, its expected effects judged by their odds instead of by what this recording shows alone."""
+    by_name = {one.selected.id: one for one in expected}
+    causes = [_supported(c, by_name[c.effect]) if c.effect in by_name else c for c in conclusion.causes]
+    return replace(conclusion, causes=causes)
+
+
+def _supported(cause: Cause, expected: Expected) -> Cause:
+    assert cause.selected is not None
+    others = (
+        f"{expected.others} other recordings show it; that this one does is {expected.odds:.0f} times as likely as not."
+    )
+    nothing = 1.0 / (1.0 + expected.odds)
+    return replace(
+        cause,
+        status=Status.SUPPORTED,
+        rivals=(),
+        # A Bayes factor with others' prior is an e-value, and its inverse a p-value.
+        support=Support(
+            cause.gain_nats,
+            min(1.0, 1.0 / expected.bayes_factor),
+            expected.bayes_factor,
+            expected.odds / expected.bayes_factor,
+        ),
+        sentence=f"{sentence(cause.selected, cause.explains, ())} {others}",
+        probabilities={cause.effect: 1.0 - nothing, NOTHING: nothing},
+    )
+
+
+def _of_one(i: int, results: Sequence[Result], own: SufficientStatistics) -> tuple[Expected, ...]:
+    said = names_of(results[i].findings)
+    others = [*results[:i], *results[i + 1 :]]
+    found = (_judged(effect, others, own) for effect in dict.fromkeys(e for e, _ in own.names) if effect not in said)
+    return tuple(one for one in found if one is not None and one.odds >= LEAST_ODDS)
+
+
+def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) -> Expected | None:
+    """An effect's odds in a recording of `own` statistics; None where the other recordings do not know it."""
+    findings = [f for r in others for f in r.findings if f.effect == effect and f.status is not Status.SUSPECTED]
+    if len(findings) < FEWEST:
+        return None
+    prior = _prior(effect, findings)
+    if any(not std > 0.0 for _, std in prior.values()):
+        return None
+    index = [own.names.index((effect, name)) for name in prior]
+    mean, std = np.transpose(list(prior.values()))
+    bayes_factor = _bayes_factor(own.G[np.ix_(index, index)], own.b[index], mean, std)
+    without = sum(would_show(r, findings[0]) for r in others)
+    values = {name: value for name, (value, _) in prior.items()}
+    selected = Selected(catalogue()[effect], values, tuple(values), prior=prior)
+    return Expected(selected, len(findings), bayes_factor, bayes_factor * (len(findings) + 1) / (without + 1))
+
+
+def _prior(effect: str, findings: Sequence[Finding]) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation (SI) of each parameter in one more recording."""
+    made = {}
+    for q in catalogue()[effect].parameters:
+        amounts = [Amount(p.value * q.si, p.std * q.si, "") for f in findings for p in [f.parameters[q.name]]]
+        if not all(a.std > 0.0 for a in amounts):
+            return {q.name: (0.0, 0.0)}
+        value, std = weighted(amounts, beyond := scatter(amounts))
+        made[q.name] = value, math.sqrt(std**2 + beyond)
+    return made
+
+
+def _bayes_factor(G: Array, b: Array, mean: Array, std: Array) -> float:
+    """Likelihood of data of information G (p, p) and score b (p,) with the prior, over that without the effect."""
+    weight = np.diag(std**-2.0)
+    score = b + weight @ mean
+    nats = 0.5 * float(score @ np.linalg.solve(G + weight, score) - mean @ weight @ mean)
+    return math.exp(min(nats - 0.5 * float(np.linalg.slogdet(np.eye(len(b)) + std[:, None] ** 2 * G)[1]), 700.0))

@@ -1,0 +1,39 @@
+"""Means of values that several recordings give of one parameter. (89)"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from drd_tools.diagnose.results import Amount
+
+# Values of one parameter further apart than this, in sigmas of their difference, are not one value.
+APART_SIGMAS: Final = 4.0
+
+
+def sigmas(a: Amount, b: Amount) -> float:
+    """How far two values are apart, in deviations of their difference."""
+    return abs(a.value - b.value) / math.hypot(a.std, b.std)
+
+
+def weighted(amounts: Sequence[Amount], beyond: float = 0.0) -> tuple[float, float]:
+    """Mean with the inverse of the variances, that of the values' own scatter included, and its standard deviation."""
+    weights = [1.0 / (a.std**2 + beyond) for a in amounts]
+    return sum(w * a.value for w, a in zip(weights, amounts, strict=True)) / sum(weights), sum(weights) ** -0.5
+
+
+def scatter(amounts: Sequence[Amount]) -> float:
+    """Variance of values from recording to recording, beyond their own deviations (DerSimonian and Laird 1986). (89)"""
+    if len(amounts) < 2:
+        return 0.0
+    mean, std = weighted(amounts)
+    weights = [a.std**-2 for a in amounts]
+    excess = sum(((a.value - mean) / a.std) ** 2 for a in amounts) - (len(amounts) - 1)
+    return max(0.0, excess / (sum(weights) - std**2 * sum(w**2 for w in weights)))
+
+
+def contradict(amounts: Sequence[Amount]) -> bool:
+    """Whether values with standard deviations are not one value."""
+    if any(not a.std > 0.0 for a in amounts):
+        return False
+    mean, std = weighted(amounts)
+    return any(abs(a.value - mean) > APART_SIGMAS * math.hypot(a.std, std) for a in amounts)
