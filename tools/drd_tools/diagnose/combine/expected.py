@@ -1,4 +1,4 @@
-"""Effects that a recording does not show by itself, but is expected to: others of the robot have them. (110)"""
+"""Effects that a recording does not show by itself, but is expected to: others of the robot have them. (89)"""
 
 import math
 from collections.abc import Sequence
