@@ -33,7 +33,8 @@ class Agreement:
     def anew(self) -> "Agreement":
         """One that knows of no disagreement yet: of a filter that starts again."""
         anew = Agreement(self._limit, self._reasons, self._counters)
-        anew._before_repeats = self._before_repeats  # the gyro does not start again
+        if (then := self._before_repeats) is not None:  # the gyro does not start again
+            anew._before_repeats = then.of_new_filter()
         return anew
 
     def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
@@ -79,13 +80,12 @@ class Agreement:
         If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side.
         """
         kf, slipped_m = track.kf, track.hindsight.slipped_m
-        corrected_m2, corrected_rad2 = track.hindsight.corrected(kf)
+        kf.return_variance(*track.hindsight.corrected(kf))
         self._is_slip = True
         self._counters["released"] += 1
         track.hindsight.take_back(kf, track.hindsight.before, t_ns)
         kf.add_heading_variance(parted_rad * parted_rad)
-        kf.add_position_variance(self._slipped_m.growth(slipped_m) + corrected_m2)
-        kf.add_heading_variance(corrected_rad2, both=True)
+        kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
     def gyro_repeats(self, track: Track) -> None:
         """It has said the same twice: what is known now may have to be gone back to."""
@@ -94,10 +94,10 @@ class Agreement:
     def gyro_is_stuck(self, track: Track) -> None:
         """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
         if (then := self._before_repeats) is not None:
-            parted_rad, (corrected_m2, corrected_rad2) = track.hindsight.apart_rad(then), then.corrected(track.kf)
+            parted_rad = track.hindsight.apart_rad(then)
+            track.kf.return_variance(*then.corrected(track.kf))
             track.hindsight.take_back(track.kf, then, track.t_ns)
-            track.kf.add_position_variance(corrected_m2)
-            track.kf.add_heading_variance(parted_rad * parted_rad + corrected_rad2, both=True)
+            track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
 
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
         drift, seen, text = self._drift, track.hindsight, None

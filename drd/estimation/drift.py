@@ -65,9 +65,7 @@ class Drift:
         """Nobody knows which of them is wrong: the tread is learned anew, the pose stays the gyro's."""
         kf = track.kf
         if self._before is None:
-            corrected_m2, corrected_rad2 = track.hindsight.corrected(kf)
-            kf.add_position_variance(corrected_m2)
-            kf.add_heading_variance(corrected_rad2, both=True)
+            kf.return_variance(*track.hindsight.corrected(kf))
             self._before, self._parted_ns = track.hindsight.before, t_ns
             self._covered_rad.forget()
         kf.add_tread_variance((GROUND_CHANGE * kf.nominal.tread_m) ** 2)

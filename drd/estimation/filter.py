@@ -102,8 +102,6 @@ class Filter(State):
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
         self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
-        # What comparisons have corrected so far, of the newest pose and the gyro's heading.
-        self.corrected_x_m = self.corrected_y_m = self.corrected_rad = 0.0
         self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (25)
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
@@ -129,6 +127,9 @@ class Filter(State):
         """Begin at the origin with these standard deviations; both headings share their error."""
         super().restart(tread_m, s)
         self._least_tread_m = LEAST_TREAD * tread_m
+        # What comparisons have corrected so far, of the newest pose and the gyro's heading, and what P got for it. (18)
+        self.corrected_x_m = self.corrected_y_m = self.corrected_rad = 0.0
+        self.returned_m2 = self.returned_rad2 = 0.0
         # What stays in F from step to step.
         self._FT_and_I[:N] = self._FT_and_I[N:] = np.eye(N)
         self._F_along_gyro = self._F_has_gyro = self._F_has_lag = False
@@ -139,6 +140,7 @@ class Filter(State):
         self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
         self.corrected_x_m, self.corrected_y_m = other.corrected_x_m, other.corrected_y_m
         self.corrected_rad = other.corrected_rad
+        self.returned_m2, self.returned_rad2 = other.returned_m2, other.returned_rad2
         self._left_m_s, self._right_m_s = other._left_m_s, other._right_m_s
 
     def predict(
@@ -416,6 +418,12 @@ class Filter(State):
         self.corrected_x_m -= (x + way_m * cos(n.gyro_heading_rad)) * k
         self.corrected_y_m -= (y + way_m * sin(n.gyro_heading_rad)) * k
         self.corrected_rad -= (gyro_heading + self.rate_rad_s * lag) * k
+
+    def return_variance(self, position_m2: float, heading_rad2: float) -> None:
+        """Give P what it has lost by comparisons that may have been wrong, as `Memory.corrected` tells. (18)"""
+        self.add_position_variance(position_m2)
+        self.add_heading_variance(heading_rad2, both=True)
+        self.returned_m2, self.returned_rad2 = self.returned_m2 + position_m2, self.returned_rad2 + heading_rad2
 
     @property
     def gain(self) -> Matrix:

@@ -1,6 +1,6 @@
 """Constants as known before, to go back to where slip, or a gyro that is stuck, has taught others since. (18)"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -33,11 +33,23 @@ class Memory:
     corrected_x_m: float
     corrected_y_m: float
     corrected_rad: float
+    returned_m2: float
+    returned_rad2: float
 
     def corrected(self, kf: Filter) -> tuple[float, float]:
-        """Squares of what comparisons since then have corrected position, m^2, and heading, rad^2, by."""
+        """Squares of what comparisons since then have corrected position, m^2, and heading, rad^2, by; less what P has
+        got back since then.
+        """
         x_m, y_m = kf.corrected_x_m - self.corrected_x_m, kf.corrected_y_m - self.corrected_y_m
-        return x_m * x_m + y_m * y_m, (kf.corrected_rad - self.corrected_rad) ** 2
+        position_m2 = x_m * x_m + y_m * y_m - (kf.returned_m2 - self.returned_m2)
+        heading_rad2 = (kf.corrected_rad - self.corrected_rad) ** 2 - (kf.returned_rad2 - self.returned_rad2)
+        return max(position_m2, 0.0), max(heading_rad2, 0.0)
+
+    def of_new_filter(self) -> "Memory":
+        """The same constants for a filter that starts again, and has corrected nothing yet."""
+        return replace(
+            self, corrected_x_m=0.0, corrected_y_m=0.0, corrected_rad=0.0, returned_m2=0.0, returned_rad2=0.0
+        )
 
     @property
     def tread_m2(self) -> float:
@@ -76,7 +88,7 @@ class Hindsight:
         """The constants as known now, before something may teach wrong ones."""
         n = kf.nominal
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
-        corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad
+        corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad, kf.returned_m2, kf.returned_rad2
         return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad, *corrected)
 
     @property
@@ -89,7 +101,7 @@ class Hindsight:
         return kf.nominal.wheel_lag_s - then.lag_s if (then := self.before) is not None else 0.0
 
     def corrected(self, kf: Filter) -> tuple[float, float]:
-        """Squares of what position, m^2, and heading, rad^2, have been corrected by meanwhile."""
+        """The same as `Memory.corrected`, of the constants known some seconds ago."""
         return then.corrected(kf) if (then := self.before) is not None else (0.0, 0.0)
 
     @property

@@ -72,6 +72,7 @@ class Knowledge:
         """The filter starts again, and only the gyro's noise is known."""
         self.agreement = self.agreement.anew()
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
+        self._track.hindsight.begin(self._track.kf, self._track.t_ns)
         self.applied = Applied()
         self.wheel_noise = self.wheel_noise.anew()
         self._begin_wheels()

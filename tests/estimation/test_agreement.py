@@ -1,16 +1,20 @@
 """The two headings compared: what follows where they part."""
 
 import math
+from collections.abc import Sequence
 
+import numpy as np
 import pytest
 from sensors import NO_BIAS, T0, S, drive, feed, make
 
 from drd.estimation.agreement import Agreement
+from drd.estimation.drift import Drift
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
-from drd.estimation.state import HEADING_UNKNOWN_RAD2
+from drd.estimation.state import GG, HEADING_UNKNOWN_RAD2, XX, YY
 from drd.samples import GyroSample, WheelSample
 
+COUNTERS = ("rejected", "released", "accepted", "not_finite")
 STEPS = ((3.0, 20.0, 23.0), (2.0, 20.0, 27.0), (3.0, 10.0, 16.0))
 
 
@@ -23,7 +27,7 @@ def test_a_lasting_disagreement_releases_the_wheels_and_loses_nothing(unseen_rad
     kf = track.kf
     kf.add_heading_variance(unseen_rad2, both=True)
     kf.nominal.heading_rad = kf.nominal.gyro_heading_rad + parted_rad
-    counters = dict.fromkeys(("rejected", "released", "accepted", "not_finite"), 0)
+    counters = dict.fromkeys(COUNTERS, 0)
     agreement = Agreement(3, Reasons(), counters)
     for i in range(4):
         assert agreement.update(track, T0 + i * S, Drive.DIFFERENTIAL)
@@ -109,3 +113,66 @@ def test_another_ground_does_not_outlive_a_reset() -> None:
     estimator.reset()
     poses = feed(estimator, drive(20.0, start_s=60.0))
     assert not any(r.source == "agreement" for p in poses[100:] for r in p.reasons)
+
+
+def variances(found: Sequence[str], corrected: float) -> list[float]:
+    """Of x, y, heading. While a gyro repeats itself comparisons correct x (m) and heading (rad) by `corrected`, before
+    each of these is found.
+    """
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(10.0))
+    track, agreement = estimator._track, Agreement(3, Reasons(), dict.fromkeys(COUNTERS, 0))
+    find = {
+        "slip": lambda: agreement.slip(track, track.t_ns, 0.0),
+        "drift": lambda: Drift()._suspect_all(track, track.t_ns),
+        "stuck": lambda: agreement.gyro_is_stuck(track),
+    }
+    track.hindsight.begin(track.kf, track.t_ns)
+    agreement.gyro_repeats(track)
+    for i, what in enumerate(found):
+        if i == 0 or what == "stuck":
+            track.kf.corrected_x_m += corrected
+            track.kf.corrected_rad += corrected
+        find[what]()
+    return [track.kf.flat_P[i] for i in (XX, YY, GG)]
+
+
+@pytest.mark.parametrize(
+    ("found", "sum_of"),
+    [
+        (["slip"], 1.0),
+        (["drift"], 1.0),
+        (["stuck"], 1.0),
+        (["slip", "slip"], 1.0),
+        (["drift", "slip"], 1.0),  # in the same comparison: a tread that no robot has
+        (["drift", "stuck"], 2.0),
+        (["slip", "stuck"], 2.0),
+    ],
+)
+def test_p_gets_back_once_what_comparisons_have_corrected(found: Sequence[str], sum_of: float) -> None:
+    """The square of the sum: corrections by one wrong sensor have one sign."""
+    growth = np.subtract(variances(found, 0.1), variances(found, 0.0))
+    assert growth == pytest.approx([(sum_of * 0.1) ** 2] * 3)
+
+
+def test_what_a_drift_has_put_into_p_is_not_beside_it_too() -> None:
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(10.0))
+    track = estimator._track
+    track.kf.corrected_x_m += 0.3
+    assert track.hindsight.corrected(track.kf)[0] > 0.01
+    Drift()._suspect_all(track, track.t_ns)
+    assert track.hindsight.corrected(track.kf) == (0.0, 0.0)
+
+
+def test_what_was_corrected_before_a_filter_starts_again_is_not_in_its_covariance() -> None:
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(10.0))
+    track, knowledge = estimator._track, estimator.knowledge
+    track.kf.corrected_x_m = track.kf.corrected_rad = 5.0
+    track.hindsight.begin(track.kf, track.t_ns)
+    knowledge.agreement.gyro_repeats(track)
+    knowledge.begin_anew()
+    assert track.hindsight.corrected(track.kf) == (0.0, 0.0)
+    knowledge.agreement.gyro_is_stuck(track)
+    assert track.kf.flat_P[XX] < 0.1

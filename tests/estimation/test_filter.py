@@ -234,3 +234,12 @@ def test_set_pose_takes_the_pose_and_keeps_what_was_learned() -> None:
     assert np.array_equal(kf.P[3:6, 3:6], learned)
     assert kf.P[GYRO_HEADING, GYRO_HEADING] == kf.P[GYRO_HEADING, HEADING] == 0.09
     assert kf.update(0.0) is Outcome.ACCEPTED
+
+
+def test_a_filter_that_starts_again_has_corrected_nothing() -> None:
+    kf = make()
+    kf.predict(0.1, 0.1, 0.101, 0.0)
+    assert kf.update(0.0) is Outcome.ACCEPTED
+    assert kf.corrected_rad != 0.0
+    kf.restart(TREAD_M, SIGMAS)
+    assert (kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad) == (0.0, 0.0, 0.0)
