@@ -93,21 +93,22 @@ def lead_moments(lag_s: float, variance_s2: float) -> tuple[float, float]:
 
 
 def covariance_after(
-    kf: Filter, lead: Lead, speed_m_s: float, rate_rad_s: float, heading_rad: float, interval_s: float
+    kf: Filter, lead: Lead, speed_m_s: float, rate_rad_s: float, heading_rad: float
 ) -> tuple[float, float, float, float, float, float]:
     """The pose's covariance (upper triangle) at the time of the newest samples, after `lead`. (37)
 
     A wrong lag or stamp puts the pose ahead, along `heading_rad`, by speed and rate times its error; while the lag is
-    hardly known, a robot that seems to stand may have moved off; it turns unseen for `interval_s` at most, that of the
-    rate's samples. (30), (34)
+    hardly known, a robot that seems to stand may have moved off, and one that goes straight may have begun to turn.
+    (30), (34)
     """
     xx, xy, xh, yy, yh, hh = kf.pose_covariance()
     k, n = kf.noise, kf.nominal
     lx, ly, lh, lag = kf.lag_covariance()
     lag2 = lead.lag_s * lead.lag_s
-    lag4 = lag2 * lag2 + 6.0 * lag2 * lag + 3.0 * lag * lag
+    unsure_s2 = lag + lead.doubt_s * lead.doubt_s
+    lag4 = lag2 * lag2 + 6.0 * lag2 * unsure_s2 + 3.0 * unsure_s2 * unsure_s2
     reading = k.count_m2 + lead.wander_m2 + 0.25 * UNSEEN_ACCELERATION_M_S2**2 * lag4
-    turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, interval_s**4)
+    turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, lead.unseen_s**4)
     late, lead_s2 = lead_moments(n.wheel_lag_s, lag)
     lx, ly, lh = late * lx, late * ly, late * lh
     variance = lead_s2 + k.jitter_s2 + lead.doubt_s**2

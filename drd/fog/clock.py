@@ -49,7 +49,10 @@ FIT_PART: Final = 0.1
 RELOCKING: Final = 8
 # What was held up may come packet by packet: at 10 Hz, of six seconds.
 HELD_UP_RELOCKING: Final = 64
-TOGETHER_S: Final = 0.001  # arrivals nearer than that are one bundle, read in parts
+# Arrivals nearer than that, and than this part of a period, are one bundle, read in parts: a packet takes some 2 ms of
+# a line of 115200 Bd, and the host reads what is there.
+TOGETHER_S: Final = 0.005
+TOGETHER_PART: Final = 0.5
 # Arrivals of which even the freshest must be late to show a loss, and which a loss must survive to be counted: alone,
 # and while an adapter bundles packets (the newest of a bundle has any age up to a period).
 EVIDENCE: Final = 3
@@ -91,6 +94,8 @@ class SampleClock:
         self._period_var = (NOMINAL_TOLERANCE * self.period_s) ** 2
         self._bundled: int
         self._habit: int
+        self._first: int
+        self._rest: int
         self._origin_ns: int | None = None
         self._last_t_ns: int | None = None
         self.restart()
@@ -117,8 +122,7 @@ class SampleClock:
             self._origin_ns = arrival_ns
         arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
         steps = self._steps(sequences, arrival_s)
-        self._habit = self._habit + 1 if len(steps) > 1 else 0
-        self._bundled = EVIDENCE_BUNDLED if len(steps) > 1 else max(0, self._bundled - 1)
+        self._note_bundle(len(steps), arrival_s)
         if not self._synchronised:
             self._synchronise(arrival_s)
         elif self._is_silence(arrival_s - self._arrival_s):
@@ -132,13 +136,29 @@ class SampleClock:
         limit_s = max(SILENCE_S, SILENCE_BEATS * self.period_s)
         return self._locked and not self._is_stalled and quiet_s > limit_s
 
+    def _note_bundle(self, packets: int, arrival_s: float) -> None:
+        """Note how bundles come: how many in a row, and how many packets come after the first part of one."""
+        if self._synchronised and arrival_s - self._arrival_s < min(TOGETHER_S, TOGETHER_PART * self.period_s):
+            self._rest += packets
+        else:
+            self._habit = self._habit + 1 if self._first + self._rest > 1 else int(self._habit > 1)
+            self._rests.append(self._rest)
+            self._first, self._rest = packets, 0
+        self._bundled = EVIDENCE_BUNDLED if self._first + self._rest > 1 else max(0, self._bundled - 1)
+
+    @property
+    def _is_first_part(self) -> bool:
+        """Whether more of this bundle is to come: its newest packet so far has an age that nothing tells."""
+        return not (self._rest or self._is_stalled) and self._habit > 0 and any(self._rests)
+
     @property
     def _waiting_s(self) -> float:
         """Age that the newest packet of a bundle may have: almost a period; 0 if there are no bundles.
 
         One bundle of packets that are far apart is no adapter's habit but a host that was busy once.
         """
-        return self.period_s if self._bundled and (self.period_s < MAX_DELAY_S or self._habit > 1) else 0.0
+        is_habit = self._habit + (self._first + self._rest > 1) > 1
+        return self.period_s if self._bundled and (self.period_s < MAX_DELAY_S or is_habit) else 0.0
 
     @property
     def _locked(self) -> bool:
@@ -167,7 +187,9 @@ class SampleClock:
         """Collect anew what tells losses and a wrong beat."""
         self._fitting = 0
         self._bundled = 0  # arrivals until bundling is forgotten
-        self._habit = 0  # bundles in a row
+        self._habit = 0  # bundles in a row before this one; an interval that is no multiple has one with a packet alone
+        self._first = self._rest = 0  # packets of this one: in its first part, and in others
+        self._rests: deque[int] = deque([0], maxlen=2)
         self._misfits: list[tuple[float, int]] = []
         self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
@@ -185,6 +207,8 @@ class SampleClock:
     def _observe(self, arrival_s: float, steps: list[int]) -> int:
         """Hold the newest packet's arrival against the beat; return further beats that passed (loss inferred)."""
         self._advance(sum(steps))
+        if self._is_first_part:
+            return 0
         late_s, further = arrival_s - self._phase_s, 0
         fitting_s = max(FIT_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
         limit_s = max(LOSS_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
@@ -263,7 +287,7 @@ class SampleClock:
     def _misfit(self, arrival_s: float, beats: int, is_late: bool) -> None:
         """Leave the beat as it is, unless this has lasted: then measure it anew from the arrivals that did not fit."""
         self._only_late = is_late and (self._only_late or not self._misfits)
-        if self._misfits and arrival_s - self._misfits[-1][0] < TOGETHER_S:  # its newest packet tells the most
+        if self._misfits and self._rest:  # its newest packet tells the most
             beats += self._misfits.pop()[1]
         self._misfits.append((arrival_s, beats))
         *whole, (_, newest) = self._misfits  # more of the newest bundle may come

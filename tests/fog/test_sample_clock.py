@@ -242,6 +242,18 @@ def test_bundles_of_a_slow_numbered_sensor_keep_its_period(in_parts: bool) -> No
     assert np.abs(line.errors_s(after_s=10.0)).max() < 0.12
 
 
+def test_bunches_that_are_read_in_parts_are_no_losses() -> None:
+    """Some four packets every 0.387 s, the older half of each 1 ms before the others: only the newest is fresh."""
+    line, every_s = steady_line(), 0.387
+    for begin in range(60):
+        numbers = [n for n in range(101, 400) if 10.0 + every_s * begin < n / 10 <= 10.0 + every_s * (begin + 1)]
+        half = len(numbers) // 2
+        line.deliver(numbers[:half], 10.0 + every_s * (begin + 1))
+        line.deliver(numbers[half:], 10.0 + every_s * (begin + 1) + 0.001)
+    assert line.lost <= 1  # the first bunch, before which nothing tells of any
+    assert np.abs(line.errors_s(after_s=11.0)).max() < 0.12
+
+
 def test_a_loss_that_a_stall_hides_is_found_once_packets_come_at_their_beat() -> None:
     line = steady_line()
     line.clock.stalled()
