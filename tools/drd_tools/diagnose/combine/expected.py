@@ -14,7 +14,7 @@ from drd_tools.diagnose.combine.pool import would_show
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.conclusion import Conclusion, sentence
 from drd_tools.diagnose.conclude.outcome import names_of
-from drd_tools.diagnose.results import NOTHING, Amount, Array, Finding, Result, Status, Support
+from drd_tools.diagnose.results import NOTHING, Array, Finding, Result, Status, Support
 from drd_tools.diagnose.selected import Selected
 
 FEWEST: Final = 2  # other recordings that show an effect: one alone may be the one that is wrong
@@ -74,11 +74,9 @@ def _of_one(i: int, results: Sequence[Result], own: SufficientStatistics) -> tup
 def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) -> Expected | None:
     """An effect's odds in a recording of `own` statistics; None where the other recordings do not know it."""
     findings = [f for r in others for f in r.findings if f.effect == effect and f.status is not Status.SUSPECTED]
-    if len(findings) < FEWEST:
+    if len(findings) < FEWEST or not all(a.std > 0.0 for f in findings for a in f.parameters.values()):
         return None
     prior = _prior(effect, findings)
-    if any(not std > 0.0 for _, std in prior.values()):
-        return None
     index = [own.names.index((effect, name)) for name in prior]
     mean, std = np.transpose(list(prior.values()))
     bayes_factor = _bayes_factor(own.G[np.ix_(index, index)], own.b[index], mean, std)
@@ -92,11 +90,9 @@ def _prior(effect: str, findings: Sequence[Finding]) -> dict[str, tuple[float, f
     """Mean and standard deviation (SI) of each parameter in one more recording."""
     made = {}
     for q in catalogue()[effect].parameters:
-        amounts = [Amount(p.value * q.si, p.std * q.si, "") for f in findings for p in [f.parameters[q.name]]]
-        if not all(a.std > 0.0 for a in amounts):
-            return {q.name: (0.0, 0.0)}
+        amounts = [f.parameters[q.name] for f in findings]
         value, std = weighted(amounts, beyond := scatter(amounts))
-        made[q.name] = value, math.sqrt(std**2 + beyond)
+        made[q.name] = value * q.si, math.sqrt(std**2 + beyond) * q.si
     return made
 
 
