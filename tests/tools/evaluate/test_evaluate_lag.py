@@ -50,6 +50,17 @@ def test_nothing_is_taken_off_where_the_headings_do_not_show_it() -> None:
         assert taken_off(poses, reference, 0.0)[1:] == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("off", [slice(3), slice(-3, None)])
+def test_rows_at_an_end_that_are_off_are_no_lag(off: slice) -> None:
+    """Another lag would leave them out, and gain by that."""
+    true = drive(60.0)
+    pose = true.pose.copy()
+    pose[off, 2] += 0.2
+    found = lag_of(estimate_of(true), replace(true, pose=pose))
+    assert abs(found.value_s) < 0.011
+    assert lag_of(replace(estimate_of(true), time_s=np.zeros(0)), true).nats == 0.0
+
+
 @pytest.mark.parametrize("command", ["evaluate", "explain"])
 def test_both_commands_tell_of_it_and_take_it_off(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -15,6 +15,7 @@ from drd_tools.evaluate.trajectory import Poses, Reference
 LAGS_S: Final = np.arange(-0.2, 0.8, 0.02)
 LEAST_NATS: Final = 12.0  # less is not told, as in `drd diagnose`
 LEAST_SQUARE: Final = 1e-30  # rad^2: no turning, or no noise
+FEWEST_ROWS: Final = 3  # of a reference: two changes
 
 
 @dataclass(frozen=True)
@@ -26,21 +27,27 @@ class Lag:
 
 
 def lag_of(poses: Poses, reference: Reference) -> Lag:
-    """The lag where the headings' difference changes least from row to row of the reference."""
-    changes = [_changes(poses, reference, float(lag_s)) for lag_s in (0.0, *LAGS_S)]
-    none, *squares = (float(np.mean(c**2)) if c.size else math.inf for c in changes)
+    """The lag where the headings' difference changes least from row to row of the reference, of those within the poses
+    whatever the lag: rows that only some lags have would decide between them.
+    """
+    if not len(poses.time_s):
+        return Lag(0.0, 0.0)
+    early, late = reference.time_s - LAGS_S[-1], reference.time_s - LAGS_S[0]
+    inside = (early >= poses.time_s[0]) & (late <= poses.time_s[-1])
+    if np.count_nonzero(inside) < FEWEST_ROWS:
+        return Lag(0.0, 0.0)
+    at_s, heading_rad = reference.time_s[inside], reference.pose[inside, 2]
+    none, *squares = (_mean_square(poses, at_s - float(lag_s), heading_rad) for lag_s in (0.0, *LAGS_S))
     best = int(np.argmin(squares))
-    if best in (0, len(LAGS_S) - 1):  # beyond what is searched, or no rows at all
+    if best in (0, len(LAGS_S) - 1):  # beyond what is searched
         return Lag(float(LAGS_S[best]), 0.0)
-    nats = 0.5 * (changes[best + 1].size - 1) * math.log((none + LEAST_SQUARE) / (squares[best] + LEAST_SQUARE))
+    nats = 0.5 * (len(at_s) - 2) * math.log((none + LEAST_SQUARE) / (squares[best] + LEAST_SQUARE))
     return Lag(float(LAGS_S[best]), nats)
 
 
-def _changes(poses: Poses, reference: Reference, lag_s: float) -> Array:
-    """Changes of the headings' difference (rad) between the rows of a reference that is so late."""
-    at_s = reference.time_s - lag_s
-    inside = (at_s >= poses.time_s[0]) & (at_s <= poses.time_s[-1])
-    return np.diff(np.interp(at_s[inside], poses.time_s, poses.pose[:, 2]) - reference.pose[inside, 2])
+def _mean_square(poses: Poses, at_s: Array, heading_rad: Array) -> float:
+    """Mean square, rad^2, of the changes from row to row of the headings' difference."""
+    return float(np.mean(np.diff(np.interp(at_s, poses.time_s, poses.pose[:, 2]) - heading_rad) ** 2))
 
 
 def shifted(reference: Reference, lag_s: float) -> Reference:
