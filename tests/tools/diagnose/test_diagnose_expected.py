@@ -57,9 +57,11 @@ def test_what_others_have_and_the_data_bear_out_is_expected(tmp_path: Path) -> N
 
 
 def test_others_that_would_show_it_and_do_not_speak_against_it(tmp_path: Path) -> None:
-    (alone,) = told([*others(tmp_path, K, K), seeing(tmp_path, 1.0)], 1.4 * K)
-    contradicted = told([*others(tmp_path, K, K), seeing(tmp_path, 0.001), seeing(tmp_path, 1.0)], 1.4 * K)
-    assert [one.odds for one in contradicted] in ([], [pytest.approx(0.5 * alone.odds)])
+    (alone,) = told([*others(tmp_path, K, K), seeing(tmp_path, 1.0)], 1.8 * K)
+    contradicted = told([*others(tmp_path, K, K), seeing(tmp_path, 0.001), seeing(tmp_path, 1.0)], 1.8 * K)
+    assert [one.odds for one in contradicted] == [pytest.approx(0.5 * alone.odds)]
+    seeing_none = [seeing(tmp_path, 0.001), seeing(tmp_path, 0.002)]
+    assert told([*others(tmp_path, K, K), *seeing_none, seeing(tmp_path, 1.0)], 1.8 * K) == ()
 
 
 def test_the_bayes_factor_is_the_ratio_of_marginal_likelihoods() -> None:

@@ -72,15 +72,17 @@ def _of_one(i: int, results: Sequence[Result], own: SufficientStatistics) -> tup
 
 
 def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) -> Expected | None:
-    """An effect's odds in a recording of `own` statistics; None where the other recordings do not know it."""
+    """An effect's odds in a recording of `own` statistics; None where too few of the others show it."""
     findings = [f for r in others for f in r.findings if f.effect == effect and f.status is not Status.SUSPECTED]
     if len(findings) < FEWEST or not all(a.std > 0.0 for f in findings for a in f.parameters.values()):
+        return None
+    without = sum(would_show(r, findings[0]) for r in others)
+    if len(findings) <= without:
         return None
     prior = _prior(effect, findings)
     index = [own.names.index((effect, name)) for name in prior]
     mean, std = np.transpose(list(prior.values()))
     bayes_factor = _bayes_factor(own.G[np.ix_(index, index)], own.b[index], mean, std)
-    without = sum(would_show(r, findings[0]) for r in others)
     values = {name: value for name, (value, _) in prior.items()}
     selected = Selected(catalogue()[effect], values, tuple(values), prior=prior)
     return Expected(selected, len(findings), bayes_factor, bayes_factor * (len(findings) + 1) / (without + 1))
