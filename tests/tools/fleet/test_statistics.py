@@ -115,8 +115,8 @@ def test_sentences() -> None:
     [said] = sentences(analyse(made_table(41, 40, 6, happens), log))
     head, tail = said.text.split("; ")
     assert head.startswith("Robot 7, left tyre -0.8")
-    assert head.endswith("since 12 March (1.00), not in the other 40")
-    assert tail == "tyre changed 31 March: back to 0.0."
+    assert head.endswith("since 12 March 2026 (1.00), not in the other 40")
+    assert tail == "tyre changed 31 March 2026: back to 0.0."
     assert said.is_over
 
 

@@ -110,9 +110,9 @@ def figure(name: str, size: float) -> str:
 
 
 def date(day: float) -> str:
-    """A day since 1970, as in 12 March; the year where it is not this history's own is in the tables."""
+    """A day since 1970, as in 12 March 2026."""
     when = datetime.fromtimestamp(day * S_PER_DAY, UTC)
-    return f"{when.day} {when:%B}"
+    return f"{when.day} {when:%B %Y}"
 
 
 def headline(found: Statistics, robots: int, recordings: int) -> list[str]:
