@@ -15,6 +15,7 @@ import numpy as np
 
 from drd.batch.run import latest, run
 from drd.batch.samples import gyro_samples, resolution_m, wheel_samples, zero_of
+from drd.commands import whole
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Values
 from drd.estimation.applied import Constant
@@ -160,9 +161,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; always 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders with a reference")
-    parser.add_argument("--each", type=int, default=6, metavar="N", help="simulated drives of each case")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the first one")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="at a time")
+    parser.add_argument("--each", type=whole(1), default=6, metavar="N", help="simulated drives of each case")
+    parser.add_argument("--seed", type=whole(0), default=1, metavar="N", help="of the first one")
+    parser.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="at a time")
     chosen = parser.parse_args(argv)
     seeds = range(chosen.seed, chosen.seed + chosen.each)
     todo = [partial(of_case, name, seed) for name in CASES for seed in seeds]
