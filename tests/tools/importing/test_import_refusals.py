@@ -5,9 +5,12 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from import_data import Traps, drive
-from import_files import ROBOT, write_bag
+from import_files import EPOCH_NS, ROBOT, Messages, write_bag
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from drd.cli import main
 
@@ -37,6 +40,26 @@ def test_auto_is_refused_with_the_reason(bag: Path, tmp_path: Path, capsys: pyte
     # The gyro's z is not the vertical one: there is nothing to see in it, and that is said.
     assert run(bag, *words, "--gyro", "/imu", "--shift-wheels", "auto") == 2
     assert "the vertical axis is y" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("last", ["Imu", "Pose"])
+def test_a_topic_of_two_types_of_which_one_has_no_header_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], last: str
+) -> None:
+    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "two.bag"
+    messages = Messages(store, ros1=True)
+    with Writer(path) as writer:
+        for k in range(200):
+            t_ns = EPOCH_NS + k * 50_000_000
+            has_header = (last == "Imu") == (k >= 100)
+            made = messages.imu(t_ns, np.zeros(3), None) if has_header else messages.pose(0.0, 0.0, 0.0)
+            kind = made.__msgtype__
+            known = [c for c in writer.connections if c.msgtype == kind]
+            connection = known[0] if known else writer.add_connection("/turn", kind, typestore=store)
+            writer.write(connection, t_ns, store.serialize_ros1(made, kind))
+    assert run(path, "--gyro", "/turn:orientation.z", "--output", tmp_path / "out") == 2
+    expected = "messages of one type, got geometry_msgs/msg/Pose and sensor_msgs/msg/Imu"
+    assert expected in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

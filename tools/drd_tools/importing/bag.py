@@ -46,6 +46,8 @@ class Bag:
         bare = False
         with self._reader() as reader:
             wanted = [c for c in reader.connections if c.topic == topic]
+            if len(types := sorted({c.msgtype for c in wanted})) > 1:  # with a header or without: times of two kinds
+                raise ConfigError(str(self.path), topic, "messages of one type", " and ".join(types))
             bar = tqdm(total=self.counts[topic], desc=topic, unit=" messages", disable=None, leave=False, delay=1.0)
             with bar:
                 for connection, received_ns, raw in reader.messages(wanted):
