@@ -127,7 +127,7 @@ class Filter(State):
         """Begin at the origin with these standard deviations; both headings share their error."""
         super().restart(tread_m, s)
         self._least_tread_m = LEAST_TREAD * tread_m
-        # What comparisons have corrected so far, of the newest pose and the gyro's heading, and what P got for it. (18)
+        # Sums of corrections of the newest pose and the gyro's heading by comparisons, and of what P got back. (18)
         self.corrected_x_m = self.corrected_y_m = self.corrected_rad = 0.0
         self.returned_m2 = self.returned_rad2 = 0.0
         # What stays in F from step to step.

@@ -116,8 +116,8 @@ def test_another_ground_does_not_outlive_a_reset() -> None:
 
 
 def variances(found: Sequence[str], corrected: float) -> list[float]:
-    """Of x, y, heading. While a gyro repeats itself comparisons correct x (m) and heading (rad) by `corrected`, before
-    each of these is found.
+    """Variances of x, y and heading, where comparisons correct x (m) and heading (rad) by `corrected` before each of
+    these is found, while a gyro repeats itself.
     """
     estimator = make(NO_BIAS)
     feed(estimator, drive(10.0))

@@ -41,7 +41,7 @@ def others(folder: Path, *values: float) -> list[Result]:
 
 
 def told(results: Sequence[Result], k: float) -> tuple[Expected, ...]:
-    """What the last of these recordings is expected to have, where it sees `k`."""
+    """Effects that the last of these recordings is expected to have, where it sees `k`."""
     return expected(results, [statistics(k)] * len(results))[-1]
 
 

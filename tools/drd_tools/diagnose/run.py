@@ -92,8 +92,11 @@ def _in_agreement(
     """The diagnoses, anew where a recording is expected to have what others show."""
     diagnoses = [w.diagnosis for w in made]
     found = expected([d.result for d in diagnoses], [d.statistics for d in diagnoses if d.statistics is not None])
-    again = {r.name: pool.submit(_written, r, held_out, folder / r.name, e) for r, e in zip(recordings, found, strict=True) if e}  # fmt: skip  # noqa: E501
-    return [again[r.name].result() if r.name in again else w for r, w in zip(recordings, made, strict=True)]
+    again = [
+        pool.submit(_written, recording, held_out, folder / recording.name, effects) if effects else None
+        for recording, effects in zip(recordings, found, strict=True)
+    ]
+    return [w if new is None else new.result() for w, new in zip(made, again, strict=True)]
 
 
 def _written(

@@ -13,6 +13,7 @@ from drd_tools.diagnose.combine.means import scatter, weighted
 from drd_tools.diagnose.combine.pool import would_show
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.conclude.conclusion import Conclusion, sentence
+from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import NOTHING, Array, Finding, Result, Status, Support
 from drd_tools.diagnose.selected import Selected
@@ -103,4 +104,5 @@ def _bayes_factor(G: Array, b: Array, mean: Array, std: Array) -> float:
     weight = np.diag(std**-2.0)
     score = b + weight @ mean
     nats = 0.5 * float(score @ np.linalg.solve(G + weight, score) - mean @ weight @ mean)
-    return math.exp(min(nats - 0.5 * float(np.linalg.slogdet(np.eye(len(b)) + std[:, None] ** 2 * G)[1]), 700.0))
+    nats -= 0.5 * float(np.linalg.slogdet(np.eye(len(b)) + std[:, None] ** 2 * G)[1])
+    return math.exp(min(nats, LARGEST_NATS))

@@ -92,7 +92,7 @@ def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
 def _one_of(said: Sequence[_Said], count: int) -> Finding:
     """Combine what some of `count` recordings say of a lasting effect into one finding."""
     all_found = [f for _, f in said]
-    # What others of these have given as a prior counts once.
+    # A value whose prior is the others' would count them twice.
     found = [f for f in all_found if f.evidence.prior_odds is UNSET]
     best = max(found, key=lambda f: f.gain_nats)
     ps = [p for f in found if (p := f.evidence.family_wise_p) is not None]
