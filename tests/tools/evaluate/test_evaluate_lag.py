@@ -27,6 +27,7 @@ def test_a_lag_is_found_told_and_taken_off(lag_s: float) -> None:
     poses, late = estimate_of(drive(60.0)), late_by(lag_s)
     assert lag_of(poses, late).value_s == pytest.approx(lag_s, abs=0.011)
     as_it_is, without = judge(poses, late), judge(poses, late, lag_s=AUTO)
+    assert as_it_is.lag_left_s is not None
     assert as_it_is.lag_taken_s == 0.0
     assert as_it_is.lag_left_s == pytest.approx(lag_s, abs=0.011)
     order = "later" if lag_s > 0.0 else "earlier"
@@ -45,8 +46,8 @@ def test_nothing_is_taken_off_where_the_headings_do_not_show_it() -> None:
     shaken = replace(late, pose=late.pose + np.column_stack([0.0 * noise, 0.0 * noise, noise]))
     ends = replace(late, time_s=late.time_s[[5, -5]], pose=late.pose[[5, -5]])
     apart = replace(late, time_s=late.time_s + 1e4)
-    for reference in (drive(60.0), shaken, ends, apart):
-        assert taken_off(poses, reference, AUTO)[1:] == (0.0, 0.0)
+    for reference, left_s in ((drive(60.0), 0.0), (shaken, 0.0), (ends, None), (apart, None)):
+        assert taken_off(poses, reference, AUTO)[1:] == (0.0, left_s)
         assert taken_off(poses, reference, 0.0)[1:] == (0.0, 0.0)
 
 
@@ -59,6 +60,14 @@ def test_rows_at_an_end_that_are_off_are_no_lag(off: slice) -> None:
     found = lag_of(estimate_of(true), replace(true, pose=pose))
     assert abs(found.value_s) < 0.011
     assert lag_of(replace(estimate_of(true), time_s=np.zeros(0)), true).nats == 0.0
+
+
+def test_where_a_recording_is_too_short_for_it_no_lag_is_taken_and_that_is_told() -> None:
+    short = drive(0.9)
+    judged = judge(estimate_of(short), short, lag_s=AUTO)
+    assert (judged.lag_taken_s, judged.lag_left_s) == (0.0, None)
+    assert "No lag of the reference is sought" in " ".join(sentences(judged))
+    assert "No lag" not in " ".join(sentences(judge(estimate_of(short), short)))
 
 
 @pytest.mark.parametrize("command", ["evaluate", "explain"])

@@ -20,10 +20,14 @@ FEWEST_ROWS: Final = 3  # of a reference: two changes
 
 @dataclass(frozen=True)
 class Lag:
-    """`value_s`: positive where the reference is the later one. `nats`: log likelihood over that of none."""
+    """`value_s`: positive where the reference is the later one. `nats`: log likelihood over that of none.
+
+    Both are 0 where `is_sought` is False: too few rows of the reference are within the poses whatever the lag.
+    """
 
     value_s: float
     nats: float
+    is_sought: bool = True
 
 
 def lag_of(poses: Poses, reference: Reference) -> Lag:
@@ -31,11 +35,11 @@ def lag_of(poses: Poses, reference: Reference) -> Lag:
     whatever the lag: rows that only some lags have would decide between them.
     """
     if not len(poses.time_s):
-        return Lag(0.0, 0.0)
+        return Lag(0.0, 0.0, is_sought=False)
     early, late = reference.time_s - LAGS_S[-1], reference.time_s - LAGS_S[0]
     inside = (early >= poses.time_s[0]) & (late <= poses.time_s[-1])
     if np.count_nonzero(inside) < FEWEST_ROWS:
-        return Lag(0.0, 0.0)
+        return Lag(0.0, 0.0, is_sought=False)
     at_s, heading_rad = reference.time_s[inside], reference.pose[inside, 2]
     none, *squares = (_mean_square(poses, at_s - float(lag_s), heading_rad) for lag_s in (0.0, *LAGS_S))
     best = int(np.argmin(squares))
@@ -55,22 +59,31 @@ def shifted(reference: Reference, lag_s: float) -> Reference:
     return replace(reference, time_s=reference.time_s - lag_s)
 
 
-def taken_off(poses: Poses, reference: Reference, lag_s: float) -> tuple[Reference, float, float]:
-    """The reference less a lag, NaN: that which the headings clearly show; what was taken off, and what is left, s."""
-    if lag_s == 0.0 or math.isnan(lag_s):
-        found = lag_of(poses, reference)
-        clear_s = found.value_s if found.nats > LEAST_NATS else 0.0
-        if lag_s == 0.0:
-            return reference, 0.0, clear_s
-        lag_s = clear_s
-    return shifted(reference, lag_s), lag_s, 0.0
+def taken_off(poses: Poses, reference: Reference, lag_s: float) -> tuple[Reference, float, float | None]:
+    """The reference less a lag, NaN: that which the headings clearly show; what was taken off, and what is left, s.
+
+    None is left where one was to be found that could not be sought.
+    """
+    if lag_s != 0.0 and not math.isnan(lag_s):
+        return shifted(reference, lag_s), lag_s, 0.0
+    found = lag_of(poses, reference)
+    clear_s = found.value_s if found.nats > LEAST_NATS else 0.0
+    if lag_s == 0.0:
+        return reference, 0.0, clear_s
+    return shifted(reference, clear_s), clear_s, 0.0 if found.is_sought else None
 
 
-def in_words(taken_s: float, left_s: float) -> Iterator[str]:
-    """A sentence for a lag that was taken off, or that is left."""
+def in_words(taken_s: float, left_s: float | None) -> Iterator[str]:
+    """A sentence for a lag that was taken off, that is left, or that could not be sought."""
     if taken_s:
         yield f"The reference's times are taken {abs(taken_s):.2f} s {'earlier' if taken_s > 0.0 else 'later'}."
-    if left_s:
+    if left_s is None:
+        yield (
+            "No lag of the reference is sought, and 0 is taken: that needs "
+            f"{FEWEST_ROWS} rows of it from {LAGS_S[-1]:.1f} s after the first pose to {-LAGS_S[0]:.1f} s before "
+            "the last."
+        )
+    elif left_s:
         yield (
             f"The reference shows turns {abs(left_s):.2f} s {'later' if left_s > 0.0 else 'earlier'} than the poses, "
             "which all errors here contain: --reference-lag auto takes that off."

@@ -35,7 +35,7 @@ class Run:
     """One estimate judged against one reference.
 
     `lag_taken_s`: by how much the reference's times were taken earlier; `lag_left_s`: by how much it clearly shows
-    turns later than the poses.
+    turns later than the poses, None where too few rows could have shown it to take it off.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Run:
     series: Series
     limit: Limit | None = None  # of the recording, where it is known
     lag_taken_s: float = 0.0
-    lag_left_s: float = 0.0
+    lag_left_s: float | None = 0.0
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ def main(argv: list[str]) -> int:
 
 def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
     source = open_source(chosen.recording, chosen.config, chosen.calibration, chosen.model)
-    reference, taken_s, left_s = _reference(chosen, parser, source.has_reference), 0.0, 0.0
+    reference, taken_s = _reference(chosen, parser, source.has_reference), 0.0
+    left_s: float | None = 0.0
     if reference is not None:
         reference, taken_s, left_s = taken_off(poses_of(source.replay(), ""), reference, chosen.reference_lag)
     explanation = explain(source, chosen.begin, chosen.to, reference)

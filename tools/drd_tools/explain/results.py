@@ -78,7 +78,7 @@ class Actual:
     error_m: list[float]
     error_deg: list[float]
     lag_taken_s: float = 0.0
-    lag_left_s: float = 0.0
+    lag_left_s: float | None = 0.0
 
 
 @dataclass(frozen=True)
