@@ -11,9 +11,9 @@ from wheel_recordings import TOUR, Truth, write_drive
 
 from drd.cli import main
 from drd_tools.evaluate.judge import judge
-from drd_tools.evaluate.lag import lag_of, shifted, taken_off
+from drd_tools.evaluate.lag import Lag, lag_of, shifted, taken_off
 from drd_tools.evaluate.text import sentences
-from drd_tools.evaluate.trajectory import Reference
+from drd_tools.evaluate.trajectory import Poses, Reference
 
 AUTO = math.nan
 
@@ -68,6 +68,7 @@ def test_where_a_recording_is_too_short_for_it_no_lag_is_taken_and_that_is_told(
     assert (judged.lag_taken_s, judged.lag_left_s) == (0.0, None)
     assert "No lag of the reference is sought" in " ".join(sentences(judged))
     assert "No lag" not in " ".join(sentences(judge(estimate_of(short), short)))
+    assert lag_of(Poses("none", np.empty(0), np.empty((0, 3))), short) == Lag(0.0, 0.0, is_sought=False)
 
 
 @pytest.mark.parametrize("command", ["evaluate", "explain"])

@@ -1,7 +1,9 @@
 """`drd explain` as it is used: folders and MCAP files, with and without reference, intervals, bad input."""
 
 import json
+import math
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from drd_tools.limit import causes
 from drd_tools.limit.causes import GROUPS
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.result import Replayed
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 
@@ -167,6 +170,22 @@ def test_a_reference_that_does_not_say_how_good_it_is_is_used_at_the_end_only(fo
     assert c is not None
     assert b.poses > 1
     assert b.parts == c.parts
+
+
+@pytest.mark.parametrize(("lag_s", "replays"), [(0.0, 1), (0.1, 1), (math.nan, 2)])
+def test_only_to_take_off_a_lag_that_has_to_be_found_first_it_replays_twice(
+    folder: Path, lag_s: float, replays: int
+) -> None:
+    source, asked = open_source(folder, None, None, None), []
+
+    def replay(**how: Any) -> Replayed:
+        asked.append(how)
+        return source.replay(**how)
+
+    actual = explain(replace(source, replay=replay), None, None, read_reference(folder), lag_s).actual
+    assert len(asked) == replays
+    assert actual is not None
+    assert (actual.lag_taken_s, actual.lag_left_s) == (0.1 if lag_s == 0.1 else 0.0, 0.0)
 
 
 def test_an_error_beyond_the_budget_is_not_shared_out(

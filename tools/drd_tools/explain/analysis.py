@@ -1,6 +1,7 @@
 """From a recording to its explanation: the budget at the end and on the way, and the actual error beside it."""
 
 import math
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,6 +10,8 @@ from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.alignment import rotation, turned_covariance
+from drd_tools.evaluate.lag import shifted, taken_off
+from drd_tools.evaluate.replayed import poses_of
 from drd_tools.evaluate.trajectory import Reference
 from drd_tools.explain.actual import actual_error
 from drd_tools.explain.interval import Interval, Snapshot
@@ -31,8 +34,19 @@ class Plan(NamedTuple):
     notes: list[str]
 
 
-def explain(source: Source, from_s: float | None, to_s: float | None, reference: Reference | None) -> Explanation:
-    """Replay and explain. Raises ConfigError, also where the interval has no pose."""
+def explain(
+    source: Source, from_s: float | None, to_s: float | None, reference: Reference | None, lag_s: float = 0.0
+) -> Explanation:
+    """Replay and explain. `lag_s`: how late the reference is, NaN: as the headings show, for which it replays twice.
+
+    Raises ConfigError, also where the interval has no pose.
+    """
+    taken_s = lag_s
+    left_s: float | None = 0.0
+    if reference is not None and math.isnan(lag_s):
+        reference, taken_s, left_s = taken_off(poses_of(source.replay(), ""), reference, lag_s)
+    elif reference is not None:
+        reference = shifted(reference, lag_s)
     plan = make_plan(source, from_s, to_s, reference)
     interval = Interval(source.zero_ns, plan.from_s, plan.to_s, plan.keep_s)
     replayed = source.run(interval)
@@ -47,6 +61,9 @@ def explain(source: Source, from_s: float | None, to_s: float | None, reference:
             notes.append("A pose was set on the way: the reference is not used.")
         else:
             actual = actual_error(interval, reference, plan.keep_s, plan.from_s or 0.0)
+            if lag_s == 0.0:
+                left_s = taken_off(poses_of(replayed, ""), reference, lag_s)[2]
+            actual = replace(actual, lag_taken_s=taken_s, lag_left_s=left_s)
     if interval.set_at_s:
         at = ", ".join(f"{t_s:.1f}" for t_s in interval.set_at_s)
         notes.append(f"The pose was set from outside at {at} s.")

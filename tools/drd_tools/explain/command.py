@@ -6,8 +6,6 @@ from pathlib import Path
 
 from drd.commands import command, number
 from drd.config.schema import ConfigError
-from drd_tools.evaluate.lag import taken_off
-from drd_tools.evaluate.replayed import poses_of
 from drd_tools.evaluate.trajectory import Reference, read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.report import print_explanation, write_report
@@ -57,14 +55,8 @@ def main(argv: list[str]) -> int:
 
 def _explain(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> Explanation:
     source = open_source(chosen.recording, chosen.config, chosen.calibration, chosen.model)
-    reference, taken_s = _reference(chosen, parser, source.has_reference), 0.0
-    left_s: float | None = 0.0
-    if reference is not None:
-        reference, taken_s, left_s = taken_off(poses_of(source.replay(), ""), reference, chosen.reference_lag)
-    explanation = explain(source, chosen.begin, chosen.to, reference)
-    if explanation.actual is not None:
-        actual = replace(explanation.actual, lag_taken_s=taken_s, lag_left_s=left_s)
-        explanation = replace(explanation, actual=actual)
+    reference = _reference(chosen, parser, source.has_reference)
+    explanation = explain(source, chosen.begin, chosen.to, reference, chosen.reference_lag)
     try:
         return replace(explanation, limit=source.limit())
     except ConfigError as error:
