@@ -67,7 +67,12 @@ class Port(ABC):
         finally:
             self._is_open = False
             self._stop_reading()
-            await asyncio.shield(self._loop.run_in_executor(self._worker, self._close))
+            closing = self._loop.run_in_executor(self._worker, self._close)
+            try:
+                await asyncio.shield(closing)
+            except asyncio.CancelledError:  # it may be the first; the one after it ends the wait for a stuck driver
+                await asyncio.shield(closing)
+                raise
 
     async def _until_lost(self) -> str:
         while not (await asyncio.wait({self._lost}, timeout=VANISHED_CHECK_S))[0]:

@@ -258,6 +258,35 @@ def test_cancelling_while_the_port_is_being_opened_closes_it_too(
     asyncio.run(scenario())
 
 
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_whenever_it_is_cancelled_it_ends_with_the_port_closed(make_pty: Any, eventually: Any, is_lost: bool) -> None:
+    async def scenario(after_s: float) -> None:
+        line, record = make_pty(), Record()
+        port = record.port(line.path)
+        close = port._close
+
+        def slow_close() -> None:
+            time.sleep(0.01)  # as some drivers take
+            close()
+
+        port._close = slow_close  # type: ignore[method-assign]
+        task = asyncio.create_task(port.run())
+        if is_lost:
+            await eventually(lambda: record.states == [None])
+            line.hang_up()
+        cancel_s = time.monotonic() + after_s
+        while time.monotonic() < cancel_s:
+            await asyncio.sleep(0)
+        task.cancel()
+        assert not (await asyncio.wait({task}, timeout=20))[1]
+        assert task.cancelled()
+        assert port._port is None
+        line.hang_up()
+
+    for step in range(60):
+        asyncio.run(scenario(step * 0.0004))
+
+
 def test_an_error_in_the_callback_is_heard_of_and_does_not_stop_the_reading(
     make_pty: Any, run_port: Any, eventually: Any
 ) -> None:
