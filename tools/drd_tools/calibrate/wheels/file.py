@@ -5,6 +5,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drd import __version__
 
 
@@ -35,8 +37,7 @@ def _lines(section: Mapping[str, Any], indent: str) -> Iterator[str]:
 
 
 def plain(number: float | str) -> str:
-    """A word as it is, of a number six digits without an exponent: other readers of YAML take 5e-05 for a text."""
+    """A word as it is, of a number ten digits without an exponent: other readers of YAML take 5e-05 for a text."""
     if isinstance(number, str):
         return number
-    text = f"{number:.6g}"
-    return text if "e" not in text else f"{number:.12f}".rstrip("0")
+    return str(np.format_float_positional(number, precision=10, fractional=False, trim="0"))
