@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 
 from drd.estimation.filter import Filter
-from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, WHEEL_LAG, Matrix, X, Y
+from drd.estimation.state import GYRO_HEADING, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, TT, WHEEL_LAG, Matrix, X, Y
 from drd.units import NS_PER_S
 
 # Slip is found later than it begins: as long as agreement takes to end the report of it.
 SPAN_NS: Final = 2 * NS_PER_S
 TAUGHT: Final = (SCALE_R, SCALE_L, TREAD, GYRO_SCALE, WHEEL_LAG)
-TREAD_OF_TAUGHT: Final = TAUGHT.index(TREAD)
+TREAD_OF_TAUGHT, LAG_OF_TAUGHT = TAUGHT.index(TREAD), TAUGHT.index(WHEEL_LAG)
 POSE: Final = (X, Y, HEADING, GYRO_HEADING)
 BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
 
@@ -50,6 +50,11 @@ class Memory:
         return replace(
             self, corrected_x_m=0.0, corrected_y_m=0.0, corrected_rad=0.0, returned_m2=0.0, returned_rad2=0.0
         )
+
+    @property
+    def lag_s2(self) -> float:
+        """The lag's variance."""
+        return float(self.P[LAG_OF_TAUGHT, LAG_OF_TAUGHT])
 
     @property
     def tread_m2(self) -> float:
@@ -96,9 +101,14 @@ class Hindsight:
         """The constants as known some seconds ago."""
         return self._then or self._since
 
-    def lag_doubt_s(self, kf: Filter) -> float:
-        """By how much the lag has changed meanwhile."""
-        return kf.nominal.wheel_lag_s - then.lag_s if (then := self.before) is not None else 0.0
+    def lag_doubt_s2(self, kf: Filter) -> float:
+        """What the lag has meanwhile been taught to be, and how well, may be wrong: the square of its change, and the
+        variance that it has lost.
+        """
+        if (then := self.before) is None:
+            return 0.0
+        change_s, lost_s2 = kf.nominal.wheel_lag_s - then.lag_s, then.lag_s2 - kf.flat_P[TT]
+        return change_s * change_s + max(lost_s2, 0.0)
 
     def corrected(self, kf: Filter) -> tuple[float, float]:
         """The same as `Memory.corrected`, of the constants known some seconds ago."""

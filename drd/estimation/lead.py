@@ -24,8 +24,8 @@ def onward(origin: Place, way: Place) -> Place:
 class Lead(NamedTuple):
     """The step from the filter's time to that of the newest samples: the wheels' lag, way and turn within it. Beside it
     what P has not: while it is unknown how the robot steers the standard deviation of the scale of all ways, and the
-    variance of x and of y; by how much the lag has changed in the last seconds, the square of what comparisons have
-    corrected the heading by, and for how long no gyro may have seen a turn. (18), (30), (34)
+    variance of x and of y; what the last seconds may have taught of the lag wrongly, the square of what comparisons
+    have corrected the heading by, and for how long no gyro may have seen a turn. (18), (30), (34)
     """
 
     lag_s: float
@@ -33,7 +33,7 @@ class Lead(NamedTuple):
     turn_rad: float
     scale: float
     wander_m2: float
-    doubt_s: float
+    doubt_s2: float
     corrected_rad2: float
     unseen_s: float
 

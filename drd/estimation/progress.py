@@ -136,12 +136,12 @@ class Progress:
     def lead(self, track: Track, with_gyro: bool = True) -> Lead:
         """From the time that the wheels' newest samples are about to the time at which they came. (30)"""
         steering, seen, lag_ns = self._knowledge.steering, self.track.hindsight, track.lag_ns
-        corrected_m2, corrected_rad2 = seen.corrected(self.track.kf)
+        (corrected_m2, corrected_rad2), doubt_s2 = seen.corrected(self.track.kf), seen.lag_doubt_s2(self.track.kf)
         wander_m2 = steering.wander_m2 + seen.slipped_m**2 + corrected_m2
         unseen_s = self.wheel_interval_s
         if with_gyro:  # its samples may come in bunches
             unseen_s = max(self.gyro_interval_s, (track.t_ns - self.gyro.end_ns) * S_PER_NS)
-        none = Lead(0.0, 0.0, 0.0, steering.scale, wander_m2, seen.lag_doubt_s(self.track.kf), corrected_rad2, unseen_s)
+        none = Lead(0.0, 0.0, 0.0, steering.scale, wander_m2, doubt_s2, corrected_rad2, unseen_s)
         if lag_ns <= 0 or not with_gyro:
             return none
         n, lag_s = track.kf.nominal, lag_ns * S_PER_NS

@@ -105,13 +105,13 @@ def covariance_after(
     k, n = kf.noise, kf.nominal
     lx, ly, lh, lag = kf.lag_covariance()
     lag2 = lead.lag_s * lead.lag_s
-    unsure_s2 = lag + lead.doubt_s * lead.doubt_s
+    unsure_s2 = lag + lead.doubt_s2
     lag4 = lag2 * lag2 + 6.0 * lag2 * unsure_s2 + 3.0 * unsure_s2 * unsure_s2
     reading = k.count_m2 + lead.wander_m2 + 0.25 * UNSEEN_ACCELERATION_M_S2**2 * lag4
     turned = 2.0 * k.count_m2 / (n.tread_m * n.tread_m) + 0.25 * UNSEEN_TURN_RAD_S2**2 * min(lag4, lead.unseen_s**4)
     late, lead_s2 = lead_moments(n.wheel_lag_s, lag)
     lx, ly, lh = late * lx, late * ly, late * lh
-    variance = lead_s2 + k.jitter_s2 + lead.doubt_s**2
+    variance = lead_s2 + k.jitter_s2 + lead.doubt_s2
     vx, vy = speed_m_s * math.cos(heading_rad), speed_m_s * math.sin(heading_rad)
     gx, gy = lead.scale * (n.x_m - n.origin_x_m), lead.scale * (n.y_m - n.origin_y_m)
     return (

@@ -78,10 +78,20 @@ def test_what_was_long_ago_is_no_doubt_any_more() -> None:
     kf, seen = make(), Hindsight()
     seen.watch(kf, 1)
     kf.nominal.wheel_lag_s = 0.1
-    assert seen.lag_doubt_s(kf) == pytest.approx(0.1)
+    assert seen.lag_doubt_s2(kf) == pytest.approx(0.1**2)
     for i in range(1, 4):
         seen.watch(kf, 1 + i * (SPAN_NS + 1))
-    assert seen.lag_doubt_s(kf) == 0.0
+    assert seen.lag_doubt_s2(kf) == 0.0
+
+
+def test_a_turn_that_has_just_begun_leaves_the_lag_as_unknown_as_it_was() -> None:
+    kf, seen = make(), Hindsight()
+    seen.watch(kf, 1)
+    for i in range(8):  # 0.16 s of a turn, of which wheels that are 0.3 s late know nothing
+        kf.predict(0.02, 0.02, 0.02, 0.01 * (i + 0.5))
+        kf.update(0.01 * (i + 1))
+    assert kf.sigma(WHEEL_LAG) < 0.7 * SIGMAS.wheel_lag_s
+    assert kf.sigma(WHEEL_LAG) ** 2 + seen.lag_doubt_s2(kf) >= SIGMAS.wheel_lag_s**2
 
 
 def test_what_comparisons_have_corrected_is_in_doubt_for_some_seconds() -> None:

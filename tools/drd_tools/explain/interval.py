@@ -167,7 +167,7 @@ class Interval:
             corrected_m2, corrected_rad2 = self._hindsight.corrected(kf)  # (18)
             covariance[SLIP_FOUND] += np.diag((corrected_m2, corrected_m2, corrected_rad2))
             late, lead_s2 = _lead_moments(kf)
-            lead_s2 += self._hindsight.lag_doubt_s(kf) ** 2  # (18)
+            lead_s2 += self._hindsight.lag_doubt_s2(kf)  # (18)
             covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
         delay = J @ self.budget.delay
         self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))
