@@ -7,6 +7,7 @@ from drd.estimation.filter import USUAL2, Outcome
 from drd.estimation.health import Reasons
 from drd.estimation.hindsight import Memory
 from drd.estimation.learning import Drive
+from drd.estimation.stuck import STUCK_READINGS
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import OneSided
 from drd.units import NS_PER_S
@@ -27,7 +28,9 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
+        # While the gyro repeats itself: what was known before, until which of its times, and what it may be wrong by.
         self._before_repeats: Memory | None = None
+        self._repeats_ns, self._repeated_rad = 0, OneSided()
         self.parted_rad = 0.0
 
     def anew(self) -> "Agreement":
@@ -67,6 +70,7 @@ class Agreement:
             self._counters["not_finite"] += 1
             return False
         self._counters["accepted"] += 1
+        self._cover_repeats(track)
         self._watch_drift(track, t_ns, drive)
         if t_ns - self._rejected_ns > AGREEMENT_NS:
             self._reasons.clear("agreement")
@@ -87,17 +91,28 @@ class Agreement:
         kf.add_heading_variance(parted_rad * parted_rad)
         kf.add_position_variance(self._slipped_m.growth(slipped_m))
 
-    def gyro_repeats(self, track: Track) -> None:
-        """It has said the same twice: what is known now may have to be gone back to."""
-        self._before_repeats = track.hindsight.now(track.kf)
+    def gyro_repeats(self, track: Track, times: int, t_ns: int) -> None:
+        """It has said the same again, so often until `t_ns`: what was known at first may have to be gone back to."""
+        if times == 1:
+            self._before_repeats = track.hindsight.now(track.kf)
+            self._repeated_rad.forget()
+        elif times >= STUCK_READINGS:
+            self._repeats_ns = t_ns
+
+    def _cover_repeats(self, track: Track) -> None:
+        """A gyro that repeats itself may be stuck before the wheels show it: the headings may be wrong by what both
+        part. (18)
+        """
+        if (then := self._before_repeats) is not None and track.gyro_ns <= self._repeats_ns:
+            parted_rad = track.hindsight.apart_rad(then)
+            track.kf.add_heading_variance(self._repeated_rad.growth_to(parted_rad), both=True)
 
     def gyro_is_stuck(self, track: Track) -> None:
         """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
         if (then := self._before_repeats) is not None:
-            parted_rad = track.hindsight.apart_rad(then)
+            self._cover_repeats(track)
             track.kf.return_variance(*then.corrected(track.kf))
             track.hindsight.take_back(track.kf, then, track.t_ns)
-            track.kf.add_heading_variance(parted_rad * parted_rad, both=True)
 
     def _watch_drift(self, track: Track, t_ns: int, drive: Drive) -> None:
         drift, seen, text = self._drift, track.hindsight, None

@@ -74,7 +74,7 @@ class Drift:
     def _cover(self, track: Track, before: Memory, t_ns: int) -> None:
         """The gyro may be wrong by what both have parted since, or the middle by half of one wheel's way of it."""
         parted_rad = track.hindsight.apart_rad(before)
-        growth_rad2 = self._covered_rad.growth(parted_rad - self._covered_rad.sum)
+        growth_rad2 = self._covered_rad.growth_to(parted_rad)
         if growth_rad2 > 0.0:
             self._parted_ns = t_ns
             track.kf.add_heading_variance(growth_rad2, both=True)

@@ -167,12 +167,13 @@ class Estimator:
         """Take back the constants that a stuck gyro has taught since it repeats itself. (18)"""
         stuck, agreement, track = self._stuck, self.knowledge.agreement, self._track
         disagrees = agreement.parted_rad > 0.0 or self.reasons.has("agreement")
-        if stuck.take(sample.rate_rad_s, sample.interval_s, disagrees):
-            agreement.gyro_is_stuck(track)
-        elif stuck.repeats == 0:
+        is_found = stuck.take(sample.rate_rad_s, sample.interval_s, disagrees)
+        if stuck.repeats == 0:
             agreement.parted_rad = 0.0
-        elif stuck.repeats == 1:
-            agreement.gyro_repeats(track)
+        elif is_found or not stuck.found:
+            agreement.gyro_repeats(track, stuck.repeats, sample.t_ns)
+        if is_found:
+            agreement.gyro_is_stuck(track)
 
     def _watch(self, now_ns: int) -> None:
         """Turn silence and a bias that is not known into reasons."""

@@ -38,7 +38,11 @@ class OneSided:
 
     def growth(self, part: float) -> float:
         """Variance to add for a further error; none where the sum has been as large before."""
-        self.sum += part
+        return self.growth_to(self.sum + part)
+
+    def growth_to(self, total: float) -> float:
+        """The same where the sum is known."""
+        self.sum = total
         before, self._covered = self._covered, max(self._covered, abs(self.sum))
         return self._covered**2 - before**2
 

@@ -12,6 +12,7 @@ from drd.estimation.drift import Drift
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive
 from drd.estimation.state import GG, HEADING_UNKNOWN_RAD2, XX, YY
+from drd.estimation.stuck import STUCK_READINGS
 from drd.samples import GyroSample, WheelSample
 
 COUNTERS = ("rejected", "released", "accepted", "not_finite")
@@ -104,6 +105,22 @@ def test_a_gyro_that_repeats_itself_while_the_wheels_do_not_is_taken_for_silent(
     assert all(off <= p.position_bound_m for off, p in off_m if p.validity.value == "valid")
 
 
+@pytest.mark.parametrize(("times", "grows"), [(STUCK_READINGS - 1, False), (STUCK_READINGS, True)])
+def test_what_wheels_and_a_gyro_that_repeats_itself_part_by_may_be_the_gyros(times: int, grows: bool) -> None:
+    """Before any comparison shows that it is stuck: a tread that is learned anew explains as much."""
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(10.0))
+    track, agreement = estimator._track, Agreement(3, Reasons(), dict.fromkeys(COUNTERS, 0))
+    for i in range(times):
+        agreement.gyro_repeats(track, i + 1, track.gyro_ns)
+    before = track.kf.flat_P[GG]
+    track.hindsight.moved(0.0, 0.1 * track.kf.nominal.tread_m, 0.0)
+    for _ in range(3):  # counted once
+        agreement.update(track, track.t_ns, Drive.DIFFERENTIAL)
+    assert not agreement._reasons.active()
+    assert track.kf.flat_P[GG] - before == pytest.approx(0.1**2 if grows else 0.0, rel=0.05, abs=1e-4)
+
+
 def test_another_ground_does_not_outlive_a_reset() -> None:
     """The tread that was before the ground changed is not that of a filter that starts again."""
     estimator = make(NO_BIAS)
@@ -128,7 +145,7 @@ def variances(found: Sequence[str], corrected: float) -> list[float]:
         "stuck": lambda: agreement.gyro_is_stuck(track),
     }
     track.hindsight.begin(track.kf, track.t_ns)
-    agreement.gyro_repeats(track)
+    agreement.gyro_repeats(track, 1, track.gyro_ns)
     for i, what in enumerate(found):
         if i == 0 or what == "stuck":
             track.kf.corrected_x_m += corrected
@@ -171,7 +188,7 @@ def test_what_was_corrected_before_a_filter_starts_again_is_not_in_its_covarianc
     track, knowledge = estimator._track, estimator.knowledge
     track.kf.corrected_x_m = track.kf.corrected_rad = 5.0
     track.hindsight.begin(track.kf, track.t_ns)
-    knowledge.agreement.gyro_repeats(track)
+    knowledge.agreement.gyro_repeats(track, 1, track.gyro_ns)
     knowledge.begin_anew()
     assert track.hindsight.corrected(track.kf) == (0.0, 0.0)
     knowledge.agreement.gyro_is_stuck(track)
