@@ -33,12 +33,27 @@ class Agreement:
         self._repeats_ns, self._repeated_rad = 0, OneSided()
         self.parted_rad = 0.0
 
-    def anew(self) -> "Agreement":
-        """One that knows of no disagreement yet: of a filter that starts again."""
+    def anew(self, track: Track) -> "Agreement":
+        """One that knows of no disagreement yet: of a filter that has started again, as the gyro has not."""
         anew = Agreement(self._limit, self._reasons, self._counters)
-        if (then := self._before_repeats) is not None:  # the gyro does not start again
-            anew._before_repeats = then.of_new_filter()
+        anew._before_repeats, anew._repeats_ns = self._before_repeats, self._repeats_ns
+        anew.pose_was_set(track)
         return anew
+
+    def take_over(self, other: "Agreement") -> None:
+        """Go on in another's place, about the same sensors."""
+        self._rejections, self._rejected_ns, self.parted_rad = other._rejections, other._rejected_ns, other.parted_rad
+        self._is_slip, self._slipped_m, self._drift = other._is_slip, other._slipped_m, other._drift
+        self._before_repeats, self._repeats_ns = other._before_repeats, other._repeats_ns
+        self._repeated_rad = other._repeated_rad
+
+    def pose_was_set(self, track: Track) -> None:
+        """What was wrong before is not in the pose."""
+        self._slipped_m.forget()
+        self._repeated_rad.forget()
+        if (then := self._before_repeats) is not None:
+            self._before_repeats = track.hindsight.from_now(track.kf, then)
+        self._drift.pose_was_set(track)
 
     def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
         """Compare at the end of a gyro sample. False: the filter is not finite and must start again."""

@@ -42,6 +42,12 @@ class Drift:
     def _begin(self) -> None:
         self._sums = deque([0.0] * (IN_A_ROW[-1] + 1), IN_A_ROW[-1] + 1)
 
+    def pose_was_set(self, track: Track) -> None:
+        """What the headings have parted by before is not in the pose."""
+        self._covered_rad.forget()
+        if self._before is not None:
+            self._before = track.hindsight.from_now(track.kf, self._before)
+
     def is_found(self, kf: Filter, drive: Drive) -> bool:
         """After a comparison that was accepted: whether those until now were to one side; then sums begin anew."""
         sums = self._sums
@@ -64,8 +70,8 @@ class Drift:
     def _suspect_all(self, track: Track, t_ns: int) -> None:
         """Nobody knows which of them is wrong: the tread is learned anew, the pose stays the gyro's."""
         kf = track.kf
+        kf.return_variance(*track.hindsight.corrected(kf))
         if self._before is None:
-            kf.return_variance(*track.hindsight.corrected(kf))
             self._before, self._parted_ns = track.hindsight.before, t_ns
             self._covered_rad.forget()
         kf.add_tread_variance((GROUND_CHANGE * kf.nominal.tread_m) ** 2)

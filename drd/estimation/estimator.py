@@ -279,6 +279,7 @@ class Estimator:
             self.standstill = other.standstill
         if same_gyro:
             self.bias.take_over(other.bias, self.knowledge.rest_noise)
+            self._stuck = other._stuck
         self._drop_reasons(same_gyro, same_model)
 
     def _drop_reasons(self, same_gyro: bool, same_model: bool) -> None:

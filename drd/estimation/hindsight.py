@@ -45,12 +45,6 @@ class Memory:
         heading_rad2 = (kf.corrected_rad - self.corrected_rad) ** 2 - (kf.returned_rad2 - self.returned_rad2)
         return max(position_m2, 0.0), max(heading_rad2, 0.0)
 
-    def of_new_filter(self) -> "Memory":
-        """The same constants for a filter that starts again, and has corrected nothing yet."""
-        return replace(
-            self, corrected_x_m=0.0, corrected_y_m=0.0, corrected_rad=0.0, returned_m2=0.0, returned_rad2=0.0
-        )
-
     @property
     def lag_s2(self) -> float:
         """The lag's variance."""
@@ -95,6 +89,18 @@ class Hindsight:
         constants = n.scale_right, n.scale_left, n.tread_m, n.gyro_scale, n.wheel_lag_s
         corrected = kf.corrected_x_m, kf.corrected_y_m, kf.corrected_rad, kf.returned_m2, kf.returned_rad2
         return Memory(*constants, kf.P[BLOCK], self._left_m, self._right_m, self._turn_rad, *corrected)
+
+    def from_now(self, kf: Filter, then: Memory) -> Memory:
+        """The constants as known then, for a pose that is set now: what was corrected before is not in it."""
+        return replace(
+            self.now(kf),
+            scale_right=then.scale_right,
+            scale_left=then.scale_left,
+            tread_m=then.tread_m,
+            gyro_scale=then.gyro_scale,
+            lag_s=then.lag_s,
+            P=then.P,
+        )
 
     @property
     def before(self) -> Memory | None:

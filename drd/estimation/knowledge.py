@@ -70,12 +70,18 @@ class Knowledge:
 
     def begin_anew(self) -> None:
         """The filter starts again, and only the gyro's noise is known."""
-        self.agreement = self.agreement.anew()
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)
+        self.agreement = self.agreement.anew(self._track)
         self.applied = Applied()
         self.wheel_noise = self.wheel_noise.anew()
         self._begin_wheels()
+
+    def pose_was_set(self) -> None:
+        """What the pose was wrong by before is not in it any more."""
+        self.steering.pose_was_set()
+        self.agreement.pose_was_set(self._track)
+        self._track.hindsight.begin(self._track.kf, self._track.t_ns)
 
     def recover(self, t_ns: int) -> None:
         """The covariance or the state is not finite: start again where the robot is not known to be."""
@@ -110,6 +116,7 @@ class Knowledge:
         kf, same_noise = self._track.kf, self._stated == other._stated
         if same_wheels and same_gyro:
             self.applied = other.applied
+            self.agreement.take_over(other.agreement)
         if not same_wheels:
             forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
             kf.add_position_variance(other.steering.wander_m2)

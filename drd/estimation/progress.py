@@ -170,9 +170,8 @@ class Progress:
         track, kf, self.told = self.track, self.track.kf, asked
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
         kf.move(self.newest(), onward(asked, moved))
-        self._knowledge.steering.pose_was_set()
+        self._knowledge.pose_was_set()
         track.blind_way.forget()
-        track.hindsight.begin(kf, track.t_ns)
         self.wheels.end_ns = max(self.wheels.end_ns, track.t_ns)  # what passed unseen is not caught up with
         # The filter's pose is older: its error has the wheels' way and turn since then, too.
         between = self._covariance_from_now()

@@ -172,6 +172,27 @@ def test_p_gets_back_once_what_comparisons_have_corrected(found: Sequence[str], 
     assert growth == pytest.approx([(sum_of * 0.1) ** 2] * 3)
 
 
+@pytest.mark.parametrize("found", ["drift", "stuck"])
+def test_p_gets_back_what_comparisons_have_corrected_since_the_last_drift_or_pose(found: str) -> None:
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(10.0))
+    track, agreement, drift = estimator._track, estimator.knowledge.agreement, Drift()
+    kf = track.kf
+    agreement.gyro_repeats(track, 1, 0)
+    kf.corrected_x_m += 0.3
+    track.hindsight.moved(0.0, 0.1, 0.0)
+    if found == "drift":
+        drift._suspect_all(track, track.t_ns)
+        track.hindsight.watch(kf, track.t_ns)
+    else:
+        estimator.set_pose(0.0, 0.0, 0.0, 0.1, 0.1)
+    before = kf.flat_P[XX], kf.flat_P[GG]
+    kf.corrected_x_m += 0.1
+    drift._suspect_all(track, track.t_ns) if found == "drift" else agreement.gyro_is_stuck(track)
+    assert kf.flat_P[XX] - before[0] == pytest.approx(0.1**2)
+    assert kf.flat_P[GG] == pytest.approx(before[1], rel=0.01)
+
+
 def test_what_a_drift_has_put_into_p_is_not_beside_it_too() -> None:
     estimator = make(NO_BIAS)
     feed(estimator, drive(10.0))
