@@ -431,6 +431,11 @@ class Filter(State):
         return self._PH / self._sigma
 
     @property
+    def wheels_rad_s(self) -> float:
+        """The yaw rate of the last step as the wheels tell it."""
+        return (self._right_m_s - self._left_m_s) / self.nominal.tread_m
+
+    @property
     def stands(self) -> bool:
         """The wheels did not move in the last step."""
         return self._left_m_s == 0.0 == self._right_m_s

@@ -37,7 +37,9 @@ class PoseMaker:
         has_gyro = gyro_interval_s is not None
         interval_s = gyro_interval_s if gyro_interval_s is not None else wheel_interval_s
         speed_m_s, rate_rad_s = track.speed_m_s, track.rate_rad_s
-        covariance = covariance_after(kf, lead, speed_m_s, rate_rad_s, heading_rad)
+        # Where the gyro's last sample ends before the wheels' one does, they tell the turn, and may slip.
+        turning_rad_s = max(rate_rad_s, kf.wheels_rad_s if track.no_gyro_s else 0.0, key=abs)
+        covariance = covariance_after(kf, lead, speed_m_s, turning_rad_s, heading_rad)
         bound_m = position_bound_m(covariance)
         exceeded = self._limit_m is not None and bound_m > self._limit_m
         if exceeded or covariance[5] > HEADING_DOUBTFUL_RAD**2 or reasons.active():

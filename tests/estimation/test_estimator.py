@@ -10,6 +10,7 @@ from sensors import KNOWN, NO_BIAS, ROBOT, T0, S, Sample, drive, feed, final, ma
 
 from drd.estimation.calibration import Calibration
 from drd.estimation.estimator import Estimator
+from drd.estimation.uncertainty import lead_moments
 from drd.samples import GyroSample, Pose, Validity, WheelSample
 
 
@@ -351,3 +352,17 @@ def test_with_the_gyro_s_heading_silent_gyro_leaves_the_wheels() -> None:
     e = make(NO_BIAS.replace("{static", "{heading: gyro, static"))
     kept = [(t, s) for t, s in drive(20) if isinstance(s, WheelSample) or t < 10]
     assert final(feed(e, kept))[2] == pytest.approx(0.5 * (1.0 - math.cos(0.8 * 20)), abs=0.02)
+
+
+def test_a_turn_that_only_the_wheels_tell_is_in_doubt_by_the_lag() -> None:
+    """The gyro's last sample ends before the wheels' last one: by a lag that is not known it may be about it, too."""
+    variances = []
+    for rate_rad_s in (0.0, 2.0):
+        estimator = make(NO_BIAS)
+        feed(estimator, drive(1.0, stand_s=1.0))
+        for i in range(1, 6):
+            half_m, t_s = 0.25 * 0.2 * i * rate_rad_s * 0.05, 1.0 + 0.05 * i
+            wheels = WheelSample(T0 + round(t_s * S), 0.05, 0.05 - half_m, 0.05 + half_m, 0.0)
+            (pose,) = feed(estimator, [(t_s, wheels)])
+        variances.append(pose.covariance[5])
+    assert variances[1] - variances[0] > 2.0**2 * lead_moments(0.0, 0.2**2)[1]
