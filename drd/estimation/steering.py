@@ -86,8 +86,9 @@ class Steering:
     def _has_wheels_alike(self, kf: Filter) -> bool:
         """Else the one slips, or the robot does; nominal radii do not differ so."""
         n, p = kf.nominal, kf.flat_P
-        known = (self._initial.wheel_scale or WHEEL_SCALE) ** 2
-        return (n.scale_right - n.scale_left) ** 2 < TAPE_SIGMAS**2 * (2.0 * known + p[RR] + p[LL] - 2.0 * p[RL])
+        nominal, variance = 2.0 * (self._initial.wheel_scale or WHEEL_SCALE) ** 2, p[RR] + p[LL] - 2.0 * p[RL]
+        is_known = variance < nominal  # turns on the spot tell nothing of it
+        return is_known and (n.scale_right - n.scale_left) ** 2 < TAPE_SIGMAS**2 * (nominal + variance)
 
     def _wander(self, kf: Filter) -> None:
         """Add what turning and driving since the last comparison would have made of skid steering."""

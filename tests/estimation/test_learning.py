@@ -204,6 +204,10 @@ def test_a_tread_between_those_of_both_drives_is_not_decided_yet() -> None:
     assert e.knowledge.steering.drive.value == "unknown"
     e.filter.forget(TREAD, 0.005 * e.filter.nominal.tread_m)
     e.knowledge.steering.watch(e.filter)
+    assert e.knowledge.steering.drive.value == "unknown"  # turns on the spot say nothing of wheels that are not alike
+    for wheel in (SCALE_R, SCALE_L):
+        e.filter.forget(wheel, 0.003)
+    e.knowledge.steering.watch(e.filter)
     assert e.knowledge.steering.drive is Drive.DIFFERENTIAL
 
 
