@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.effects.effect import ActsOn, Begins
-from drd.monitor.library import Hypothesis
+from drd.monitor import wandering
+from drd.monitor.library import TURN, Hypothesis
 from drd.monitor.sums import LEAST, Sums
 
 # Rate at which effects begin, all of them together, per second of driving: one in 50 hours. A prior for robots that are
@@ -106,7 +107,9 @@ class Bank:
         gain = 0.5 * np.einsum("sk,sk->s", sizes, z) * _plausible((np.abs(sizes) / scale / h.limits).max(1))
         half = np.square(np.array(h.limits) / 2.0)
         prior = np.clip((diagonal * half).min(1), 0.0, INFORMATION)
-        nats = self._told(np.array([i]), gain[:, None], prior[:, None])[:, 0] - 0.5 * (len(c) - 1) * np.log1p(prior)
+        nats = self._told(np.array([i]), gain[:, None], prior[:, None], shares=len(c) if h.effect is None else 1)[
+            :, 0
+        ] - 0.5 * (len(c) - 1) * np.log1p(prior)
         return np.where((diagonal > LEAST).all(1), nats, -np.inf)
 
     def windows(self, i: int) -> Array:
@@ -137,11 +140,26 @@ class Bank:
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
-    def _told(self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0) -> Array:
-        """Student's t for a noise whose size the segments tell, less Occam's factor. `further`: gain, besides. (97)"""
+    def wanders(self) -> float:
+        """Log of the odds that the tread wanders, over that nothing does. (98)"""
+        q, j = (float(x[TURN]) for x in self.sums.scatter())
+
+        def told(gain: Array) -> Array:
+            rest = self._most * np.maximum((q - 2.0 * gain) / max(j, 1.0), 1.0) + SHEET_SEGMENTS
+            return np.asarray(0.5 * (self._most + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest))
+
+        return wandering.nats(self.sums, told)
+
+    def _told(
+        self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0, shares: int = 1
+    ) -> Array:
+        """Student's t for a noise whose size the segments tell, less Occam's factor. (97)
+
+        `further`: gain, besides. `shares`: columns that share the rows out, as those of a curve do; q is their mean.
+        """
         # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
         j, q, n = np.maximum(self._j[i], 1.0), self._q[i], self._most
-        rest = n * np.maximum((q - 2.0 * (gain + further)) / j, 1.0) + SHEET_SEGMENTS
+        rest = n * np.maximum((q - 2.0 * (gain + further) / shares) / j, 1.0) + SHEET_SEGMENTS
         gain = gain * prior / (1.0 + prior) + further
         return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
 
@@ -180,26 +198,40 @@ class Bank:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Nats of each name over nothing, its prior in it; the likeliest form of each, and probabilities of its onsets."""
+    """Nats of each name over nothing, its prior in it; the likeliest form of each, and probabilities of its onsets.
+
+    `wanders_nats`: of a tread that wanders, instead of any.
+    """
 
     nats: dict[str, float]
     best: dict[str, Form]
     onsets: dict[str, Array]
+    wanders_nats: float = -math.inf
 
     @property
     def odds_nats(self) -> float:
         """That anything is there."""
-        return float(np.logaddexp.reduce(list(self.nats.values()))) if self.nats else -math.inf
+        if not self.nats:
+            return -math.inf
+        return float(np.logaddexp.reduce(list(self.nats.values())) - np.logaddexp(0.0, self.wanders_nats))
 
     @property
     def first(self) -> str:
         """The likeliest name."""
         return max(self.nats, key=lambda name: self.nats[name])
 
+    @property
+    def wanders(self) -> float:
+        """Probability that the tread does."""
+        return math.exp(self.wanders_nats - self._total)
+
+    @property
+    def _total(self) -> float:
+        return float(np.logaddexp.reduce([0.0, self.wanders_nats, *self.nats.values()]))
+
     def probabilities(self) -> dict[str, float]:
-        """Probability of each name, the likeliest first; the rest is nothing's."""
-        total = float(np.logaddexp(0.0, self.odds_nats))
-        found = {name: math.exp(x - total) for name, x in self.nats.items()}
+        """Probability of each name, the likeliest first; the rest is nothing's, and the wandering tread's."""
+        found = {name: math.exp(x - self._total) for name, x in self.nats.items()}
         return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
 
@@ -211,7 +243,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
     prior = np.log(HAZARD_PER_S * (length_s + START_S * (np.arange(n) == 0)) / len(names))
     free = bank.sums.free
     since = np.where(free[:n] < free[n], bank.nats().T + prior, -np.inf).T
-    found = Posterior({}, {}, {})
+    found = Posterior({}, {}, {}, -math.inf if skids else bank.wanders())
     for name in names:
         most, at = Form(0, 0, n, -math.inf), np.full(n, -np.inf)
         forms = [i for i, h in enumerate(bank.hypotheses) if h.id == name]

@@ -28,6 +28,7 @@ from drd.units import (
 
 UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
 ANEW: Final = 100.0  # times as loose as stated is what has changed
+EVEN: Final = 0.5  # a tread that wanders more likely than not is no constant
 FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
 EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
 CREEP_ROWS: Final = 2  # beside those in which it counts
@@ -69,7 +70,7 @@ class Monitor:
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
         self._bias_rad_s = 0.0
         self._judging = Judge(self._segments, self._library, self._constants.sigmas, self._skids)
-        self._way_m = 0.0
+        self._way_m = self._rolled_m = 0.0
         self.now_s = 0.0
         self._blocks = self._unfit = 0
 
@@ -140,7 +141,11 @@ class Monitor:
         end_s = float(rows.end_s[inner][-1])
         begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
         pinned = {t for k in self.known for t in (k.begin_s, k.end_s) if t is not None}
-        self._segments.add(begin_s, end_s, self._way_m, products, pinned)
+        rolled = 0.5 * ways[inner]
+        self._segments.add(
+            begin_s, end_s, self._way_m, products, pinned, self._rolled_m, float(rolled[kind == 2].sum())
+        )
+        self._rolled_m += float(rolled.sum())
         self._way_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
         self.now_s = end_s
 
@@ -206,7 +211,7 @@ class Monitor:
         segments = self._segments.white
         lasting = [k.begin_s for k in self.known if k.end_s is None]
         segments = [s for s in segments if s.begin_s >= max(lasting, default=-math.inf)]
-        if self._skids or not self.is_judging or len(segments) < FEWEST_SEGMENTS:
+        if self.wanders > EVEN or not self.is_judging or len(segments) < FEWEST_SEGMENTS:
             return None
         walk = self._bias_walk * self._noise.at_rest
         stated = {c: sigma * (ANEW if c == changed else 1.0) for c, sigma in self._stated.sigmas.items()}
@@ -221,6 +226,13 @@ class Monitor:
     def began_with(self, column: int) -> float:
         """A constant as it was known before the drive."""
         return self._constants.means[column]
+
+    @property
+    def wanders(self) -> float:
+        """How likely the tread wanders, as that of wheels that slip sideways in each turn does."""
+        if self._skids:
+            return 1.0
+        return self._judging.nothing.wanders if self._judging.nothing is not None else 0.0
 
     @property
     def bias_rad_s(self) -> float:

@@ -34,6 +34,8 @@ class Scatter:
     """
 
     def __init__(self, skids: bool = False) -> None:
+        # A tread that wanders competes with the effects instead, (98), but where it is known to.
+        self._whitens = np.where((np.arange(OWN) == TURN) & (not skids), 0.0, 1.0)
         self._changes = CHANGES_SKIDDING if skids else CHANGES
         self._grid = np.column_stack([np.zeros(OWN), LEAST[:, None] * STEPS]) ** 2
         likely = 1.0 / (1.0 + self._grid[:, 1:] / USUAL[:, None] ** 2) ** 2  # so that the variance has a mean
@@ -53,7 +55,7 @@ class Scatter:
 
     def white(self, products: Array) -> Array:
         """Products of a block's rows `(X y)`, with this scatter in their noise."""
-        sigma = np.sqrt(self.variances)
+        sigma = np.sqrt(self.variances * self._whitens)
         own = sigma[:, None] * products[:OWN]
         return np.asarray(products - own.T @ np.linalg.solve(np.eye(OWN) + own[:, :OWN] * sigma, own))
 

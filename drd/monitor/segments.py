@@ -15,6 +15,8 @@ FADES: Final = 0.5  # of the oldest, each time that it takes one in: what was an
 class Segment:
     """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks.
 
+    `rolled_m`: the way of both wheels, mean, when it began; `turning_m`: in its turns.
+
     `is_white`: the scatter of the robot's constants is in their noise.
     """
 
@@ -24,6 +26,8 @@ class Segment:
     level: int
     products: Array
     is_white: bool = False
+    rolled_m: float = 0.0
+    turning_m: float = 0.0
 
 
 class Segments:
@@ -38,9 +42,18 @@ class Segments:
         """All of them, with the scatter in their noise."""
         return [s if s.is_white else replace(s, products=self._white(s.products), is_white=True) for s in self.all]
 
-    def add(self, begin_s: float, end_s: float, way_m: float, products: Array, pinned: set[float]) -> None:
+    def add(
+        self,
+        begin_s: float,
+        end_s: float,
+        way_m: float,
+        products: Array,
+        pinned: set[float],
+        rolled_m: float = 0.0,
+        turning_m: float = 0.0,
+    ) -> None:
         """A block. No segment is merged across a time that is pinned."""
-        self.all.append(Segment(begin_s, end_s, way_m, 0, products))
+        self.all.append(Segment(begin_s, end_s, way_m, 0, products, False, rolled_m, turning_m))
         for level, most in enumerate(COUNTS):
             mine = [i for i, s in enumerate(self.all) if s.level == level]
             if len(mine) <= most:
@@ -56,12 +69,14 @@ class Segments:
         if first.level == len(COUNTS) - 1 and follows:
             second = self.all.pop(i + 1)
             first.products, first.end_s = FADES * first.products + second.products, second.end_s
+            first.turning_m += second.turning_m
         elif not follows or self.all[i + 1].begin_s in pinned:
             first.level += 1  # alone, it moves on
         else:
             second = self.all.pop(i + 1)
             first.products = first.products + second.products
             first.end_s, first.level = second.end_s, first.level + 1
+            first.turning_m += second.turning_m
 
     def drop_since(self, begin_s: float) -> None:
         """Forget the sums since a time."""

@@ -52,6 +52,9 @@ class Sums:
         self.begins_s = np.array([s.begin_s for s in segments])
         self.length_s = np.array([s.end_s - s.begin_s for s in segments])
         n = len(segments)
+        self.rolled_m, self.turning_m = (
+            np.array([getattr(s, name) for s in segments]) for name in ("rolled_m", "turning_m")
+        )
         # What shows only where another one begins or ends is that one's.
         taken = np.isin(np.arange(n), [c.begin for c in components if c.end - c.begin == 1])
         self.free: Array = np.concatenate([[0.0], np.cumsum(~taken)])

@@ -9,13 +9,15 @@ from drd.arrays import Array
 from drd.batch.monitored import monitor_logs
 from drd.batch.samples import gyro_samples, wheel_samples, zero_of
 from drd.config.schema import ConfigError
+from drd.monitor import wandering
 from drd.monitor.findings import Finding, Size
 from drd.monitor.first_turns import FirstTurns
 from drd.monitor.library import OWN, TURN
 from drd.monitor.monitor import Monitor
 from drd.monitor.noise import RowNoise
 from drd.monitor.scatter import USUAL, Scatter
-from drd.monitor.segments import COUNTS, Segments
+from drd.monitor.segments import COUNTS, Segment, Segments
+from drd.monitor.sums import Component, Sums
 from drd.units import NS_PER_S
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import configuration
@@ -170,11 +172,32 @@ def test_a_tread_that_scatters_is_told_from_white_noise_and_from_one_that_change
     assert np.sqrt(wandering.variances[TURN]) == pytest.approx(0.05, rel=0.25)
 
 
+@pytest.mark.parametrize("wanders", [True, False])
+def test_a_tread_that_wanders_over_the_way_is_told_from_one_that_has_changed_once(wanders: bool) -> None:
+    random, n, step_m, sigma, std = np.random.default_rng(4), 60, 0.5, 0.02, 0.007
+    tread = np.repeat([0.0, sigma], n // 2)
+    if wanders:
+        kept = np.exp(-1.0)  # of half a metre
+        for k, drawn in enumerate(random.normal(0.0, sigma, n)):
+            tread[k] = kept * tread[k - 1] + np.sqrt(1.0 - kept**2) * drawn if k else drawn
+    segments = []
+    for k, off in enumerate(tread + random.normal(0.0, std, n)):
+        products = np.zeros((OWN + 1, OWN + 1))
+        products[TURN, [TURN, -1]] = products[[TURN, -1], TURN] = np.array([1.0, off]) / std**2
+        segments.append(Segment(2.0 * k, 2.0 * k + 2.0, 0.0, 0, products, True, step_m * k, step_m))
+    once = Component({TURN: 1.0}, 0.1, n // 2, n)
+    nats = [
+        wandering.nats(Sums(segments, 0.0, {TURN: 0.02}, False, parts), lambda gain: gain) for parts in ([], [once])
+    ]
+    assert (nats[1] > 10.0) == wanders
+    assert (nats[0] > nats[1] + 10.0) != wanders
+
+
 def test_products_with_scatter_are_those_of_rows_whitened_with_it() -> None:
     random, scatter = np.random.default_rng(3), learned(np.random.default_rng(2).normal(0.0, 0.05, 60))
     z = random.normal(0.0, 10.0, (20, 9))
     own = z[:, :OWN]
-    noise = np.eye(20) + (own * scatter.variances) @ own.T
+    noise = np.eye(20) + (own * (scatter.variances * (np.arange(OWN) != TURN))) @ own.T
     assert scatter.white(z.T @ z) == pytest.approx(z.T @ np.linalg.solve(noise, z), rel=1e-6, abs=1e-6)
 
 

@@ -38,6 +38,11 @@ def test_a_case_is_drawn_again_to_the_bit_and_has_the_distance_that_is_asked_for
     assert one.begin_s < one.limit_s
 
 
+@pytest.mark.parametrize(("name", "seed"), [("null-asphalt-032", 751), ("null-asphalt-020", 712)])
+def test_a_tread_that_wanders_as_wheels_scrub_is_no_effect(name: str, seed: int) -> None:
+    assert live.judged(live_cases.Case(name, "asphalt", 0.0, seed)).said == []
+
+
 def test_only_what_was_right_all_the_time_counts_and_only_in_time() -> None:
     right = Said("tread_error", (), 0.9, 150.0, 102.0, False)
     late = Said("terrain_tread", ("tread_error",), 0.6, 300.0, 110.0, False)
