@@ -42,13 +42,14 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     `day`: the constants of the drive so far, `known`: those that it began with,
     `began_ns`: the time of its first sample. `wanted`: what the estimator may take, see Applying.
-    `notes`: what the system refused it.
+    `notes`: what the system refused it. `tread_wanders`: see Monitor.wanders.
     `cpu_s`, `memory_mb`: processor time so far, resident memory.
     """
 
     findings: list[Finding] = []
     not_observable: list[NotObservable] = []
     is_judging: bool = True
+    tread_wanders: float = 0.0
     samples: int = 0
     gaps: int = 0
     cpu_s: float = 0.0

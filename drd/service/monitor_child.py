@@ -18,7 +18,7 @@ from drd.units import S_PER_NS
 BUFFER_BYTES: Final = 1 << 16
 # One that takes nothing for so long is given up: on a machine that starves it, it would be of no use either.
 HUNG_S: Final = 60.0
-# It ends by itself when the channel is closed; one that is stopped or stuck does not.
+# From when it has closed its end of the channel until it has ended.
 GRACE_S: Final = 0.5
 END_S: Final = 2.0
 
@@ -99,11 +99,14 @@ class Child:
             raise Ended(report.error)
         return report
 
-    def end(self) -> str:
-        """End it at once and wait for the kernel; returns how it had ended already, in words."""
+    def end(self, has_ended: bool = False) -> str:
+        """End it at once and wait for the kernel; returns how it had ended already, in words.
+
+        `has_ended`: it seems to have ended by itself.
+        """
         self.channel.close()
         code = self.child.poll()
-        if code is None:  # it closes its end just before
+        if code is None and has_ended:  # it closes its end just before
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = self.child.wait(GRACE_S)
         self.child.kill()

@@ -73,6 +73,7 @@ class Feed:
             findings=findings,
             not_observable=self.monitor.not_observable(),
             is_judging=self.monitor.is_judging,
+            tread_wanders=self.monitor.wanders,
             day=self._lasting.day,
             known=self._lasting.known,
             began_ns=self.monitor.zero_ns,

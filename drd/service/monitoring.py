@@ -116,6 +116,7 @@ class Monitoring(Observer):
         return {
             "state": self._state,
             "reason": self._reason or None,
+            "tread_wanders": report.tread_wanders,
             "samples": report.samples,
             "dropped": self._dropped + (process.dropped if process is not None else 0),
             "gaps": report.gaps,
@@ -131,7 +132,7 @@ class Monitoring(Observer):
         """A phrase for systemd's status; empty where there is nothing to say."""
         texts = [f.text for f in self._report.findings if f.until_ns is None]
         found = f"monitor: {'; '.join(texts)}" if texts else ""
-        return found or (f"monitor {self._state}: {self._reason}" if self.is_enabled and self._reason else "")
+        return found or (f"monitor waiting: {self._reason}" if self._state == "waiting" else "")
 
     # ---- the process -------------------------------------------------------------------------------------------
 
@@ -144,17 +145,17 @@ class Monitoring(Observer):
                 await self._changed.wait()
                 continue
             self._tell("starting", Report())
-            process, text = None, ""
+            process, text, has_ended = None, "", False
             try:
                 process = await asyncio.to_thread(Child, self._with_memory(self._setup))
                 await self._serve(process)
             except Ended as ended:
-                text = str(ended)
+                text, has_ended = str(ended), True
             except Exception as error:
                 # No bug of ours here is worth the pose.
                 text = f"internal error: {error!r}"
             finally:
-                how = await self._end(process) if process is not None else ""
+                how = await self._end(process, has_ended) if process is not None else ""
             if not self._changed.is_set():
                 await self._pause(text or how)
 
@@ -170,20 +171,20 @@ class Monitoring(Observer):
             await asyncio.sleep(PERIOD_S)
             self._exchange(process)
 
-    async def _end(self, process: Child) -> str:
+    async def _end(self, process: Child, has_ended: bool) -> str:
         """End the process; returns how it had ended by itself."""
         self._process = None
         self._dropped += process.dropped
         if (time.monotonic_ns() - process.began_ns) * S_PER_NS > GOOD_S:
             self._pause_s = FIRST_PAUSE_S
-        return await asyncio.to_thread(process.end)
+        return await asyncio.to_thread(process.end, has_ended)
 
     def _exchange(self, process: Child) -> None:
         """Hand samples over and take reports in."""
         process.flush()
         while (report := process.report()) is not None:
             for note in report.notes:
-                self._warn(note)
+                self._say(logging.INFO, note)
             if report.day is not None and report.day != self._report.day:
                 self._keeper.put(report.day)
             self._reason = "; ".join(report.notes)
@@ -195,17 +196,17 @@ class Monitoring(Observer):
         """Wait before the next start, after the process has ended by itself."""
         self._reason = text
         self.restarts += 1
-        self._warn(f"{text}; it is started again")
+        self._say(logging.WARNING, f"{text}; it is started again")
         self._tell("waiting", Report())
         pause_s, self._pause_s = self._pause_s, min(2.0 * self._pause_s, LONGEST_PAUSE_S)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), pause_s)
 
-    def _warn(self, text: str) -> None:
+    def _say(self, level: int, text: str) -> None:
         """Log each text once: a process that ends again and again must not fill the log."""
         if text not in self._told:
             self._told.add(text)
-            log.warning("monitor: %s", text)
+            log.log(level, "monitor: %s", text)
 
     def _tell(self, state: str, report: Report) -> None:
         before = self._state, self._report.findings
