@@ -156,18 +156,32 @@ def test_neither_folder_nor_mcap_is_refused(tmp_path: Path, capsys: pytest.Captu
     assert "expected a recording folder, got nothing there" in capsys.readouterr().err
 
 
+def test_the_monitor_is_asked_only_where_it_is_wanted(
+    short: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for options, text in (([], ""), (["--monitor"], "monitor: nothing is found")):
+        assert main(["replay", str(short), *options]) == 0
+        printed = capsys.readouterr().out
+        assert text in printed
+        assert ("monitor:" in printed) == bool(text)
+    monkeypatch.setattr("drd_tools.replay.folder_source.findings.monitored", pytest.fail)
+    assert main(["replay", str(short)]) == 0
+
+
 def test_an_mcap_file_goes_to_its_own_source(
     short: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     called: list[Any] = []
 
-    def replay_mcap(file: Path, config: Path | None, calibration: Path | None, model: Path | None) -> Replayed:
-        called.append((file, config, calibration, model))
+    def replay_mcap(file: Path, *, monitors: bool, **given: Path | None) -> Replayed:
+        called.append((file, *given.values(), monitors))
         return replay_folder(read_recording(short))
 
     monkeypatch.setitem(sys.modules, MCAP, types.SimpleNamespace(replay_mcap=replay_mcap))
     assert main(["replay", "run.mcap", "--config", "a.yaml", "--calibration", "b.yaml", "--model", "c.yaml"]) == 0
-    assert called == [(Path("run.mcap"), Path("a.yaml"), Path("b.yaml"), Path("c.yaml"))]
+    assert main(["replay", "run.mcap", "--monitor"]) == 0
+    files = Path("run.mcap"), Path("a.yaml"), Path("b.yaml"), Path("c.yaml")
+    assert called == [(*files, False), (files[0], None, None, None, True)]
     assert "digest" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2"):
         main(["replay", "run.mcap", "--start", "reference"])

@@ -36,6 +36,7 @@ examples:
   drd replay run_07/ --output poses.csv
   drd replay run_07/ --config mybot.yaml --calibration gyro/calibration.yaml --output poses.csv
   drd replay run_07/ --model model.yaml --output poses.csv
+  drd replay log.mcap --monitor                                (what is wrong with the robot)
   drd replay run_07/ --start=-1.5,2,90 --output poses.csv      (with = where it begins with a minus)
 
 Exit code: 0 done, 1 the recording gives no pose, 2 bad usage or input.
@@ -60,10 +61,14 @@ def main(argv: list[str]) -> int:
         from drd_tools.replay.mcap_source import replay_mcap  # noqa: PLC0415  # the file's reader, where it is needed
 
         replayed = replay_mcap(
-            chosen.recording, config=chosen.config, calibration=chosen.calibration, model=chosen.model
+            chosen.recording,
+            config=chosen.config,
+            calibration=chosen.calibration,
+            model=chosen.model,
+            monitors=chosen.monitor,
         )
     else:
-        replayed = replay_folder(recording, chosen.config, chosen.calibration)
+        replayed = replay_folder(recording, chosen.config, chosen.calibration, monitors=chosen.monitor)
     if not replayed.poses:
         print(f"drd replay: {chosen.recording}: no pose, for want of wheel samples close in time", file=sys.stderr)
         return 1
@@ -95,6 +100,8 @@ def _parser() -> argparse.ArgumentParser:
     add("recording", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
     text = "pose at the start, or `reference`: pass through its first row (default 0,0,0)"
     add("--start", type=_start, default=ORIGIN, metavar="X_M,Y_M,HEADING_DEG", help=text)
+    text = "print what the monitor finds, and whether the live one said the same; it takes longer than the poses"
+    add("--monitor", action="store_true", help=text)
     add("--output", type=Path, metavar="POSES.csv", help="file for the poses; POSES.json is written beside it")
     return parser
 

@@ -16,6 +16,7 @@ from drd.samples import GyroSample, WheelSample
 from drd.units import S_PER_NS
 
 TOPIC = "/findings"
+NOT_WATCHED = "monitor: it needs samples of gyro and wheels, and no model"
 
 
 @dataclass
@@ -94,8 +95,8 @@ def monitored(
 
 
 def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
-    """One for each finding."""
-    found = []
+    """One for each finding; at least one."""
+    found = [] if findings else ["monitor: nothing is found"]
     for f in findings:
         sizes = [f"{n} {_text(v)}" for n, v in f.parameters.items()]
         others = f", or {', '.join(name for name, _ in f.also_fits)}" if f.also_fits else ""

@@ -20,20 +20,25 @@ PROGRESS: Final = partial(tqdm, desc="replay", unit=" samples", disable=None, le
 
 
 def replay_folder(
-    recording: Recording, config: Path | None = None, calibration: Path | None = None, new_track: MakeTrack = make_track
+    recording: Recording,
+    config: Path | None = None,
+    calibration: Path | None = None,
+    new_track: MakeTrack = make_track,
+    *,
+    monitors: bool = False,
 ) -> Replayed:
     """Estimate from a recording folder that was read. Raises ConfigError.
 
     In force is what robot.yaml stands for, see `nominal`, overruled by what the two files state. `new_track`: see
-    Estimator.
+    Estimator. `monitors`: the notes have what the monitor says.
     """
     in_use, gyro_calibration = in_force(recording, config, calibration)
     recording = with_configured_model(recording, in_use)
     fog, encoders, folder = recording.fog, recording.encoders, recording.folder
     check_times(fog, encoders, (str(folder / "fog.csv"), str(folder / "encoders.csv")))
     late_ns = _latencies_ns(recording, in_use)
-    told: list[str] = []
-    if in_use.monitor.enabled and fog is not None and in_use.fog.protocol != "none" and not recording.terms:
+    told = [findings.NOT_WATCHED] if monitors else []
+    if monitors and fog is not None and in_use.fog.protocol != "none" and not recording.terms:
         zero_ns = zero_of(fog, encoders)
         samples = gyro_samples(fog, in_use, zero_ns)[0], wheel_samples(encoders, in_use, zero_ns)[0]
         told = findings.sentences(findings.monitored(*samples, in_use, gyro_calibration).findings, zero_ns)

@@ -42,12 +42,13 @@ def replay_mcap(
     calibration: Path | None = None,
     model: Path | None = None,
     new_track: MakeTrack = make_track,
+    monitors: bool = False,
 ) -> Replayed:
     """Estimate again from a recording of `drd run`, with the earlier parts of its run that lie beside it.
 
     Configuration, calibration and model are those of the recording, or what the files given state instead. The notes
     say what is missing and, unless something else is in force, whether the poses are those of the live run, bit for
-    bit. Raises ConfigError.
+    bit. `monitors`: they have what the monitor says, too. Raises ConfigError.
     """
     run = open_run(file)
     parts, missing, zero_ns = run.parts, run.missing, run.started_ns
@@ -61,7 +62,8 @@ def replay_mcap(
         replay.run(pipeline, parts)
     counters = pipeline.counters()
     wiring = sentences(kept.judge(pipeline, in_force.robot)) if replay.poses else []
-    told = _monitored(kept, in_force, pipeline.calibration, None if changed or missing else replay.findings, zero_ns)
+    live = None if changed or missing else replay.findings
+    told = _monitored(kept, in_force, pipeline.calibration, live, zero_ns) if monitors else []
     return Replayed(
         file,
         replay.poses,
@@ -85,10 +87,10 @@ def replay_mcap(
 def _monitored(
     kept: Samples, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
 ) -> list[str]:
-    """Sentences of the monitor, where it is asked for, and whether it said so live."""
-    is_watched = config.monitor.enabled and config.fog.protocol != "none" and config.model.file is None
+    """Sentences of the monitor, and whether it said so live."""
+    is_watched = config.fog.protocol != "none" and config.model.file is None
     if not is_watched or not (kept.gyro_samples and kept.wheel_samples):
-        return []
+        return [findings.NOT_WATCHED]
     told = findings.monitored(kept.gyro_samples, kept.wheel_samples, config, calibration, live)
     same = told.comparison(live) if live is not None else ""
     return [*findings.sentences(told.findings, zero_ns), *([same] if same else [])]
