@@ -24,6 +24,7 @@ encoders: {{layout: cia406, interface: slcan, channel: {folder}/can,
 estimation: {{static_bias: {{duration_s: {bias_s}, minimum_s: 0.5}}}}
 output: {{commands: true, listen: [{endpoint}]}}
 realtime: {{freeze_gc: false}}
+monitor: {{enabled: false}}
 """
 SPEED_M_S = 2.0  # the emulated robot drives 1.5 m/s at most
 LATE_S = 0.15  # by which a busy machine may delay a frame of a line without time stamps

@@ -17,6 +17,7 @@ fog: {{protocol: ecore, port: {folder}/fog}}
 encoders: {{layout: cia406, interface: slcan, channel: {folder}/can,
   counts_per_revolution: 20000, modulus_counts: 65536}}
 estimation: {{static_bias: {{duration_s: 0}}}}
+monitor: {{enabled: false}}
 output: {{publish_on: {publish_on}, prefix: bench, listen: [{endpoint}]}}
 """
 SPEED_M_S: Final = 0.5

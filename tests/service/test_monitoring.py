@@ -46,7 +46,7 @@ from drd_tools.recordings.mcap_file import open_mcap
 
 # The process has the last place for the processor: of a busy machine it gets one hundredth.
 PATIENCE_S = 300.0
-ON = "\nmonitor: {enabled: true}\n"
+OFF = "monitor: {enabled: false}"
 ROBOT = """
 fog: {protocol: ecore, port: /nowhere/fog}
 encoders: {layout: cia406, interface: slcan, channel: /nowhere/can, counts_per_revolution: 20000, modulus_counts: 65536}
@@ -54,7 +54,7 @@ estimation: {static_bias: {duration_s: 2, minimum_s: 0.5}}
 """
 
 
-def config_of(text: str = ON) -> Config:
+def config_of(text: str = "") -> Config:
     return loads("robot: {wheel_radius_m: 0.11, tread_m: 0.6}\n" + text, Config).value
 
 
@@ -117,6 +117,16 @@ def test_what_a_monitor_tells_arrives_as_it_was() -> None:
     report = Report(not_observable=monitor.not_observable(), notes=["x"], memory_mb=1.5, wanted=wanted)
     assert msgspec.json.decode(msgspec.json.encode(report), type=Report) == report
     assert report.not_observable
+
+
+@pytest.mark.parametrize("keys", ["fog: {protocol: none}", "model: {file: model.yaml}"])
+def test_where_it_cannot_look_it_is_off_by_default_and_says_why_in_the_health_only(keys: str) -> None:
+    config = config_of(keys)
+    monitoring = Monitoring(lambda: None, MemoryKeeper(config), lambda _: None)
+    monitoring.put_in_force(config, None)
+    told = health(monitoring)
+    assert (told["state"], told["pid"], monitoring.status) == ("off", None, "")
+    assert told["reason"]
 
 
 # ---- a process, without a daemon -------------------------------------------------------------------------------------
@@ -237,20 +247,20 @@ def test_it_runs_as_the_configuration_says_and_begins_anew_with_another_robot() 
         await until(lambda: health(monitoring)["state"] == "running")
         first = health(monitoring)["pid"]
         assert os.getpriority(os.PRIO_PROCESS, first) == 19
-        monitoring.put_in_force(config_of(ON + "output: {health_period_s: 2}"), None)
+        monitoring.put_in_force(config_of("output: {health_period_s: 2}"), None)
         await asyncio.sleep(0.3)
         assert health(monitoring)["pid"] == first
-        larger = loads("robot: {wheel_radius_m: 0.12, tread_m: 0.6}" + ON, Config).value
+        larger = loads("robot: {wheel_radius_m: 0.12, tread_m: 0.6}", Config).value
         monitoring.put_in_force(larger, None)
         await until(lambda: health(monitoring)["pid"] not in (None, first))
         second = health(monitoring)["pid"]
-        monitoring.put_in_force(config_of(""), None)
+        monitoring.put_in_force(config_of(OFF), None)
         await until(lambda: states[-1] == "off")
         for pid in (first, second):
             assert not Path(f"/proc/{pid}").exists()
         assert monitoring.restarts == 0
 
-    with_monitoring(work, config_of(""))
+    with_monitoring(work, config_of(OFF))
 
 
 @pytest.mark.process
@@ -287,7 +297,7 @@ def poses_of(config: Config, *observers: Observer) -> list[str]:
 
 @pytest.mark.process
 def test_the_poses_are_the_same_to_the_bit_with_it_and_without() -> None:
-    config = config_of(ROBOT + ON)
+    config = config_of(ROBOT)
 
     async def work(monitoring: Monitoring, _: list[str]) -> None:
         await until(lambda: health(monitoring)["state"] == "running")
@@ -314,8 +324,7 @@ def watched(robot: Robot, tmp_path: Path) -> Iterator[Robot]:
     try:
         robot.drive()
         assert robot.get("findings") == {"error": "there is no monitor: monitor.enabled is false"}
-        with robot.file.open("a") as file:
-            file.write(ON)
+        robot.file.write_text(robot.file.read_text().replace("monitor: {enabled: false}\n", ""))
         process.send_signal(signal.SIGHUP)
         yield robot
     finally:

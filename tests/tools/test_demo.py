@@ -91,6 +91,6 @@ def test_what_the_monitor_says_of_a_fault_is_told_and_marked() -> None:
 def test_a_fault_needs_the_monitor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = config_in(tmp_path)
     before, _, monitor = file.read_text().partition("\nmonitor:\n")
-    file.write_text(f"{before}\nmonitor:\n{monitor.replace('enabled: true', 'enabled: false', 1)}")
+    file.write_text(f"{before}\nmonitor:\n{monitor.replace('# enabled: true', 'enabled: false', 1)}")
     assert demo.main(["--config", str(file), "--fault", "tyre_deflation"]) == 2
     assert "monitor.enabled: true" in capsys.readouterr().err
