@@ -123,16 +123,16 @@ def _by_exact_form(found: Found, known: set[str]) -> Found:
 def _relinearised_rivals(search: "Search", found: Found) -> Found:
     """Give the nearest rival of each strong effect its own linearisation: close names differ in second order only."""
     for selected in found.fit.selection:
-        if selected.id in search.known:
-            continue
         rest = refine(found.problem, [c for c in found.fit.selection if c is not selected])
         worth = found.score - search.score(rest)
         if not _needs_linearising([selected], worth):
             continue
-        rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > (1.0 - CLOSE_SHARE) * worth]
-        sets = [[*rest.selection, r] for r in rivals[:CLOSE_RIVALS]]
         # Two delays may stand for one: each alone is far off until the time is shifted by it.
-        sets += [[*rest.selection]] if any(c.effect.acts_on is ActsOn.TIMING for c in rest.selection) else []
+        sets = [[*rest.selection]] if _is_timing(selected) and any(map(_is_timing, rest.selection)) else []
+        if selected.id not in search.known:
+            close = (1.0 - CLOSE_SHARE) * worth
+            rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > close]
+            sets += [[*rest.selection, r] for r in rivals[:CLOSE_RIVALS]]
         for fit in refine_all(found.problem, sets):
             if not _is_plausible(found.problem, fit):
                 continue
@@ -161,7 +161,11 @@ def _other_set(search: "Search", found: Found) -> Found | None:
 
 
 def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:
-    return worth > STRONG_NATS or any(c.effect.acts_on is ActsOn.TIMING for c in selection)
+    return worth > STRONG_NATS or any(map(_is_timing, selection))
+
+
+def _is_timing(selected: Selected) -> bool:
+    return selected.effect.acts_on is ActsOn.TIMING
 
 
 def linearised(problem: Problem, fit: Fit, null: float) -> Found:
