@@ -13,6 +13,8 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.run import concluded
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
@@ -144,6 +146,27 @@ def test_a_reference_that_jumps_names_nothing() -> None:
     assert e.time_s[at] == pytest.approx(60.0, abs=0.2)
     assert e.jump_m2[at] > 0.1
     assert analyse(other).conclusion.causes == []
+
+
+def test_a_path_through_jumps_of_the_reference_in_a_row_stays_where_it_is() -> None:
+    """Between two jumps no fix holds the heading: the sensors do."""
+    recording = recorded(SLALOM, 3)
+    reference = recording.reference
+    assert reference is not None
+    heading, x = reference.heading_rad.copy(), reference.x_m.copy()
+    first = int(np.argmax(reference.time_s > 60.0))
+    heading[first : first + 6] += [0.15, -0.15, 0.25, 0.1, -0.2, 0.3]
+    x[first : first + 6] += [0.1, 0.3, -0.2, 0.2, 0.05, -0.3]
+    other = replace(recording, reference=replace(reference, x_m=x, heading_rad=heading))
+    e = audit(other, gather(other)).evidence
+    assert np.count_nonzero(e.jump_rad2) >= 5
+    assert e.gyro_rad is not None
+    p, costs = Problem(e), []
+    for _ in range(6):
+        p = p.around([])
+        costs.append(refine(p, []).cost)
+    assert costs == pytest.approx([costs[0]] * len(costs), abs=3.0)
+    assert np.abs(p.path.steps()[2] - e.gyro_rad).max() < 0.01
 
 
 def test_a_wheel_whose_speed_is_dead_is_found_and_the_constants_are_those_of_the_rest() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd_tools.diagnose.error_model.covariance import UPPER, Gains, run
-from drd_tools.diagnose.error_model.path import Path, within_steps
+from drd_tools.diagnose.error_model.path import Path, with_jumps, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.results import Array
@@ -78,18 +78,19 @@ class Linear:
     def data(self) -> Sensitivity:
         """The recording, less what the path would have given."""
         e, half = self.evidence, 0.5 * self.evidence.tread_m
-        gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - self._turn
-        fix = e.fix - self.at_fixes(self.path.pose)
+        # The path's jumps are in the data: the mean of a jump is 0.
+        forward, sideways, turn = self.path.steps(with_jumps=True)
+        gyro = 0.0 if e.gyro_rad is None else e.gyro_rad - turn
+        fix = e.fix - self.at_fixes()
         fix[:, 2] = np.pi - np.mod(np.pi - fix[:, 2], 2.0 * np.pi)
-        left, right = self._forward - half * self._turn, self._forward + half * self._turn
+        left, right = forward - half * turn, forward + half * turn
         shorter, aside = within_steps(e, self._turn)
-        return Sensitivity(gyro, e.left_m - left + shorter, e.right_m - right + shorter, self._left - aside, fix)
+        return Sensitivity(gyro, e.left_m - left + shorter, e.right_m - right + shorter, sideways - aside, fix)
 
-    def at_fixes(self, poses: Array) -> Array:
-        """Poses (n + 1, 3) of the edges, at the times of the fixes (m, 3)."""
+    def at_fixes(self) -> Array:
+        """Poses of the path at the times of the fixes, (m, 3)."""
         e = self.evidence
-        after = poses[e.fix_step + 1]
-        result: Array = after + e.fix_share[:, None] * (poses[e.fix_step] - after)
+        result: Array = self.path.pose[e.fix_step + 1] - e.fix_share[:, None] * self.path.moved[e.fix_step]
         return result
 
     # ---- the filter ---------------------------------------------------------------------------------------------
@@ -238,7 +239,7 @@ class Linear:
         G = np.linalg.solve(P, self._F @ self._gains.P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
         v = before - np.einsum("nij,nj->ni", G, after)
         states, first = Recursion(G[::-1]).states(v[::-1, :, None], last)
-        return Path(self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
+        return with_jumps(self.evidence, self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
 
 
 def _used(sensitivity: Sensitivity) -> int:

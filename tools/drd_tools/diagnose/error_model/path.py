@@ -14,9 +14,19 @@ PARTS: Final = 8  # of a step, in which the heading is followed
 
 @dataclass(frozen=True)
 class Path:
-    """Poses x_m, y_m, heading_rad at the edges of the steps, shape (n + 1, 3)."""
+    """Poses x_m, y_m, heading_rad at the edges of the steps, shape (n + 1, 3).
+
+    `jump` (n, 3), or 0: of the reference's frame in the middle of each step, which the robot did not drive.
+    """
 
     pose: Array
+    jump: Array | float = 0.0
+
+    @property
+    def moved(self) -> Array:
+        """Change of the pose that the robot drove in each step, (n, 3)."""
+        result: Array = np.diff(self.pose, axis=0) - self.jump
+        return result
 
     @property
     def middle_rad(self) -> Array:
@@ -24,9 +34,9 @@ class Path:
         result: Array = 0.5 * (self.pose[1:, 2] + self.pose[:-1, 2])
         return result
 
-    def steps(self) -> tuple[Array, Array, Array]:
-        """Each step's way forward and to the left (m) and turn (rad), (n,) each."""
-        d = np.diff(self.pose, axis=0)
+    def steps(self, with_jumps: bool = False) -> tuple[Array, Array, Array]:
+        """Each step's way forward and to the left (m) and turn (rad), (n,) each; with the jumps, if wanted."""
+        d = np.diff(self.pose, axis=0) if with_jumps else self.moved
         c, s = np.cos(self.middle_rad), np.sin(self.middle_rad)
         return d[:, 0] * c + d[:, 1] * s, d[:, 1] * c - d[:, 0] * s, d[:, 2]
 
@@ -38,6 +48,17 @@ def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
     x = start[0] + np.concatenate([[0.0], np.cumsum(forward_m * np.cos(middle))])
     y = start[1] + np.concatenate([[0.0], np.cumsum(forward_m * np.sin(middle))])
     return Path(np.column_stack([x, y, heading]))
+
+
+def with_jumps(e: Evidence, pose: Array) -> Path:
+    """The path of these poses, (n + 1, 3): where the reference jumps, the robot drove as its sensors say."""
+    at = np.flatnonzero((e.jump_m2 > 0.0) | (e.jump_rad2 > 0.0))
+    wheels = (e.right_m - e.left_m) / e.tread_m
+    turn = (wheels if e.gyro_rad is None else np.where(e.gyroless, wheels, e.gyro_rad))[at]
+    middle, way = 0.5 * (pose[at + 1, 2] + pose[at, 2]), 0.5 * (e.left_m + e.right_m)[at]
+    jump = np.zeros((len(e.step_s), 3))
+    jump[at] = np.diff(pose, axis=0)[at] - np.column_stack([way * np.cos(middle), way * np.sin(middle), turn])
+    return Path(pose, jump)
 
 
 def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:

@@ -79,7 +79,7 @@ class Noise:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
         forward = (self.forward_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
-        turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e))
+        turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e)) + e.jump_rad2
         Q = np.zeros((len(c), 4, 4))
         Q[:, 0, 0] = forward * c * c + sideways * s * s + turn * hx * hx / 4.0
         Q[:, 1, 1] = forward * s * s + sideways * c * c + turn * hy * hy / 4.0
@@ -89,7 +89,6 @@ class Noise:
         Q[:, 2, 2] = turn
         Q[:, 0, 0] += e.jump_m2
         Q[:, 1, 1] += e.jump_m2
-        Q[:, 2, 2] += e.jump_rad2
         if e.gyro_rad is not None:
             Q[:, 3, 3] = self.bias_walk_rad_s_per_sqrt_s**2 * e.step_s
         return Q
