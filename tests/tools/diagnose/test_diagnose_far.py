@@ -18,6 +18,12 @@ from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.run import concluded
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
+from drd_tools.simulate.conditions import Conditions
+from drd_tools.simulate.missions import Drive
+from drd_tools.simulate.robot import DEFAULT
+from drd_tools.simulate.route import Route
+from drd_tools.simulate.simulator import simulate
+from drd_tools.simulate.truth import make_truth
 
 TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
 GEOMETRY = (
@@ -210,3 +216,15 @@ def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
     assert 0.6 < tread.number("k") < 0.85
     assert 0.13 < latency.number("delay") < 0.2
     assert 0.26 < analysis.reference["lag"].value < 0.55
+
+
+def test_a_counter_that_stops_in_a_circle_is_no_other_tread() -> None:
+    """Radii and tread are one there without a gyro: the calibration of all of it makes a tread of -1.5 to 2.5."""
+    circle = Route().stand(1.0).curve(6.3, np.ones(630), 0.12).stand(1.0)
+    dropout = selected("encoder_dropout", side="right", t0=12.0, t1=13.5)
+    truth = make_truth(Drive(circle.steps(), 0))
+    for seed in range(3):
+        made = simulate(truth, DEFAULT, [(dropout.effect, dropout.values)], Conditions(), seed=seed)
+        (event,) = observe(replace(made.recording, fog=None))[1].events
+        assert event.selected.id == "encoder_dropout"
+        assert event.windows[0] == pytest.approx((12.0, 13.5), abs=0.1)
