@@ -48,7 +48,7 @@ class Agreement:
         self._repeated_rad = other._repeated_rad
 
     def pose_was_set(self, track: Track) -> None:
-        """What was wrong before is not in the pose."""
+        """Forget errors from before: they are not in the pose."""
         self._slipped_m.forget()
         self._repeated_rad.forget()
         if (then := self._before_repeats) is not None:

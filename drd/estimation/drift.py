@@ -43,7 +43,7 @@ class Drift:
         self._sums = deque([0.0] * (IN_A_ROW[-1] + 1), IN_A_ROW[-1] + 1)
 
     def pose_was_set(self, track: Track) -> None:
-        """What the headings have parted by before is not in the pose."""
+        """Forget by how much the headings have parted: it is not in the pose."""
         self._covered_rad.forget()
         if self._before is not None:
             self._before = track.hindsight.from_now(track.kf, self._before)

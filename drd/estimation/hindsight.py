@@ -108,9 +108,7 @@ class Hindsight:
         return self._then or self._since
 
     def lag_doubt_s2(self, kf: Filter) -> float:
-        """What the lag has meanwhile been taught to be, and how well, may be wrong: the square of its change, and the
-        variance that it has lost.
-        """
+        """The lag's change meanwhile, squared, and the variance that it has lost: what has taught both may be wrong."""
         if (then := self.before) is None:
             return 0.0
         change_s, lost_s2 = kf.nominal.wheel_lag_s - then.lag_s, then.lag_s2 - kf.flat_P[TT]

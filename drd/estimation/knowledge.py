@@ -78,7 +78,7 @@ class Knowledge:
         self._begin_wheels()
 
     def pose_was_set(self) -> None:
-        """What the pose was wrong by before is not in it any more."""
+        """Forget errors of the pose from before: they are not in it any more."""
         self.steering.pose_was_set()
         self.agreement.pose_was_set(self._track)
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)

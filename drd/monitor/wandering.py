@@ -40,7 +40,7 @@ def nats(sums: Sums, told: Callable[[Array], Array]) -> float:
 def _nats(
     information: Array, score: Array, apart_m: Array, turning_m: Array, length_m: float, told: Callable[[Array], Array]
 ) -> Array:
-    """Of each size."""
+    """Log of the odds of each size, without its prior, (sizes,)."""
     w = np.maximum(turning_m / length_m, 1e-6)
     mean = np.sqrt(2.0 * (w + np.expm1(-w)) / w**2)  # deviation of the mean over the way in turns
     root = np.linalg.cholesky(np.exp(-apart_m / length_m) * mean * mean[:, None] + 1e-9 * np.eye(len(w)))
