@@ -120,9 +120,9 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
     # The wheels' turn is mostly noise on a straight line, and would explain itself there.
     seen = denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s) * e.step_s
     if e.gyro_rad is not None:
-        inflated = e.gyro_inflation_rad2 > 0.0
+        inflated = (e.gyro_inflation_rad2 > 0.0) | (e.jump_rad2 > 0.0)
         slow = gaussian_filter1d(np.where(inflated, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
-        seen = np.where(inflated, seen, e.gyro_rad + slow)
+        seen = np.where(e.gyro_inflation_rad2 > 0.0, seen, e.gyro_rad + slow)
     return np.asarray(np.where(e.still, 0.0, seen), float)
 
 

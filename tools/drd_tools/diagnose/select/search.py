@@ -127,9 +127,10 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
         worth = found.score - search.score(rest)
         if not _needs_linearising([selected], worth):
             continue
-        # Two delays may stand for one: each alone is far off until the time is shifted by it.
-        sets = [[*rest.selection]] if _is_timing(selected) and any(map(_is_timing, rest.selection)) else []
-        if selected.id not in search.known:
+        is_known, is_late = selected.id in search.known, any(map(_is_timing, rest.selection))
+        # Two delays may stand for one, or a delay and another effect: each alone is far off until the time is shifted.
+        sets = [[*rest.selection]] if is_late and (_is_timing(selected) or not is_known) else []
+        if not is_known:
             close = (1.0 - CLOSE_SHARE) * worth
             rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > close]
             sets += [[*rest.selection, r] for r in rivals[:CLOSE_RIVALS]]
