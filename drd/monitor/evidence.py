@@ -144,11 +144,7 @@ class Bank:
         """Log of the odds that the tread wanders, over that nothing does. (98)"""
         q, j = (float(x[TURN]) for x in self.sums.scatter())
 
-        def told(gain: Array) -> Array:
-            rest = self._most * np.maximum((q - 2.0 * gain) / max(j, 1.0), 1.0) + SHEET_SEGMENTS
-            return np.asarray(0.5 * (self._most + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest))
-
-        return wandering.nats(self.sums, told)
+        return wandering.nats(self.sums, lambda gain: self._student(gain, (q - 2.0 * gain) / max(j, 1.0)))
 
     def _told(
         self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0, shares: int = 1
@@ -157,11 +153,16 @@ class Bank:
 
         `further`: gain, besides. `shares`: columns that share the rows out, as those of a curve do; q is their mean.
         """
-        # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
-        j, q, n = np.maximum(self._j[i], 1.0), self._q[i], self._most
-        rest = n * np.maximum((q - 2.0 * (gain + further) / shares) / j, 1.0) + SHEET_SEGMENTS
+        j, q = np.maximum(self._j[i], 1.0), self._q[i]
+        left = (q - 2.0 * (gain + further) / shares) / j
         gain = gain * prior / (1.0 + prior) + further
-        return np.asarray(0.5 * (n + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest) - 0.5 * np.log1p(prior))
+        return np.asarray(self._student(gain, left) - 0.5 * np.log1p(prior))
+
+    def _student(self, gain: Array, left: Array) -> Array:
+        """Nats of a gain in squares; `left`: mean square of what is left in a row, of which noise is 1. (97)"""
+        # For all hypotheses of as many segments, so that those that few of them tell of have no advantage.
+        rest = self._most * np.maximum(left, 1.0) + SHEET_SEGMENTS
+        return np.asarray(0.5 * (self._most + SHEET_SEGMENTS) * np.log1p(2.0 * gain / rest))
 
     def estimate(self, form: Form, onsets: Array) -> Estimate:
         """Sizes of a form, over all onsets that may be its own, of the probabilities `onsets`."""

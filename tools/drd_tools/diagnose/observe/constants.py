@@ -26,9 +26,6 @@ LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: real drives' lags change by the fir
 # Their deviations are in the prior: a tread of 0.8 +- 0.06 sets out better than the nominal one does.
 NO_LIMIT: Final = np.full(3, np.inf)
 WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
-MOST_TREAD: Final = (
-    2.5  # of the stated one, or as much less: wheels that slip sideways make 1.9 (34); a circle anything
-)
 REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
 
 
