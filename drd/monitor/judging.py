@@ -65,18 +65,16 @@ class Judge:
         # What wheels that slip sideways do by speed, rate and curvature all along looks like many effects. (99)
         own = [h for h in every if self.skids and (h.effect is None or h.effect.channel == "wheels" or h.id in BY_RATE)]
         parts = [Component({c: 1.0}, limit, 0, n) for h in own for c, limit in zip(h.columns, h.limits, strict=True)]
+        edges: set[int] = set()
         for k in known:
             h = every[k.hypothesis]
             b = begins.index(k.begin_s) if k.begin_s in begins else 0
             e = begins.index(k.end_s) if k.end_s is not None and k.end_s in begins else n
             for c, g, limit in zip(h.columns, h.growth or (-1,) * len(h.columns), h.limits, strict=True):
-                weights = {c: 1.0} if g < 0 else {c: 1.0, g: -begins[b]}
-                parts.append(Component(weights, limit, b, e))
-                if g < 0:  # it began within a segment
-                    slack = min(limit, 2.0 * float(np.abs(k.estimate.sizes).max()))
-                    edges = {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
-                    parts += [Component(weights, slack, x, x + 1) for x in sorted(edges)]
-        return Sums(self._segments.white, self._walk, self._sigmas, self.skids, parts)
+                parts.append(Component({c: 1.0} if g < 0 else {c: 1.0, g: -begins[b]}, limit, b, e))
+            if not h.growth:  # it began within a segment
+                edges |= {x for at in (b, e) for x in (at - 1, at) if 0 <= x < n and at not in (0, n)}
+        return Sums(self._segments.white, self._walk, self._sigmas, self.skids, parts, edges)
 
     def _again(self, k: Known, at_once: bool = False) -> bool:
         """A finding, as it looks by now, beside the others; whether it is another now, or has ended. (98)"""

@@ -52,7 +52,7 @@ class Segments:
         rolled_m: float = 0.0,
         turning_m: float = 0.0,
     ) -> None:
-        """A block. No segment is merged across a time that is pinned."""
+        """A block. No segment that begins or ends at a time that is pinned is merged, so that it stays as short."""
         self.all.append(Segment(begin_s, end_s, way_m, 0, products, False, rolled_m, turning_m))
         for level, most in enumerate(COUNTS):
             mine = [i for i, s in enumerate(self.all) if s.level == level]
@@ -70,7 +70,7 @@ class Segments:
             second = self.all.pop(i + 1)
             first.products, first.end_s = FADES * first.products + second.products, second.end_s
             first.turning_m += second.turning_m
-        elif not follows or self.all[i + 1].begin_s in pinned:
+        elif not follows or any(s.begin_s in pinned for s in self.all[i : i + 3]):
             first.level += 1  # alone, it moves on
         else:
             second = self.all.pop(i + 1)

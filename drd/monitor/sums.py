@@ -1,7 +1,7 @@
 """Sums of the rows' products since each moment, and what robots do anyway in them. (96), (97)"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,7 +36,7 @@ class Component:
 class Sums:
     """Products of the rows from each segment's begin on, and what the components leave of them.
 
-    `free` (segments + 1,): how many segments before each, and in all, no component has for itself.
+    `free` (segments + 1,): how many segments that tell are before each, and in all.
     """
 
     def __init__(
@@ -46,18 +46,21 @@ class Sums:
         constants: Mapping[int, float],
         skids: bool,
         components: Sequence[Component],
+        edges: Collection[int] = (),
     ):
-        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid."""
-        self.each: Array = np.stack([s.products for s in segments])
+        """`constants`: deviations of what is never quite as calibrated, of a robot that does not skid.
+
+        `edges`: segments within which something begins or ends, and that tell nothing, as nobody knows where.
+        """
+        tells = np.array([i not in edges for i in range(len(segments))])
+        self.each: Array = np.stack([s.products for s in segments]) * tells[:, None, None]
         self.begins_s = np.array([s.begin_s for s in segments])
         self.length_s = np.array([s.end_s - s.begin_s for s in segments])
         n = len(segments)
         self.rolled_m, self.turning_m = (
             np.array([getattr(s, name) for s in segments]) for name in ("rolled_m", "turning_m")
         )
-        # What shows only where another one begins or ends is that one's.
-        taken = np.isin(np.arange(n), [c.begin for c in components if c.end - c.begin == 1])
-        self.free: Array = np.concatenate([[0.0], np.cumsum(~taken)])
+        self.free: Array = np.concatenate([[0.0], np.cumsum(tells)])
         self._components = [*_usual(self.begins_s, bias_walk, constants, skids), *components]
         self._fit(n)
 

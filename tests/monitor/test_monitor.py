@@ -145,11 +145,12 @@ def test_a_day_is_held_in_few_segments_and_the_newest_are_short() -> None:
     assert all(a.end_s == b.begin_s for a, b in zip(segments.all, segments.all[1:], strict=False))
 
 
-def test_no_segment_is_merged_across_the_begin_of_what_was_found() -> None:
+def test_the_segments_beside_the_begin_of_what_was_found_stay_as_short_as_they_are() -> None:
     segments = Segments(lambda products: products)
     for k in range(600):
         segments.add(2.0 * k, 2.0 * k + 2.0, 0.0, np.ones((2, 2)), {402.0})
-    assert 402.0 in segments.begins_s
+    assert {400.0, 402.0, 404.0} <= set(segments.begins_s)
+    assert len(segments.all) <= sum(COUNTS) + 3
 
 
 def learned(treads: Array) -> Scatter:

@@ -43,6 +43,12 @@ def test_a_tread_that_wanders_as_wheels_scrub_is_no_effect(name: str, seed: int)
     assert live.judged(live_cases.Case(name, "asphalt", 0.0, seed)).said == []
 
 
+@pytest.mark.parametrize("name", ["null-floors-004", "null-floors-005"])
+def test_a_floor_that_begins_and_ends_within_segments_leaves_nothing_else_to_name(name: str) -> None:
+    (said,) = live.judged(live_cases.Case(name, "floors", 0.0, 760)).said
+    assert not said.is_wrong
+
+
 def test_only_what_was_right_all_the_time_counts_and_only_in_time() -> None:
     right = Said("tread_error", (), 0.9, 150.0, 102.0, False)
     late = Said("terrain_tread", ("tread_error",), 0.6, 300.0, 110.0, False)
