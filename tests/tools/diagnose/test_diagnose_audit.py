@@ -5,7 +5,8 @@ import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected, simulated
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.observe.audit import Event, audit
+from drd_tools.diagnose.observe.audit import audit
+from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording

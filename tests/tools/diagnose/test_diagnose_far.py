@@ -228,3 +228,35 @@ def test_a_counter_that_stops_in_a_circle_is_no_other_tread() -> None:
         (event,) = observe(replace(made.recording, fog=None))[1].events
         assert event.selected.id == "encoder_dropout"
         assert event.windows[0] == pytest.approx((12.0, 13.5), abs=0.1)
+
+
+@pytest.mark.parametrize("has_gyro", [True, False])
+def test_a_counter_that_stops_while_its_wheel_goes_back_and_ahead_again_is_found(has_gyro: bool) -> None:
+    curvature = np.zeros(400)
+    curvature[180:220] = -8.0  # a sharp turn to the right, in which the right wheel goes back
+    truth = make_truth(Drive(Route().stand(10.0).curve(4.0, curvature, 0.12).stand(1.0).steps(), 0))
+    clean = simulate(truth, DEFAULT, [], Conditions(), seed=0).recording
+    time_s, (_, right) = clean.encoders.time_s, clean.wheel_angles_rad()
+    back = np.flatnonzero(np.diff(right) < 0.0)
+    again = back[-1] + int(np.argmax(right[back[-1] :] >= right[back[0]]))
+    dropout = selected("encoder_dropout", side="right", t0=float(time_s[back[0]]), t1=float(time_s[again]))
+    made = simulate(truth, DEFAULT, [(dropout.effect, dropout.values)], Conditions(), seed=0).recording
+    (event,) = observe(made if has_gyro else replace(made, fog=None))[1].events
+    assert event.selected.id == "encoder_dropout"
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
+@pytest.mark.parametrize(
+    ("name", "window_s", "share"),
+    [("ivanjko_250620201655_run-01", (11.1, 17.71), 0.173), ("circular_250620202236_run-03", (46.3, 66.65), 0.195)],
+)
+def test_a_real_counter_that_starts_late_has_not_stopped_where_slip_makes_another_tread(
+    name: str, window_s: tuple[float, float], share: float
+) -> None:
+    """With the left wheel slipping for a while the calibration has treads of 2.3 +- 0.7 and 3.2 +- 2.2."""
+    recording = read_recording(SHARED / f"optiodom_{name}")
+    log = recording.encoders
+    assert log.left_counts is not None
+    slips = (log.time_s >= window_s[0]) & (log.time_s < window_s[1])
+    counts = np.round(np.cumsum(np.diff(log.left_counts, prepend=0.0) * (1.0 + share * slips)))
+    assert observe(replace(recording, wheels=replace(log, left_counts=counts)))[1].events == []

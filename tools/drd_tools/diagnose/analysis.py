@@ -9,8 +9,8 @@ import numpy as np
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.scatter import scatter_of
-from drd_tools.diagnose.observe.audit import Event
 from drd_tools.diagnose.observe.constants import Constants, observe
+from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem

@@ -21,7 +21,7 @@ from drd_tools.diagnose.conclude.identify import APART_NATS, Identifiability
 from drd_tools.diagnose.conclude.rivals import Near, at_odds, near_sets, posterior, rivals_of, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import BARELY, odds_over_the_reference, reported_estimates
-from drd_tools.diagnose.observe.audit import Event
+from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all

@@ -15,9 +15,10 @@ from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
 from drd_tools.calibrate.wheels.drive import make_drive
 from drd_tools.calibrate.wheels.fit import fit_wheels
 from drd_tools.calibrate.wheels.lag import Drift, Lag, find_drift, find_lag, reference_lag
-from drd_tools.diagnose.observe.audit import Audit, audit, repaired
+from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
 from drd_tools.diagnose.observe.grids import DENSE_S
+from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
@@ -143,7 +144,10 @@ def observe(recording: Recording, measured: Constants | None = None) -> tuple[Co
 
 
 def _audited(measured: Constants) -> Audit:
-    return audit(measured.recording, gather(measured.recording, measured.robot, measured.lag_s))
+    tread = Tread(measured.robot.tread, measured.sigma.tread, measured.robot.tread != NOMINAL.tread)
+    if abs(tread.ratio - NOMINAL.tread) <= SURE * tread.sigma:  # robot.yaml's is the better one
+        tread = Tread(is_measured=tread.is_measured)
+    return audit(measured.recording, gather(measured.recording, measured.robot, measured.lag_s), tread)
 
 
 def _has_stopped(audited: Audit) -> bool:
@@ -152,5 +156,5 @@ def _has_stopped(audited: Audit) -> bool:
 
 def _repaired(recording: Recording, measured: Constants, audited: Audit) -> Constants:
     """The constants of the rest, where counters stopped; the recording as it is."""
-    again = constants(repaired(recording, audited.evidence, audited.events))
+    again = constants(repaired(recording, audited.evidence, audited.events, audited.tread))
     return replace(again, recording=replace(measured.recording, reference=again.recording.reference))

@@ -35,6 +35,7 @@ LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data s
 LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
 POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
 HEADING_SIGMA_DEG: Final = 0.5  # of the same
+LONGEST_FIX_S: Final = 0.5  # between sparser ones a robot may turn and stop
 
 
 @dataclass(frozen=True, kw_only=True)

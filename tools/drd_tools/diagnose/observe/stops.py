@@ -1,0 +1,192 @@
+"""Counters that stand still while their wheels turn, by the other wheel and the gyro or the reference. (68)"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.batch.logs import EncoderLog
+from drd.effects.catalogue import showing
+from drd.effects.effect import SIDE, SIDES, Symptom
+from drd_tools.calibrate.wheels.lag import held_s
+from drd_tools.diagnose.observe.events import Event, runs
+from drd_tools.diagnose.observe.evidence import LONGEST_FIX_S, Evidence
+from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.selected import Selected
+from drd_tools.recordings.folder import Recording
+
+STANDS_M: Final = 1e-6  # a wheel's way in a row: less is rounding
+SHORTEST_STOP_ROWS: Final = 3  # of a counter: two alike may be resolution
+LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
+HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
+# Of slip, tread and counts together: an event must be nearly certain, since no search asks again.
+STOP_SIGMAS: Final = 8.0
+# Of a turn, by which the wheels' difference may be off: 8 sigma are a third of it, a wheel's way on the spot is a half.
+TREAD_SHARE: Final = 0.04
+COUNTS: Final = 4.0  # by which both counters' ends may be off together
+DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
+# Which share of the other wheel's way must be missing: of a tread that is measured, and of one that is not.
+MEASURED, BELIEVED = 0.3, 0.5
+USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
+LIKELY_SHARE: Final = 0.3  # of the other wheel's way, missing: this much beside a certain stop is part of it
+
+
+class Tread(NamedTuple):
+    """Effective tread over robot.yaml's, its deviation, and whether anything has measured it."""
+
+    ratio: float = 1.0
+    sigma: float = 0.0
+    is_measured: bool = False
+
+
+BELIEVED_TREAD: Final = Tread()
+
+
+def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread: Tread) -> list[Event]:
+    """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
+    log, events = recording.encoders, []
+    least = _Least(
+        tread.ratio * e.tread_m,
+        math.hypot(TREAD_SHARE, tread.sigma / tread.ratio),
+        MEASURED if tread.is_measured else BELIEVED,
+        max(HOLDS * held_s(recording), LONGEST_HOLD_S if log.left_counts is None else 0.0),
+    )
+    left_m, right_m = (recording.nominal.wheel_radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
+    for side, mine, its, inflation, sign in (
+        (SIDES[0], left_m, right_m, left, -1.0),
+        (SIDES[1], right_m, left_m, right, 1.0),
+    ):
+        for first, last in runs(np.abs(mine) < STANDS_M):
+            if log.time_s[last] - log.time_s[first] < least.rest_s:
+                continue
+            stop = _stop(log, e, sign, np.where(np.abs(its) < STANDS_M, 0.0, its), first, last, least)
+            if stop is None:
+                continue
+            # It stopped and went on within a row: what it lost there is not known.
+            row_s = float(np.diff(log.time_s[first : last + 1]).max())
+            inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
+            inflation[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
+            effect = showing(Symptom.STOPPED)
+            selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
+            rest_s = stop.t1 - stop.t0
+            seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
+            events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
+    return events
+
+
+def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: Tread) -> Recording:
+    """The recording with stopped wheels turning as the other one and gyro, or reference, say: for a calibration."""
+    log, r = recording.encoders, recording.nominal.wheel_radius_m
+    travel = [r * np.diff(angle, prepend=0.0) for angle in recording.wheel_angles_rad()]
+    for event in events:
+        if event.selected.effect.symptom is not Symptom.STOPPED:
+            continue
+        which = SIDES.index(str(event.selected.values[SIDE.name]))
+        sign = -1.0 if which == 0 else 1.0
+        for t0, t1 in event.windows:
+            inside = (log.time_s > t0 + STANDS_M) & (log.time_s <= t1 + STANDS_M)
+            heading = _headings(e, np.append(t0, log.time_s[inside]))
+            turn = 0.0 if heading is None else np.diff(heading[1])
+            travel[which][inside] = travel[1 - which][inside] + sign * tread.ratio * e.tread_m * turn
+    rates = [way / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for way in travel]
+    nominal = replace(recording.nominal, counts_per_revolution=None)
+    return replace(
+        recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, rates[0], rates[1], log.is_lost)
+    )
+
+
+class _Least(NamedTuple):
+    """Tread, m, and least shares that count: of a turn, of the other wheel's way; and the least time of a rest, s."""
+
+    tread_m: float
+    of_turn: float
+    of_way: float
+    rest_s: float
+
+
+class _Stop(NamedTuple):
+    """A counter's rest, in which its wheel went on: times (s), the way of the wheel, the evidence."""
+
+    t0: float
+    t1: float
+    missed_m: float
+    nats: float
+
+
+class _Missed(NamedTuple):
+    """The longest way that a wheel at rest by its counter has gone, its deviation, the other wheel's, and the time."""
+
+    way_m: float
+    sigma_m: float
+    other_m: float
+    rest_s: float
+    rows: int
+
+
+def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, last: int, least: _Least) -> _Stop | None:
+    """Rows `first` to `last` of a counter at rest, in intervals in which the other one counts; None: it may well rest.
+
+    An interval that is only likely belongs to one that is certain: the counter has not counted between them.
+    """
+    certain: list[_Stop] = []
+    usual_m_s = float(np.percentile(np.abs(its) / np.diff(log.time_s), USUAL_PERCENT))
+    likely: list[tuple[float, float]] = []
+    for begin, end in ((first + i, first + j) for i, j in runs(its[first:last] != 0.0)):
+        edges_s = log.time_s[begin : end + 1]
+        missed = _missed(e, sign, its[begin:end], edges_s, least)
+        if missed is None:
+            continue
+        t0, t1 = float(edges_s[0]), float(edges_s[-1])
+        if missed.way_m >= LIKELY_SHARE * missed.other_m:
+            likely.append((t0, t1))
+        least_m = max(STOP_SIGMAS * missed.sigma_m, least.of_way * missed.other_m, usual_m_s * CREEPING * missed.rest_s)
+        if missed.rows >= SHORTEST_STOP_ROWS and missed.rest_s >= least.rest_s and missed.way_m >= least_m:
+            certain.append(_Stop(t0, t1, missed.way_m, 0.5 * (missed.way_m / missed.sigma_m) ** 2))
+    if not certain:
+        return None
+    spans = likely + [(stop.t0, stop.t1) for stop in certain]
+    return _Stop(
+        min(t0 for t0, _ in spans), max(t1 for _, t1 in spans),
+        sum(stop.missed_m for stop in certain), sum(stop.nats for stop in certain),
+    )  # fmt: skip
+
+
+def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least) -> _Missed | None:
+    """A wheel's way by the other one's, `its` (n,), and the heading at its edges (n + 1,); None: nothing tells."""
+    headings = _headings(e, edges_s)
+    if headings is None:
+        return None
+    other = np.concatenate([[0.0], np.cumsum(its)])
+    way = other + sign * least.tread_m * headings[1]
+    # Of a wheel that goes ahead and back the longer way counts.
+    a, b = sorted((int(way.argmin()), int(way.argmax())))
+    early, turn, late = (headings[:, b] - headings[:, a]).tolist()
+    other_m = abs(float(other[b] - other[a]))
+    # A turn about the standing wheel leaves it where it is, up to slip, a wrong tread and a wrong time.
+    sigmas = (
+        e.datasheet.slip_m_per_sqrt_m * math.sqrt(other_m),
+        least.of_turn * least.tread_m * turn,
+        least.tread_m * (late - early) / 2.0,
+        COUNTS * e.datasheet.count_m,
+    )
+    return _Missed(abs(float(way[b] - way[a])), math.hypot(*sigmas), other_m, float(edges_s[b] - edges_s[a]), b - a)
+
+
+def _headings(e: Evidence, time_s: Array) -> Array | None:
+    """Heading by the gyro, else by the reference, DELAY_S early, at times of the wheels (n,), and as late, (3, n).
+
+    None where neither tells.
+    """
+    time_s = time_s - e.robot.wheels_lag_s - e.robot.lag_growth * time_s
+    if e.gyro_rad is not None:
+        at, heading = e.edges_s, np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
+    elif len(e.fix) < 2:  # no interval
+        return None
+    else:
+        at, heading = e.time_s[e.fix_step], e.fix[:, 2]
+        if at[0] > time_s[0] or at[-1] < time_s[-1] or np.diff(at).max() >= LONGEST_FIX_S:
+            return None
+    shifted: Array = np.interp(time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]]), at, heading)
+    return shifted
