@@ -18,7 +18,7 @@ from drd_tools.simulate.missions import make_drive
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
-from drd_tools.trial.ceiling import ceiling_of
+from drd_tools.trial.ceiling import ceiling_of, set_given
 from drd_tools.trial.distance import Rivals, ceiling, half_square, least, nearest
 from drd_tools.trial.draw import make
 from drd_tools.trial.figures import Figures
@@ -123,3 +123,13 @@ def test_a_row_has_the_mean_of_its_ceilings_and_a_set_its_lowest() -> None:
     assert quoted["single d=25: the right name, or one that the drive cannot tell from it"] == "-"
     drives = figures.drives()
     assert [row[5] for row in drives.rows] == ["0.700", "0.700", "0.900", "0.900", "1.000"]
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [("gyro_scale_nonlinearity", {"amplitude_deg_s": 0.05}), ("gyro_scale_temperature", {"k": -1e-4})],
+)
+def test_an_answer_in_another_form_than_the_catalogues_has_no_ceiling(name: str, parameters: dict[str, float]) -> None:
+    row = TrueEffect(effect=name, parameters=dict(parameters))
+    set_given(simulate(make_truth(make_drive("warehouse", 30.0)), DEFAULT, (), PERFECT).recording, [row])
+    assert row == TrueEffect(effect=name, parameters=dict(parameters))

@@ -36,11 +36,17 @@ def set_ceilings(
 
 
 def set_given(recording: Recording, rows: Sequence[TrueEffect]) -> None:
-    """Set the ceilings for a recording that has its effects already, where the catalogue has them all."""
-    if not rows or any(row.effect not in catalogue() for row in rows):
+    """Set the ceilings of a recording that has its effects already, if all are stated as the catalogue states them."""
+    if not rows or not all(map(_is_catalogues, rows)):
         return
     truth = selected_of([(catalogue()[row.effect], si(row)) for row in rows])
     set_ceilings(Problem(gather(recording)).around(truth), truth, rows)
+
+
+def _is_catalogues(row: TrueEffect) -> bool:
+    """Whether an effect is of the catalogue, and has all of its parameters and no other."""
+    effect = catalogue().get(row.effect)
+    return effect is not None and row.parameters.keys() == {q.name for q in effect.parameters}
 
 
 def ceiling_of(record: Record) -> float | None:
