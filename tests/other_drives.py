@@ -1,4 +1,4 @@
-"""Real drives that no threshold was chosen on: the shared ones mirrored left to right, and the parts of them.
+"""Real drives that no threshold was chosen on: the shared ones mirrored left to right, and parts of them.
 
 `python -m other_drives OUT RECORDING ...` (in tests/) writes of each three recordings: NAME_m, mirrored; NAME_a, its
 first 65 %; NAME_z, its last 65 %, mirrored. What holds for a robot holds for its mirror image.
@@ -32,7 +32,7 @@ def mirrored(log: Log) -> Log:
 
 
 def part(log: Log, begin_s: float, end_s: float) -> Log:
-    """The rows between two times, whose clock begins at the first of them."""
+    """The rows from `begin_s`, which becomes time 0, to `end_s`."""
     made = log[(log["time_s"] >= begin_s) & (log["time_s"] <= end_s)].copy()
     made["time_s"] -= begin_s
     return made

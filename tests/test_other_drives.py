@@ -1,4 +1,4 @@
-"""Drives made of others are such drives."""
+"""Mirrored and cut recordings are readable, turn the other way, and are as long as they should be."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
 
 
-def test_a_mirror_image_turns_the_other_way_and_its_parts_are_as_long_as_they_should_be(tmp_path: Path) -> None:
+def test_a_mirror_image_turns_the_other_way_and_parts_have_their_length(tmp_path: Path) -> None:
     drive = simulate(make_truth(make_drive("warehouse", 60.0)), DEFAULT, (), Conditions(), 1)
     write_folder(drive, tmp_path / "run", {})
     (tmp_path / "run" / "truth.csv").unlink()

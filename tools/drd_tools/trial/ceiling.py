@@ -37,13 +37,13 @@ def set_ceilings(
 
 def set_given(recording: Recording, rows: Sequence[TrueEffect]) -> None:
     """Set the ceilings of a recording that has its effects already, if all are stated as the catalogue states them."""
-    if not rows or not all(map(_is_catalogues, rows)):
+    if not rows or not all(map(_has_catalogue_form, rows)):
         return
     truth = selected_of([(catalogue()[row.effect], si(row)) for row in rows])
     set_ceilings(Problem(gather(recording)).around(truth), truth, rows)
 
 
-def _is_catalogues(row: TrueEffect) -> bool:
+def _has_catalogue_form(row: TrueEffect) -> bool:
     """Whether an effect is of the catalogue, and has all of its parameters and no other."""
     effect = catalogue().get(row.effect)
     return effect is not None and row.parameters.keys() == {q.name for q in effect.parameters}

@@ -35,7 +35,10 @@ ONE_SIDED_P: Final = 1e-6  # of jumps ahead and back by chance: an event must be
 
 @dataclass(frozen=True)
 class Audit:
-    """Events, and the evidence with its covariance inflated where sensors said nothing of use; the tread beside it."""
+    """Events, and the evidence with its covariance inflated where sensors said nothing of use.
+
+    `tread`: by which counters at rest were judged.
+    """
 
     events: list[Event]
     evidence: Evidence

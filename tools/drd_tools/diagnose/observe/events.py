@@ -1,4 +1,4 @@
-"""What is found by logic before any regression."""
+"""Events: effects that logic finds before any regression."""
 
 from dataclasses import dataclass
 

@@ -21,9 +21,9 @@ STANDS_M: Final = 1e-6  # a wheel's way in a row: less is rounding
 SHORTEST_STOP_ROWS: Final = 3  # of a counter: two alike may be resolution
 LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
 HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
-# Of slip, tread and counts together: an event must be nearly certain, since no search asks again.
+# Deviations by slip, tread, time and counts: an event must be nearly certain, since no search asks again.
 STOP_SIGMAS: Final = 8.0
-# Of a turn, by which the wheels' difference may be off: 8 sigma are a third of it, a wheel's way on the spot is a half.
+# The wheels' difference may be off by this share of a turn: 8 sigma are a third, a wheel's way on the spot is a half.
 TREAD_SHARE: Final = 0.04
 COUNTS: Final = 4.0  # by which both counters' ends may be off together
 DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
@@ -160,7 +160,7 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
         return None
     other = np.concatenate([[0.0], np.cumsum(its)])
     way = other + sign * least.tread_m * headings[1]
-    # Of a wheel that goes ahead and back the longer way counts.
+    # A wheel that goes ahead and back may end where it began: its longest way counts.
     a, b = sorted((int(way.argmin()), int(way.argmax())))
     early, turn, late = (headings[:, b] - headings[:, a]).tolist()
     other_m = abs(float(other[b] - other[a]))
