@@ -8,7 +8,7 @@ import pytest
 
 from drd_tools.trial import live, live_cases, live_figures
 from drd_tools.trial.command import main
-from drd_tools.trial.live import LiveRow, Said
+from drd_tools.trial.live import Kept, LiveRow, Said
 from drd_tools.trial.score import calibration_error, exact_error
 
 
@@ -135,3 +135,26 @@ def test_of_a_clock_that_drifts_the_interval_knows_that_its_onset_is_unsure() ->
     told = live.judged(live_cases.Case("gyro_sample_clock-d12-000", "gyro_sample_clock", 12.0, 731))
     assert len(told.sigmas) == 1
     assert abs(told.sigmas[0]) < 2.5
+
+
+def test_a_stopped_trial_goes_on_with_the_cases_that_are_not_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--live", "1", "--only", "encoder_dropout-*", "--seed", "3", "--jobs", "1", "--output", str(tmp_path)]
+    there = row("tread_error", [])
+    kept = Kept(tmp_path)
+    assert kept.begin() == set()
+    kept.add(there)
+    with (tmp_path / "live.jsonl").open("ab") as cut_off:
+        cut_off.write(b'{"case":')
+    assert main(arguments) == 0
+    assert "1 cases are there already" in capfd.readouterr().err
+    assert [r.case.kind for r in kept.read()] == ["tread_error", "encoder_dropout"]
+    assert main(["--draw", str(tmp_path)]) == 0
+    assert "seed 0, 3: 2 cases" in (tmp_path / "live.html").read_text()
+
+
+def test_results_of_another_build_are_moved_aside(tmp_path: Path) -> None:
+    (tmp_path / "live.jsonl").write_bytes(msgspec.json.encode(row("tread_error", [])) + b"\n")
+    assert Kept(tmp_path).begin() == set()
+    assert (tmp_path / "live.old.jsonl").exists()

@@ -79,6 +79,9 @@ def main(argv: list[str]) -> int:
     """Run, save, print, draw. Returns the exit code: 0, or 2 for bad usage. Raises ConfigError on bad input."""
     parser = _parser()
     chosen = parser.parse_args(argv)
+    if chosen.draw is not None and (chosen.draw / live.RESULTS).exists():
+        _tell_live(chosen.draw)
+        return 0
     if chosen.draw is not None:
         return _drawn(chosen.draw, chosen.quote)
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
@@ -110,13 +113,22 @@ def _live(chosen: argparse.Namespace) -> None:
     ]
     if not todo:
         raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(chosen.only))
-    rows = list(live.run(todo, chosen.jobs))
-    options = f"{chosen.live}{' --remembers' * chosen.remembers}"
-    origin = f"Made by `drd trial --live {options}`, seed {chosen.seed}: {len(rows)} cases."
-    tables, lines = live_figures.tables(rows), live_figures.lines(rows)
-    save(chosen.output / "live.jsonl", rows)
+    kept = live.Kept(chosen.output)
+    done = kept.begin()
+    if done:
+        print(f"{len(done)} cases are there already", file=sys.stderr)
+    for row in live.run([case for case in todo if case not in done], chosen.jobs):
+        kept.add(row)
+    _tell_live(chosen.output)
+
+
+def _tell_live(folder: Path) -> None:
+    rows = live.Kept(folder).read()
+    seeds = ", ".join(map(str, sorted({row.case.seed for row in rows})))
+    options = " --remembers" * any(row.case.remembers for row in rows)
+    origin = f"Made by `drd trial --live{options}`, seed {seeds}: {len(rows)} cases."
     titles = "Trial of the monitor", origin, "Wrong, late or missed"
-    _tell(chosen.output / "live.html", titles, tables, lines)
+    _tell(folder / "live.html", titles, live_figures.tables(rows), live_figures.lines(rows))
 
 
 def _fleet(chosen: argparse.Namespace) -> None:

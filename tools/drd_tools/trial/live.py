@@ -6,12 +6,14 @@
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 import msgspec
 from msgspec import Struct
 
 from drd.batch.monitored import monitor_logs
+from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
 from drd.monitor.constants import KNOWN_SIGMAS, Constants
@@ -20,10 +22,13 @@ from drd.monitor.library import UNKNOWN
 from drd.monitor.monitor import Monitor
 from drd.monitor.telling import Known
 from drd.units import NS_PER_S
+from drd_tools.build import fingerprint
 from drd_tools.replay.nominal import configuration
 from drd_tools.trial.live_cases import TURN_S, Case, drawn
 from drd_tools.trial.workers import completed
 
+RESULTS: Final = "live.jsonl"
+OLD: Final = "live.old.jsonl"
 REMEMBERED: Final = Constants(dict.fromkeys(KNOWN_SIGMAS, 0.0), KNOWN_SIGMAS)  # of a robot that has not changed
 # Names of one and the same thing where there is no reference: scale times tread, whenever and wherever it begins.
 ALIKE: Final = frozenset({"tread_error", "gyro_scale_error", "terrain_tread"})
@@ -47,10 +52,11 @@ class LiveRow(Struct, frozen=True, kw_only=True):
     """The monitor's answer to a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
 
     `seen_d`: how far it can be told from nothing by then, in deviations. `sigmas`: errors of its parameters in their
-    own deviations, of the finding that has its name.
+    own deviations, of the finding that has its name. `build`: of the monitor that gave it.
     """
 
     case: Case
+    build: str = ""
     begin_s: float | None = None
     limit_s: float = 0.0
     seen_d: float = 0.0
@@ -93,6 +99,41 @@ class Watch:
             is_wrong |= before is not None and before.is_wrong
             p = known.probabilities.get(name, 0.0)
             self.said[id(known)] = Said(name, tuple(near), p, known.named_s, known.begin_s, is_wrong)
+
+
+class Kept:
+    """The rows in a folder, a line of JSON for each, added as it is ready, so that a stopped trial goes on."""
+
+    def __init__(self, folder: Path):
+        self._file = folder / RESULTS
+        self._build = fingerprint("drd.effects", "drd.monitor", "drd_tools.simulate", "drd_tools.trial.live_cases")
+
+    def begin(self) -> set[Case]:
+        """The cases that are there; those of another build are moved aside. Raises ConfigError, OSError."""
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        rows = self.read() if self._file.exists() else []
+        if any(row.build != self._build for row in rows):
+            self._file.replace(self._file.with_name(OLD))
+            rows = []
+        self._file.write_bytes(b"".join(map(_line, rows)))  # without a line that was cut off
+        return {row.case for row in rows}
+
+    def add(self, row: LiveRow) -> None:
+        """Keep a row. Raises OSError."""
+        with self._file.open("ab") as out:
+            out.write(_line(msgspec.structs.replace(row, build=self._build)))
+
+    def read(self) -> list[LiveRow]:
+        """The rows that are there; a last line that was cut off does not count. Raises ConfigError."""
+        try:
+            lines = self._file.read_bytes().split(b"\n")[:-1]
+            return [msgspec.json.decode(line, type=LiveRow) for line in lines]
+        except (OSError, ValueError) as error:
+            raise ConfigError(str(self._file), "", "results of drd trial --live", str(error)) from error
+
+
+def _line(row: LiveRow) -> bytes:
+    return msgspec.json.encode(row) + b"\n"
 
 
 def run(cases: Sequence[Case], jobs: int) -> Iterator[LiveRow]:
