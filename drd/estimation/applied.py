@@ -62,7 +62,7 @@ def of_filter(kf: Filter, name: str, tread_m: float, left: float = BOTH) -> Cons
 
 def take(kf: Filter, constant: Constant, tread_m: float) -> None:
     """Put a constant into the filter, where it has changed since: pose and headings stay. (109)"""
-    h, n = _row(kf, constant.name), kf.nominal
+    h = _row(kf, constant.name)
     off = of_filter(kf, constant.name, tread_m).value - constant.value
     g = _changed(kf, constant)
     kf.P += off * off * np.outer(g, g)
@@ -70,17 +70,35 @@ def take(kf: Filter, constant: Constant, tread_m: float) -> None:
     for i in CONSTANTS:
         gain[i] = kf.P[i] @ h
     gain /= float(h @ kf.P @ h) + constant.sigma**2
-    step = (gain * off).tolist()
+    _move(kf, gain * off)
+    rest = np.eye(N) - np.outer(gain, h)
+    P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # of any gain
+    np.copyto(kf.P, 0.5 * (P + P.T))
+    kf.given += 1
+
+
+def put_back(kf: Filter, constant: Constant, tread_m: float) -> None:
+    """Undo a constant that was taken: the value of before, at least as unsure as it was then. (109)
+
+    Not as a measurement: one that is unsure would leave the filter where it is.
+    """
+    g = _changed(kf, constant)
+    for _ in range(2):  # TURN is a product: once is linear
+        now = of_filter(kf, constant.name, tread_m)
+        _move(kf, (now.value - constant.value) * g)
+    kf.P += max(constant.sigma**2 - now.sigma**2, 0.0) * np.outer(g, g)
+    kf.given += 1
+
+
+def _move(kf: Filter, error: Matrix) -> None:
+    """Take an error (N,) of CONSTANTS off the nominal state."""
+    n, step = kf.nominal, error.tolist()
     n.scale_right -= step[SCALE_R]
     n.scale_left -= step[SCALE_L]
     n.gyro_scale -= step[GYRO_SCALE]
     n.gyro_bias_rad_s -= step[GYRO_BIAS]
     n.wheel_lag_s -= step[WHEEL_LAG]
     kf.set_tread(n.tread_m - step[TREAD])
-    rest = np.eye(N) - np.outer(gain, h)
-    P = rest @ kf.P @ rest.T + constant.sigma**2 * np.outer(gain, gain)  # of any gain
-    np.copyto(kf.P, 0.5 * (P + P.T))
-    kf.given += 1
 
 
 def _row(kf: Filter, name: str) -> Matrix:
@@ -131,7 +149,7 @@ class Applied:
         if constant is not None and (refusal := constant.refusal()) is not None:
             return refusal
         here, before = pose(), of_filter(track.kf, name, tread_m, wanted.left)
-        take(track.kf, wanted, tread_m)
+        (put_back if constant is None else take)(track.kf, wanted, tread_m)
         if name == LAG:
             track.lag_changed(track.kf.nominal.wheel_lag_s - before.value)
         track.kf.move(pose(), here)

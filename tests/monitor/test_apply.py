@@ -14,7 +14,7 @@ from recorded_drive import Drive, drive
 
 from drd.config.keys import Config
 from drd.config.schema import loads
-from drd.estimation.applied import BIAS, LAG, LARGEST, RADII, TURN, Constant
+from drd.estimation.applied import BIAS, LAG, LARGEST, RADII, TURN, Constant, of_filter
 from drd.estimation.covariance import unfit
 from drd.monitor.applying import ANEW_SIGMAS, CONFIRMED_S, Applying
 from drd.monitor.constants import Constants
@@ -191,18 +191,25 @@ def test_what_is_too_large_or_no_constant_is_refused_and_changes_nothing(driving
     assert nominal == estimator.filter.nominal
 
 
-def test_given_back_the_filter_has_what_it_had(driving: Drive) -> None:
+@pytest.mark.parametrize(
+    "taken",
+    [TYRE, Constant(TURN, 0.02, 0.002), Constant(LAG, 0.03, 0.001), Constant(BIAS, 1e-4, 1e-6)],
+    ids=lambda c: c.name,
+)
+def test_given_back_the_filter_has_what_it_had_and_is_as_unsure_as_it_was(tmp_path: Path, taken: Constant) -> None:
+    driving = circles(tmp_path, {}, 10.0)
     estimator = driving.pipeline.estimator
 
-    def radii() -> float:
-        n = estimator.filter.nominal
-        return n.scale_right - n.scale_left
+    def now() -> Constant:
+        return of_filter(estimator.filter, taken.name, driving.loaded.value.robot.tread_m, taken.left)
 
-    before = radii()
-    assert estimator.apply(RADII, TYRE) is None
-    assert radii() == pytest.approx(TYRE.value, abs=TYRE.sigma)
-    assert estimator.apply(RADII, None) is None
-    assert radii() == pytest.approx(before, abs=0.1 * abs(TYRE.value))
+    before = now()
+    assert estimator.apply(taken.name, taken) is None
+    assert now().value == pytest.approx(taken.value, abs=taken.sigma)
+    assert estimator.apply(taken.name, None) is None
+    assert now().value == pytest.approx(before.value, abs=1e-3 * abs(taken.value))
+    assert now().sigma > 0.999 * before.sigma
+    assert unfit(estimator.filter.P) is None
 
 
 # ---- recorded, replayed, reloaded ------------------------------------------------------------------------------------
