@@ -99,6 +99,7 @@ class Monitor:
     def _add(self, rows: Rows) -> None:
         """A block of rows: their sensitivities, weighted, into the sums. (95), (96)"""
         h, inner = rows.interval_s, rows.inner
+        self.now_s = end_s = float(rows.end_s[inner][-1])
         if self._theta is None:
             still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
             self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
@@ -117,7 +118,7 @@ class Monitor:
         useless = self._symptoms.look(
             rows, by_wheels, tread, self._bias_rad_s, wheel_var, self._walk * float(np.median(h)) ** 0.5
         )
-        self._forget_what_symptoms_spoilt()
+        self._forget_what_symptoms_spoilt(float(rows.end_s[-1]))
         first = self._first.add((by_wheels / h)[inner], (rows.gyro_rad / h)[inner] - self._bias_rad_s)
         if first is not None:
             self._begin_anew(first)
@@ -138,7 +139,6 @@ class Monitor:
         score = products[:OWN, -1] - products[:OWN, :-1] @ self._theta
         self._noise.scatter.learn(products[:OWN, :OWN], score, np.bincount(kind[good], minlength=KINDS).astype(float))
         self._tread_of(by_wheels[inner][good], turn[inner][good])
-        end_s = float(rows.end_s[inner][-1])
         begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
         pinned = {t for k in self.known for t in (k.begin_s, k.end_s) if t is not None}
         rolled = 0.5 * ways[inner]
@@ -147,16 +147,15 @@ class Monitor:
         )
         self._rolled_m += float(rolled.sum())
         self._way_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
-        self.now_s = end_s
 
     def _white(self, products: Array) -> Array:
         return self._noise.scatter.white(products)
 
-    def _forget_what_symptoms_spoilt(self) -> None:
-        """Once a symptom is sure, the sums since its begin, which have it in them, and what was named upon them."""
+    def _forget_what_symptoms_spoilt(self, seen_s: float) -> None:
+        """Once a symptom is sure, forget the sums since its begin, and what was named upon them."""
         for seen in self._symptoms.seen.values():
             if seen.sure and not seen.is_told:
-                seen.is_told, seen.named_s = True, self.now_s
+                seen.is_told, seen.named_s = True, seen_s
                 self._segments.drop_since(seen.begin_s)
                 old = [k for k in self.known if k.named_s < seen.begin_s and (k.end_s or 0.0) < seen.begin_s]
                 self.known[:] = old

@@ -100,6 +100,7 @@ def test_a_bias_that_jumps_is_named_and_no_wheel_is() -> None:
 def test_a_counter_that_stops_is_named_at_once_and_nothing_else() -> None:
     findings, _ = found(with_stop(drive(4), 4.0))
     assert [f.effect for f in findings] == ["encoder_dropout"]
+    assert findings[0].since_ns < findings[0].named_ns < findings[0].since_ns + 3 * NS_PER_S
     assert findings[0].parameters["side"] == "right"
 
 
