@@ -167,6 +167,15 @@ def test_a_rough_search_ends_where_little_changes_and_can_be_gone_on_with() -> N
     assert {c.id for c in full_search(rough).fit.selection} >= {one.id for one, _ in true}
 
 
+def test_beside_constants_a_set_that_changes_much_ends_the_search_until_the_noise_is_fitted() -> None:
+    tread = replace(selected("tread_error", k=0.3), free=("k",))
+    p = problem(SLALOM, 1, tread, selected("lateral_slip_turning", k=0.2))
+    found = coarse_search(p, (), [tread])
+    assert found.is_noise_due
+    assert {c.id for c in found.fit.selection} >= {"tread_error", "lateral_slip_turning"}
+    assert not coarse_search(p, (), [tread], found).is_noise_due
+
+
 def test_the_calm_rate_of_a_straight_line_has_no_turn_in_it_and_less_noise() -> None:
     p = problem(("square-ccw", 200.0), 3)
     e, m, calm = p.evidence, p.sensitivities.motion, p.sensitivities.calm_rate_rad_s

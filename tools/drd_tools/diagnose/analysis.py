@@ -23,6 +23,7 @@ from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
+GROWING_ROUNDS: Final = 8  # where one better set is found at a time: limits the time
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
@@ -109,13 +110,14 @@ def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
     known, constants = start.known, start.constants
     problem = problem if constants else converged(problem, known)
     found = coarse_search(problem, known, constants)
-    for i in range(ROUGH_ROUNDS):
+    for i in range(GROWING_ROUNDS if constants else ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.
-        if i >= NOISE_ROUNDS and not is_rough(found.fit):
+        is_due = is_rough(found.fit) or found.is_noise_due
+        if i >= NOISE_ROUNDS and not is_due:
             break
         noise, fix_inflation = fitted(found.problem, found.fit, searched=True)
         inflation = inflated(found.problem, found.fit.left, noise)
-        if _is_near(noise, inflation, found.problem) and not is_rough(found.fit):
+        if _is_near(noise, inflation, found.problem) and not is_due:
             break
         problem = problem.with_noise(noise, fix_inflation, inflation)
         problem = problem if constants else converged(problem, known)

@@ -27,6 +27,7 @@ ROUGH_SQUARE: Final = 1.5  # mean of what is left, in sigmas
 MOVED: Final = 0.05  # sigmas: less changes no linearisation
 LITTLE_SHARE: Final = 0.1  # of the data's nats where the fit is rough, and where it is not:
 NEXT_TO_NOTHING: Final = 0.003
+MUCH_SHARE: Final = 0.02  # that much of it was taken for noise, beside which others pass for effects
 CLOSE_SHARE: Final = 0.08  # of what the best explains: so near, a rival gets its own linearisation
 CLOSE_RIVALS: Final = 3  # linearised each by itself: limits the time
 TURNED_RAD: Final = 0.3  # of a wheel's turn, lost: a ripple's phase is then off by so much
@@ -48,6 +49,7 @@ class Found:
     null: float  # score without any selected effect
     is_cleared: bool = False  # whether the motion was cleared of the selected effects to see how the wheels turn
     is_complete: bool = False  # whether no other selected effect is worth its cost
+    is_noise_due: bool = False  # whether so little is left now that the noise must be fitted before more is found
 
 
 def is_rough(fit: Fit) -> bool:
@@ -60,7 +62,8 @@ def coarse_search(
 ) -> Found:
     """Search for the effects that matter to the noise, until another effect changes little of what is left.
 
-    `start`: effects from which it sets out, and which stay. `last`: a search with other noise, to go on from.
+    `start`: effects from which it sets out, and which stay; a set beside them that changes much ends it, too. `last`: a
+    search with other noise, to go on from.
     """
     fit = refine(problem, known)
     null = -fit.cost - problem.penalty(fit.selection)
@@ -72,9 +75,9 @@ def coarse_search(
         known = [*known, *start]
     while (better := _better(found, known)) is not None:
         little = LITTLE_SHARE if is_rough(better.fit) else NEXT_TO_NOTHING
-        if better.score < (1.0 - little) * found.score:
-            return better
-        found = better
+        gain, found = 1.0 - better.score / found.score, better
+        if gain < little or (start and gain > MUCH_SHARE):
+            return replace(found, is_noise_due=gain > little)
     return replace(found, is_complete=True)
 
 
