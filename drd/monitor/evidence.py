@@ -69,6 +69,7 @@ class Bank:
         q, j = sums.scatter()
         # An effect that grows scatters as its growth does.
         self._q, self._j = (np.array([x[list(h.growth or h.columns)].mean() for h in hypotheses]) for x in (q, j))
+        self._turns = float(q[TURN]), max(float(j[TURN]), 1.0)
         self._most = float(self._j.max())
         self._limit = np.array([h.limits[0] for h in hypotheses])
         self._positive = np.array([h.is_positive for h in hypotheses])
@@ -142,9 +143,8 @@ class Bank:
 
     def wanders(self) -> float:
         """Log of the odds that the tread wanders, over that nothing does. (98)"""
-        q, j = (float(x[TURN]) for x in self.sums.scatter())
-
-        return wandering.nats(self.sums, lambda gain: self._student(gain, (q - 2.0 * gain) / max(j, 1.0)))
+        q, j = self._turns
+        return wandering.nats(self.sums, lambda gain: self._student(gain, (q - 2.0 * gain) / j))
 
     def _told(
         self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0, shares: int = 1
@@ -155,6 +155,8 @@ class Bank:
         """
         j, q = np.maximum(self._j[i], 1.0), self._q[i]
         left = (q - 2.0 * (gain + further) / shares) / j
+        # A tread that wanders is no white noise: what an effect leaves of its scatter is left for this one, too.
+        left = np.maximum(left, (self._turns[0] - 2.0 * (gain + further)) / self._turns[1])
         gain = gain * prior / (1.0 + prior) + further
         return np.asarray(self._student(gain, left) - 0.5 * np.log1p(prior))
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array
-from drd.monitor.library import OWN
+from drd.monitor.library import BIAS, OWN
 from drd.monitor.scatter import Scatter
 
 Kinds = npt.NDArray[np.integer]
@@ -54,8 +54,10 @@ class RowNoise:
         # A slow error is no outlier: a few columns of this block alone take it off.
         own = x[:, :OWN] * w[:, None]
         gram = own.T @ own
-        ridge = 1e-3 * np.diag(np.diagonal(gram)) + 1e-12 * np.eye(OWN)
-        fit = np.linalg.solve(gram + ridge, own.T)
+        ridge = 1e-3 * np.diagonal(gram) + 1e-12
+        # Of a moment's stop one row may tell the bias alone: another one that says nothing new stands against it.
+        ridge[BIAS] = np.square(own[:, BIAS]).max() + 1e-12
+        fit = np.linalg.solve(gram + np.diag(ridge), own.T)
         r = rest * w - own @ (fit @ (rest * w))
         # A row that a column has nearly to itself, as one that turns, would take it along: seen over what it leaves.
         left = np.sqrt(1.0 - (own * fit.T).sum(1))

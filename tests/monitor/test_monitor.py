@@ -12,7 +12,7 @@ from drd.config.schema import ConfigError
 from drd.monitor import wandering
 from drd.monitor.findings import Finding, Size
 from drd.monitor.first_turns import FirstTurns
-from drd.monitor.library import OWN, TURN
+from drd.monitor.library import BIAS, OWN, TURN
 from drd.monitor.monitor import Monitor
 from drd.monitor.noise import RowNoise
 from drd.monitor.scatter import USUAL, Scatter
@@ -211,6 +211,17 @@ def test_a_row_that_turns_nearly_alone_and_is_far_off_is_an_outlier_and_no_tread
     assert weights[0] < 0.3
     rest = 0.2 * x[:, TURN]
     assert RowNoise().weights(x, rest, np.ones(20), np.ones(20, int), np.ones(20, bool)).tolist() == [1.0] * 20
+
+
+def test_a_row_at_rest_alone_is_no_new_bias_and_several_are() -> None:
+    """Of a moment's stop, whose other rows may still creep."""
+    x, kind = np.full((20, OWN), 0.0), np.ones(20, int)
+    x[:, BIAS], x[:, TURN] = 0.01, 0.3
+    for rows in (1, 4):
+        x[:rows, BIAS], x[:rows, TURN], kind[:rows] = 1.0, 0.0, 0
+        rest = np.where(kind == 0, 8.0, 0.0)
+        weights = RowNoise().weights(x, rest, np.ones(20), kind, np.ones(20, bool))
+        assert (weights[:rows] < 0.3).all() if rows == 1 else (weights == 1.0).all()
 
 
 def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gyro_has_at_rest() -> None:

@@ -38,9 +38,16 @@ def test_a_case_is_drawn_again_to_the_bit_and_has_the_distance_that_is_asked_for
     assert one.begin_s < one.limit_s
 
 
-@pytest.mark.parametrize(("name", "seed"), [("null-asphalt-032", 751), ("null-asphalt-020", 712)])
-def test_a_tread_that_wanders_as_wheels_scrub_is_no_effect(name: str, seed: int) -> None:
-    assert live.judged(live_cases.Case(name, "asphalt", 0.0, seed)).said == []
+@pytest.mark.parametrize(
+    ("name", "kind", "seed"),
+    [
+        ("null-asphalt-032", "asphalt", 751),
+        ("null-asphalt-121", "asphalt", 781),  # in a long turn on the spot it looks like a bias
+        ("null-stressed-045", "stressed", 781),  # one reading far off in a moment's stop
+    ],
+)
+def test_a_tread_that_wanders_and_a_reading_far_off_are_no_effect(name: str, kind: str, seed: int) -> None:
+    assert live.judged(live_cases.Case(name, kind, 0.0, seed)).said == []
 
 
 @pytest.mark.parametrize("name", ["null-floors-004", "null-floors-005"])
