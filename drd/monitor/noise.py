@@ -55,7 +55,7 @@ class RowNoise:
         own = x[:, :OWN] * w[:, None]
         gram = own.T @ own
         ridge = 1e-3 * np.diagonal(gram) + 1e-12
-        # Of a moment's stop one row may tell the bias alone: another one that says nothing new stands against it.
+        # In a short stop one row may tell the bias alone: the prior weighs as much as one row without a change.
         ridge[BIAS] = np.square(own[:, BIAS]).max() + 1e-12
         fit = np.linalg.solve(gram + np.diag(ridge), own.T)
         r = rest * w - own @ (fit @ (rest * w))

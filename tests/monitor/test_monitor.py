@@ -214,7 +214,7 @@ def test_a_row_that_turns_nearly_alone_and_is_far_off_is_an_outlier_and_no_tread
 
 
 def test_a_row_at_rest_alone_is_no_new_bias_and_several_are() -> None:
-    """Of a moment's stop, whose other rows may still creep."""
+    """In a short stop the rows beside it may still creep, so that one alone is at rest."""
     x, kind = np.full((20, OWN), 0.0), np.ones(20, int)
     x[:, BIAS], x[:, TURN] = 0.01, 0.3
     for rows in (1, 4):

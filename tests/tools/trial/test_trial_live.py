@@ -42,6 +42,7 @@ def test_a_case_is_drawn_again_to_the_bit_and_has_the_distance_that_is_asked_for
     ("name", "kind", "seed"),
     [
         ("null-asphalt-032", "asphalt", 751),
+        ("null-asphalt-020", "asphalt", 712),
         ("null-asphalt-121", "asphalt", 781),  # in a long turn on the spot it looks like a bias
         ("null-stressed-045", "stressed", 781),  # one reading far off in a moment's stop
     ],

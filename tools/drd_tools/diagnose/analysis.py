@@ -23,7 +23,7 @@ from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
-GROWING_ROUNDS: Final = 8  # where one better set is found at a time: limits the time
+GROWING_ROUNDS: Final = 8  # where a set that explains much waits for its noise: limits the time
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again

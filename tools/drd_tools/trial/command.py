@@ -79,11 +79,11 @@ def main(argv: list[str]) -> int:
     """Run, save, print, draw. Returns the exit code: 0, or 2 for bad usage. Raises ConfigError on bad input."""
     parser = _parser()
     chosen = parser.parse_args(argv)
-    if chosen.draw is not None and (chosen.draw / live.RESULTS).exists():
+    if chosen.draw is not None:
+        if not (chosen.draw / live.RESULTS).exists():
+            return _drawn(chosen.draw, chosen.quote)
         _tell_live(chosen.draw)
         return 0
-    if chosen.draw is not None:
-        return _drawn(chosen.draw, chosen.quote)
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
     if chosen.live or chosen.fleet:
         option, run = ("--live", _live) if chosen.live else ("--fleet", _fleet)
