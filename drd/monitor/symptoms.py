@@ -18,6 +18,8 @@ ALIKE: Final = 3e-4  # relative: two readings at a limit, of a gyro that rounds
 FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
 FEWEST_HERE: Final = 4  # of them in one block
 FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
+BELOW: Final = 0.5  # of the largest rate: from here on a turn tells the tread of this ground, as no limit touches it
+KEEPS: Final = 0.7  # a block of what was told before: ground changes within some blocks
 SIGMAS: Final = 8.0  # nearly certain: no regression asks again
 MISSED_SHARE: Final = 0.5  # of the other wheel's way, that a stopped wheel must have missed
 MISSED_M: Final = 0.15
@@ -51,6 +53,7 @@ class Symptoms:
         self.seen: dict[tuple[Symptom, str], Seen] = {}
         self._small: deque[tuple[float, int, int, float]] = deque(maxlen=BLOCKS)
         self._stops: dict[str, tuple[float, float, float]] = {}
+        self._below_rad = 0.0, 0.0  # turn of the wheels and of the gyro, at rates below the largest
 
     def look(
         self, rows: Rows, by_wheels: Array, tread: float, bias_rad_s: float, wheel_var: Array, gyro_s: float
@@ -82,11 +85,14 @@ class Symptoms:
         known = self.seen.get((Symptom.CLIPPED, ""))
         if known is not None and known.sure:
             none = _beside(np.abs(rate) > known.size * (1.0 - ALIKE))
+        if limit <= 0.0:
+            return none
+        faster = self._faster(np.sign(turned) * wheels, np.abs(turned), np.abs(rate) / limit, rows.is_good[inner])
         same = np.abs(rate) > limit * (1.0 - SAME)
         near = np.abs(rate) > min(limit * (1.0 - ALIKE), limit - MUTED_SIGMAS * gyro_s / float(np.median(h)))
-        if at.sum() < FEWEST_HERE or same.sum() < SAME_SHARE * near.sum() or limit <= 0.0:
+        if at.sum() < FEWEST_HERE or same.sum() < SAME_SHARE * near.sum():
             return none
-        excess = (np.sign(turned) * wheels - np.abs(turned))[at]
+        excess = (np.sign(turned) * wheels - faster * np.abs(turned))[at]
         if excess.mean() < FASTER_SHARE * limit * float(h[at].mean()):
             return none
         key = (Symptom.CLIPPED, "")
@@ -97,6 +103,16 @@ class Symptoms:
         found.end_s, found.count = float(end_s[at][-1]), found.count + float(at.sum())
         found.sure |= found.count >= FEWEST_CLIPPED and float(excess.sum()) > SIGMAS * float(variance[at].sum()) ** 0.5
         return _beside(at) | none
+
+    def _faster(self, wheels: Array, gyro: Array, share: Array, is_good: Flags) -> float:
+        """Turn of the wheels over the gyro's where no limit is, at least one: a tread that is off is no limit."""
+        below = (share > BELOW) & (share < 1.0 - ALIKE) & is_good
+        by_wheels, by_gyro = self._below_rad
+        if below.any():
+            by_wheels = KEEPS * by_wheels + float(wheels[below].sum())
+            by_gyro = KEEPS * by_gyro + float(gyro[below].sum())
+            self._below_rad = by_wheels, by_gyro
+        return max(by_wheels / by_gyro, 1.0) if by_gyro > 0.0 else 1.0
 
     def _muted(self, rows: Rows, gyro_s: float) -> Flags:
         inner = rows.inner

@@ -9,15 +9,18 @@ from drd.arrays import Array
 from drd.batch.monitored import monitor_logs
 from drd.batch.samples import gyro_samples, wheel_samples, zero_of
 from drd.config.schema import ConfigError
+from drd.effects.effect import Symptom
 from drd.monitor import wandering
 from drd.monitor.findings import Finding, Size
 from drd.monitor.first_turns import FirstTurns
 from drd.monitor.library import BIAS, OWN, TURN
 from drd.monitor.monitor import Monitor
 from drd.monitor.noise import RowNoise
+from drd.monitor.rows import Rows
 from drd.monitor.scatter import USUAL, Scatter
 from drd.monitor.segments import COUNTS, Segment, Segments
 from drd.monitor.sums import Component, Sums
+from drd.monitor.symptoms import Symptoms
 from drd.units import NS_PER_S
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.nominal import configuration
@@ -232,6 +235,25 @@ def test_a_robot_of_which_something_else_is_believed_keeps_the_noise_that_its_gy
     after = RowNoise(True, before)
     assert after.scale[0] == before.scale[0] > 2.0
     assert after.scale[1:].tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("is_limited", [True, False])
+def test_a_limit_of_the_gyro_is_told_from_a_steady_turn_on_ground_of_another_tread(is_limited: bool) -> None:
+    """Both have readings that are alike to the last digit while the wheels turn faster."""
+    times_s = 0.1 * np.arange(80)
+    rates = np.interp(times_s, (1.2, 2.0, 5.0, 6.0), (0.0, 0.6, 0.6, 0.0))
+    gyro, wheels = (np.minimum(rates, 0.5), rates) if is_limited else (rates, 1.2 * rates)
+    symptoms, none = Symptoms(0.5), np.zeros(32)
+    for begin in range(0, 60, 20):
+        part = slice(begin, begin + 32)
+        ways_m = 0.1 * wheels[part] * 0.25
+        end_s, steps_s = np.asarray(times_s[part], float), np.full(32, 0.1)
+        is_good = np.ones(32, bool)
+        rows = Rows(end_s, steps_s, 0.1 * gyro[part], none, -ways_m, ways_m, none, none, is_good, 12, 0)
+        symptoms.look(rows, 0.1 * wheels[part], 1.0, 0.0, np.full(32, 1e-6), 1e-5)
+    found = symptoms.seen.get((Symptom.CLIPPED, ""))
+    assert (found is not None and found.sure) == is_limited
+    assert found is None or found.size == pytest.approx(0.5)
 
 
 def test_a_robot_that_creeps_through_its_first_two_minutes_shows_that_it_skids_and_one_that_stands_nothing() -> None:
