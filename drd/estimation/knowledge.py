@@ -5,7 +5,7 @@ from drd.estimation.agreement import Agreement
 from drd.estimation.applied import Applied
 from drd.estimation.estimate import forget_gyro, forget_wheels
 from drd.estimation.health import Reasons
-from drd.estimation.learning import Learned, RestNoise, WheelNoise
+from drd.estimation.learning import Drive, Learned, RestNoise, WheelNoise
 from drd.estimation.noise import NoiseProfile
 from drd.estimation.state import Sigmas
 from drd.estimation.steering import Steering
@@ -65,12 +65,15 @@ class Knowledge:
         else:
             # Slip that the gate found is no noise, and must not pass for it.
             self.wheel_noise.take(kf, is_usual=not self._reasons.has("agreement"))
+            if self.steering.drive is Drive.UNKNOWN:
+                track.tell_turn_anew()
             if not self.steering.watch(kf):
                 self.agreement.slip(track, t_ns, 0.0)
 
     def begin_anew(self) -> None:
         """The filter starts again, and only the gyro's noise is known."""
         self._track.kf.restart(self._config.robot.tread_m, self._sigmas)
+        self._track.alone_rad = 0.0
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)
         self.agreement = self.agreement.anew(self._track)
         self.applied = Applied()
@@ -79,6 +82,7 @@ class Knowledge:
 
     def pose_was_set(self) -> None:
         """Forget errors of the pose from before: they are not in it any more."""
+        self._track.alone_rad = 0.0
         self.steering.pose_was_set()
         self.agreement.pose_was_set(self._track)
         self._track.hindsight.begin(self._track.kf, self._track.t_ns)

@@ -173,6 +173,15 @@ class State:
         self.given += 1
         self._p[DD] += variance_m2
 
+    def tell_turn_anew(self, turn_rad: float, tread_m: float) -> None:
+        """A turn that the wheels alone have told, with a tread that was just corrected: it goes with 1/D. (34)"""
+        n = self.nominal
+        share = tread_m / n.tread_m
+        beyond_rad = turn_rad * (share + 1.0 / share - 2.0)
+        n.heading_rad, n.gyro_heading_rad = n.heading_rad + beyond_rad, n.gyro_heading_rad + beyond_rad
+        slope = turn_rad / tread_m * (1.0 - share)  # by `share` again in the next step, where dD/D stays
+        self.spread_error(TREAD, {HEADING: slope, GYRO_HEADING: slope})
+
     def add_lag_variance(self, variance_s2: float) -> None:
         """The lag may be another, and the gyro's heading at the wheels' time with it while the robot turns. (30)"""
         self.given += 1

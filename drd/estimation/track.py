@@ -40,6 +40,9 @@ class Track:
     unseen_s: float = 0.0  # no wheels
     blind_s: float = 0.0  # neither wheels nor gyro
     no_gyro_s: float = 0.0
+    # The turn that only the wheels have told, since the pose was set, and with which tread.
+    alone_rad: float = 0.0
+    alone_tread_m: float = 0.0
     _compared_ns: int = 0  # the end of the gyro's sample that was compared last
     gyro_ns: int = 0  # the time of the gyro up to which its rates have been used
     # Since the gyro's last step the lag has grown by this, and the gyro's heading has been turned for it by this. (30)
@@ -118,6 +121,14 @@ class Track:
         n.x_m, n.y_m = n.x_m + 0.5 * (left_m + right_m) * cos(middle), n.y_m + 0.5 * (left_m + right_m) * sin(middle)
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
+    def tell_turn_anew(self) -> None:
+        """A comparison may have changed the tread: what the wheels alone have told is told with the new one. (34)"""
+        tread_m = self.kf.nominal.tread_m
+        if self.alone_rad and tread_m != self.alone_tread_m:
+            self.kf.tell_turn_anew(self.alone_rad, self.alone_tread_m)
+            self.alone_rad *= self.alone_tread_m / tread_m
+            self.alone_tread_m = tread_m
+
     def _step(self, piece: Piece, rates: Stream) -> None:
         start_ns, end_ns, wheels, gyro = piece
         kf, dt_s = self.kf, (end_ns - start_ns) * S_PER_NS
@@ -149,6 +160,8 @@ class Track:
             if not gyro:
                 kf.anchor_gyro()  # (35)
                 self.no_gyro_s += dt_s
+                self.alone_tread_m = kf.nominal.tread_m
+                self.alone_rad += (right_m_s - left_m_s) * dt_s / self.alone_tread_m
                 if self.no_gyro_s > self.no_gyro_after_s:
                     self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
             elif left_m_s or right_m_s:

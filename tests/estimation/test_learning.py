@@ -211,6 +211,38 @@ def test_a_tread_between_those_of_both_drives_is_not_decided_yet() -> None:
     assert e.knowledge.steering.drive is Drive.DIFFERENTIAL
 
 
+def test_a_turn_that_the_gyro_missed_is_told_anew_once_the_tread_is_known() -> None:
+    """1.8 of the stated tread, 2.5 rad without a gyro: a heading that goes with dD, not with 1/D, is 1 rad off."""
+    e, random = make(ROBOT), np.random.default_rng(1)
+    for step in range(1, 561):
+        t_ns, turns, drives = T0 + step * S // 20, 220 < step <= 420, step > 160
+        half = 0.5 * 0.9 * 0.5 * 0.05 * turns
+        left, right = 0.05 * drives + np.array((-half, half)) + 0.001 * drives * random.normal(size=2)
+        pose = e.add_wheels(WheelSample(t_ns, 0.05, float(left), float(right), 0.0))
+        if step % 2 == 0 and not 210 < step <= 320:
+            e.add_gyro(GyroSample(t_ns, 0.1, 0.5 * turns + 1e-4 * float(random.normal()), 25.0))
+    assert pose is not None
+    assert e.knowledge.steering.drive is Drive.SKID
+    sigma_rad = math.sqrt(pose.covariance[5])
+    assert pose.heading_rad == pytest.approx(5.0, abs=1.5 * sigma_rad)
+    assert sigma_rad < 0.4
+
+
+def test_what_the_wheels_have_told_goes_with_one_over_the_tread() -> None:
+    kf, turn_rad = make().filter, 2.0
+    turns_by_rad = -turn_rad / 0.5
+    kf.P[TREAD, TREAD] = 0.1**2
+    kf.spread_error(TREAD, {HEADING: turns_by_rad, GYRO_HEADING: turns_by_rad})
+    kf.nominal.heading_rad = kf.nominal.gyro_heading_rad = turn_rad + turns_by_rad * 0.3  # as an update has it
+    kf.nominal.tread_m = 0.8
+    kf.tell_turn_anew(turn_rad, 0.5)
+    kf.predict(0.1, 0.0, 0.0, None)
+    for heading in (HEADING, GYRO_HEADING):
+        assert kf.P[heading, TREAD] / kf.P[TREAD, TREAD] == pytest.approx(-turn_rad * 0.5 / 0.8**2)
+    assert kf.nominal.heading_rad == pytest.approx(turn_rad * 0.5 / 0.8)
+    assert kf.nominal.gyro_heading_rad == pytest.approx(turn_rad * 0.5 / 0.8)
+
+
 def test_a_straight_line_does_not_tell_it_and_the_bound_covers_both() -> None:
     straight = [
         (t, s._replace(rate_rad_s=0.0) if isinstance(s, GyroSample) else s._replace(left_m=0.05, right_m=0.05))
