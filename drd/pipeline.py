@@ -64,9 +64,10 @@ def _fog_decoding(config: Config) -> tuple[Fog, float]:
 
 
 def _encoder_decoding(config: Config) -> tuple[Encoders, tuple[float, ...]]:
-    """What the encoders' decoding depends on; the port's own keys set to anything."""
+    """What the encoders' decoding depends on; the port's own keys set to anything, and the name of a file."""
     e, r = config.encoders, config.robot
     e = replace(e, interface="", channel="", bitrate=None, open_delay_s=0.0, queue_frames=0, silent_after_s=0.0)
+    e = replace(e, dbc=replace(e.dbc, file=None))
     return e, (r.wheel_radius_m, r.left_scale, r.right_scale, r.max_speed_m_s)
 
 
@@ -100,7 +101,8 @@ class Pipeline:
         self.encoders = EncoderStream(config.encoders, config.robot, base)
         self.estimator = self._make_estimator(config, self.calibration)
         self.reasons = self.estimator.reasons
-        self.basis = basis_of(config, self.calibration, self.model, self.estimator.estimates_gyro_scale)
+        estimates_scale, from_file = self.estimator.estimates_gyro_scale, self.encoders.from_file
+        self.basis = basis_of(config, self.calibration, self.model, estimates_scale, from_file)
         self._side_silent_ns = round(config.encoders.silent_after_s * NS_PER_S)
 
     def _make_compensation(self, recording: str | None) -> Compensation | None:
@@ -135,7 +137,8 @@ class Pipeline:
         old, new = self._config, fresh._config
         if _fog_decoding(old) != _fog_decoding(new):
             self.fog = fresh.fog
-        if _encoder_decoding(old) != _encoder_decoding(new):
+        same_file = self.encoders.from_file == fresh.encoders.from_file
+        if not same_file or _encoder_decoding(old) != _encoder_decoding(new):
             self.encoders = fresh.encoders
         wheels = changes(self.basis.wheels, fresh.basis.wheels)
         gyro = changes(self.basis.gyro, fresh.basis.gyro)
@@ -197,14 +200,13 @@ class Pipeline:
             self.estimator.stalled()
 
     def port_state(self, source: str, text: str | None, now_ns: int) -> None:
-        """A port's trouble (None: it is open) becomes a reason; a new opening starts the parser afresh."""
+        """A port's trouble (None: it is open) becomes a reason; either starts the parser afresh."""
         self._record("port_state", now_ns, source=source, text=text)
         self.reasons.update(source, text, now_ns)
-        if text is not None:
-            if source == "fog.port" and self.fog is not None:
-                self.fog.restart()
-            elif source == "encoders.port":
-                self.encoders.restart()
+        if source == "fog.port" and self.fog is not None:
+            self.fog.restart()
+        elif source == "encoders.port":
+            self.encoders.restart()
 
     def set_pose(
         self, now_ns: int, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float

@@ -19,6 +19,10 @@ class FogReading(NamedTuple):
     temperature_c: float
     valid: bool
 
+    def is_copy_of(self, before: "FogReading | None") -> bool:
+        """Whether a line or adapter has delivered the packet twice: its turn must not count again."""
+        return before is not None and self.sequence is not None and self[:3] == before[:3]
+
 
 class GyroSample(NamedTuple):
     """Mean yaw rate, counter-clockwise positive, over the `interval_s` seconds that end at `t_ns`."""

@@ -245,6 +245,28 @@ def test_after_a_suspension_the_pose_is_worth_what_it_is_after_a_restart(
     assert math.isfinite(after.position_bound_m)
 
 
+@pytest.mark.parametrize("reloads", [False, True])
+def test_a_robot_that_was_suspended_is_not_at_the_origin_whatever_a_restart_makes_of_its_pose(
+    config: Config, monkeypatch: pytest.MonkeyPatch, reloads: bool
+) -> None:
+    made = Run(config, NS_PER_S)
+    estimation = dataclasses.replace(config.estimation, invalid_after_s=100.0)
+    state = dataclasses.replace(config.state, pose="origin")
+    origin = dataclasses.replace(config, state=state, estimation=estimation)
+    keeper, asleep = kept(config if reloads else origin, made, monkeypatch)
+    if reloads:
+        keeper.put_in_force(origin)
+    made.feed([a for a in Circle(config).arrivals(SECONDS) if a.t_ns <= 8 * NS_PER_S])
+    before = made.poses[-1]
+    asleep[0] += 50 * NS_PER_S
+    keeper.tick(9 * NS_PER_S)
+    estimate = made.pipeline.estimator.estimate()
+    assert estimate is not None
+    assert not estimate.lost  # after 50 s of 100
+    assert math.dist((estimate.nominal.x_m, estimate.nominal.y_m), (before.x_m, before.y_m)) < 0.1
+    assert math.hypot(before.x_m, before.y_m) > 0.3
+
+
 def test_a_run_with_a_suspension_is_replayed_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     live, asleep = drive(tmp_path), [0]
     monkeypatch.setattr(keeper_module, "asleep_ns", lambda: asleep[0])

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import zenoh
 
-from drd.commands import command
+from drd.commands import command, number
 from drd.commands.pose_lines import print_poses
 from drd.output.session import isolated_config, tidy
 from drd.units import DEG_PER_RAD, NS_PER_S
@@ -73,7 +73,8 @@ def main(argv: list[str]) -> int:
 def _arguments(argv: list[str]) -> argparse.Namespace:
     parser = command("drd watch", DESCRIPTION, EPILOG, [daemon_arguments()])
     add = parser.add_argument
-    add("--seconds", type=float, metavar="N", help=f"end after N seconds (default: never; with --once {ONCE_S:g})")
+    text = f"end after N seconds (default: never; with --once {ONCE_S:g})"
+    add("--seconds", type=number(0.0, above=True), metavar="N", help=text)
     add("--once", action="store_true", help="end after the first pose; exit code 1 if none comes within --seconds")
     form = parser.add_mutually_exclusive_group().add_argument
     form("--plain", action="store_true", help="one line a second, as is done where the output is not a terminal")

@@ -31,6 +31,7 @@ class _Field:
         self.can_id = (message.frame_id, message.is_extended_frame)
         self.length = message.length
         self._signal = signal
+        self.text = f"{self.can_id} {self.length} {signal.scale} {signal.offset}"
         # The signals that select this one in a multiplexed message, each with the values that do.
         self._selectors: list[tuple[str, list[int]]] = []
         plain = [_plain(signal)]
@@ -38,6 +39,9 @@ class _Field:
             self._selectors.append((signal.multiplexer_signal, signal.multiplexer_ids or []))
             signal = message.get_signal_by_name(signal.multiplexer_signal)
             plain.append(_plain(signal))
+        for part in plain:
+            self.text += f" {part.name} {part.start} {part.length} {part.byte_order} {part.is_signed} {part.is_float}"
+        self.text += f" {self._selectors}"
         try:
             self._codec = type(message)(
                 message.frame_id,
@@ -87,6 +91,7 @@ class Dbc(Layout):
             field = _Field(message, signal, base, side)
             self._fields.setdefault(field.can_id, []).append((side, field))
         self.can_ids = tuple(self._fields)
+        self.from_file = "; ".join(field.text for fields in self._fields.values() for _, field in fields)
         self.modulus_counts: int | None = None if self.reports_speed else _modulus_counts(found, base)
         self.counters = {"wrong_length": 0, "undecodable": 0, "not_finite": 0}
 

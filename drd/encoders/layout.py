@@ -27,6 +27,7 @@ class Layout(Protocol):
     `counts_per_revolution`: counts of one turn of the wheel; 1 where a reading is in revolutions.
     `reports_speed`: a reading is the speed of the wheel's rim in m/s instead of a count.
     `cyclic`: a frame that the daemon shall send again and again, and its period in seconds.
+    `from_file`: what it takes from a file, whatever the file's name; None: nothing.
     """
 
     can_ids: tuple[tuple[int, bool], ...]
@@ -35,6 +36,7 @@ class Layout(Protocol):
     counts_per_revolution: float = 1.0
     reports_speed: bool = False
     cyclic: tuple[CanFrame, float] | None = None
+    from_file: str | None = None
 
     def metres_per_count(self, radius_m: float) -> float:
         """Travel of a wheel of this radius in one count; 1 where readings are speeds."""

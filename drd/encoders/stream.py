@@ -23,13 +23,14 @@ class EncoderStream:
 
     `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send again and again and
     its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first.
-    `resolution_m`: travel of one count of the coarser side.
+    `resolution_m`: travel of one count of the coarser side. `from_file`: see Layout.
     """
 
     def __init__(self, encoders: Encoders, robot: Robot, base: Path):
         self._layout = make_layout(encoders, base)
         self.can_ids = self._layout.can_ids
         self.cyclic = self._layout.cyclic
+        self.from_file = self._layout.from_file
         self.last_ns: dict[Side, int | None] = dict.fromkeys(Side)
         self._known_ids = frozenset(self.can_ids)
         self._latency_ns = round(encoders.latency_s * NS_PER_S)

@@ -16,7 +16,7 @@ WHEEL_KEYS: Final = (
     "encoders.left.node", "encoders.left.reversed", "encoders.left.message", "encoders.left.signal",
     "encoders.right.node", "encoders.right.reversed", "encoders.right.message", "encoders.right.signal",
     "encoders.odrive.message", "encoders.vesc.pole_pairs", "encoders.vesc.gear_ratio",
-    "encoders.dbc.file", "encoders.dbc.quantity", "encoders.dbc.speed_unit_m_s",
+    "encoders.dbc.quantity", "encoders.dbc.speed_unit_m_s",
 )  # fmt: skip
 GYRO_KEYS: Final = (
     "fog.protocol", "fog.full_scale_deg_s", "fog.positive", "fog.axis", "fog.dsp3000.mode", "fog.dsp17xx.rotation",
@@ -38,10 +38,19 @@ class Basis:
     provenance: dict[str, dict[str, str]]
 
 
-def basis_of(config: Config, calibration: Calibration | None, model: Model | None, estimates_scale: bool) -> Basis:
-    """The basis of a configuration with the files that it names."""
+def basis_of(
+    config: Config,
+    calibration: Calibration | None,
+    model: Model | None,
+    estimates_scale: bool,
+    encoder_file: str | None = None,
+) -> Basis:
+    """The basis of a configuration with the files that it names. `encoder_file`: what the encoders' layout takes from
+    one.
+    """
     in_model = _digest([(t.effect.id, sorted(t.parameters.items())) for t in model.terms]) if model else "none"
     wheels = {path: attrgetter(path)(config) for path in WHEEL_KEYS} | {"model": in_model}
+    wheels["encoders.dbc.file"] = None if encoder_file is None else _digest(encoder_file)
     gyro = {path: attrgetter(path)(config) for path in GYRO_KEYS}
     gyro |= {"calibration": _calibration(calibration), "model": in_model, "gyro scale estimated": estimates_scale}
     sources = {"calibration": calibration, "model": model}

@@ -17,7 +17,7 @@ from drd.estimation.pose_maker import PoseMaker
 from drd.estimation.progress import Progress
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement, BiasState, Standstill
-from drd.estimation.state import GYRO_BIAS, X, Y
+from drd.estimation.state import GYRO_BIAS, HEADING_UNKNOWN_RAD2, POSITION_UNKNOWN_M2, X, Y
 from drd.estimation.steering import as_modelled
 from drd.estimation.stuck import Stuck
 from drd.estimation.track import MakeTrack, make_track
@@ -299,7 +299,11 @@ class Estimator:
     # ---- commands ----------------------------------------------------------------------------------------------
 
     def set_pose(self, x_m: float, y_m: float, heading_rad: float, sigma_m: float, sigma_rad: float) -> None:
-        """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays."""
+        """Take a pose from outside with its standard deviations, for now; what was learned of the sensors stays.
+
+        They count up to those of a pose of which nothing is known.
+        """
+        sigma_m, sigma_rad = min(sigma_m, POSITION_UNKNOWN_M2**0.5), min(sigma_rad, HEADING_UNKNOWN_RAD2**0.5)
         self._set_pose((x_m, y_m, heading_rad), self._progress.moved(), sigma_m, sigma_rad)
 
     def _set_pose(self, asked: Place, moved: Place, sigma_m: float, sigma_rad: float) -> None:

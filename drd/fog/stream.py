@@ -33,7 +33,7 @@ class FogStream:
         self._spans_losses = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
         self._last: GyroSample | None = None
         self._suspect: GyroSample | None = None
-        self._newest: tuple[int | None, float] | None = None
+        self._newest: FogReading | None = None
         self._counters = dict.fromkeys(("samples", "doubled", "over_range", "implausible"), 0)
         self.temperature_c: float | None = None
 
@@ -72,10 +72,7 @@ class FogStream:
         self._drop_suspect()
 
     def _is_copy(self, reading: FogReading) -> bool:
-        """Whether a line or adapter has delivered the packet before: its turn must not count twice."""
-        newest = (reading.sequence, reading.value)
-        is_copy = reading.sequence is not None and newest == self._newest
-        self._newest = newest
+        is_copy, self._newest = reading.is_copy_of(self._newest), reading
         self._counters["doubled"] += is_copy
         return is_copy
 

@@ -178,10 +178,12 @@ class Daemon:
         """Go on with the new configuration, from the same pose; open ports anew where their sections changed."""
         old, new = self._config, prepared.loaded.value
         reopen = (new.fog, new.encoders) != (old.fog, old.encoders)
+        reopen |= prepared.pipeline.encoders.can_ids != self.pipeline.encoders.can_ids  # a DBC file that was edited
         if reopen:
             await self._tasks.cancel(self._input_tasks)
         anew = self.pipeline.reload(time.monotonic_ns(), prepared.pipeline, prepared.files)
         self._loaded, self._config = prepared.loaded, new
+        self._state.put_in_force(new)
         self._put_monitor_in_force()
         if reopen:
             self._open_inputs()

@@ -3,6 +3,7 @@
 import logging
 import os
 import time
+from dataclasses import replace
 from typing import Any, Final
 
 from drd.config.keys import Config
@@ -57,6 +58,10 @@ class StateKeeper:
         log.log(logging.WARNING if "refused" in self.start_text else logging.INFO, "start=%s", self.start_text)
         self._store.start()
 
+    def put_in_force(self, config: Config) -> None:
+        """Go on with another configuration; the file stays."""
+        self._config = config
+
     def tick(self, now_ns: int) -> None:
         """To be called often: has the state written where it is time, and notices that the machine was suspended."""
         before_ns, self._asleep_ns = self._asleep_ns, asleep_ns()
@@ -82,7 +87,9 @@ class StateKeeper:
             return
         then, now = Moment(0, 0, THIS_RUN), Moment(0, slept_ns, THIS_RUN)
         saved = Saved(estimate, then, self._pipeline.basis, self._config.robot.name)
-        restart = warm_restart(saved, now, self._config, self._pipeline, clock_chip=False)
+        # `state.pose: origin` is for robots that are switched on at one place: this one was not switched off.
+        config = replace(self._config, state=replace(self._config.state, pose="continue"))
+        restart = warm_restart(saved, now, config, self._pipeline, clock_chip=False)
         self._pipeline.resume(now_ns, restart.estimate, restart.bias_known)
         self._due_ns = now_ns
         log.warning("the machine was suspended: %s", restart.text)

@@ -138,6 +138,20 @@ def test_what_does_not_fit_the_file_is_refused_by_its_key(base: Path, encoders: 
         make_layout(encoders, base)
 
 
+def test_what_it_takes_from_the_file_tells_another_layout_and_not_another_name_or_comment(base: Path) -> None:
+    def taken(text: str, name: str = "robot.dbc", encoders: Encoders = COUNTS) -> str:
+        (base / name).write_text(text)
+        found = make_layout(replace(encoders, dbc=replace(encoders.dbc, file=name)), base).from_file
+        assert found is not None
+        return found
+
+    assert taken(TEXT) == taken(TEXT + 'CM_ BO_ 256 "the wheels";\n', "other.dbc")
+    changes = [("BO_ 256 W", "BO_ 257 W"), ("LEFT_COUNT : 0|16", "LEFT_COUNT : 1|16"), ("16|16@1-", "16|16@1+")]
+    assert len({taken(TEXT), *(taken(TEXT.replace(old, new)) for old, new in changes)}) == 4
+    mux = replace(COUNTS, left=Left(message="MUX", signal="MUX_LEFT"), right=Right(message="MUX", signal="MUX_RIGHT"))
+    assert taken(TEXT, encoders=mux) != taken(TEXT.replace("MUX_LEFT m1", "MUX_LEFT m3"), encoders=mux)
+
+
 def test_a_missing_cantools_is_refused_with_the_command_that_installs_it(
     base: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 from sensors import KNOWN, NO_BIAS, ROBOT, T0, S, Sample, drive, feed, final, make
 
 from drd.estimation.calibration import Calibration
+from drd.estimation.estimate import check_covariance
 from drd.estimation.estimator import Estimator
 from drd.estimation.uncertainty import lead_moments
 from drd.samples import GyroSample, Pose, Validity, WheelSample
@@ -245,6 +246,16 @@ def test_set_pose_and_reset() -> None:
     assert pose.covariance[0] == pytest.approx(0.04, rel=0.05)
     e.reset()
     assert final(feed(e, drive(0.05, speed_m_s=0.0, start_s=5.05))) == pytest.approx((0.0, 0.0, 0.0), abs=0.01)
+
+
+def test_a_pose_that_is_set_as_hardly_known_leaves_an_estimate_that_can_be_kept() -> None:
+    e = make()
+    feed(e, drive(5))
+    e.set_pose(1.0, 2.0, 0.5, 1e7, 1e7)
+    feed(e, drive(1, start_s=5.0))
+    estimate = e.estimate()
+    assert estimate is not None
+    check_covariance(estimate.P)
 
 
 def test_a_position_bound_beyond_its_limit_is_invalid() -> None:

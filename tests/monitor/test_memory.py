@@ -1,5 +1,7 @@
 """What is remembered of a robot: levels, leaks and changed tyres over simulated weeks, and what a drive begins with."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -103,6 +105,19 @@ def test_a_clock_that_was_not_set_or_ran_ahead_spoils_nothing() -> None:
     ahead = remember(memory, msgspec.structs.replace(memory.days[-1], wall_ns=FIRST_NS + 4000 * DAY_NS))
     again = remember(ahead, msgspec.structs.replace(memory.days[-1], wall_ns=FIRST_NS + 10 * DAY_NS))
     assert len(ahead.days) == len(again.days) == 11
+
+
+def test_a_drive_that_tells_too_little_of_the_lag_is_no_day() -> None:
+    """A straight line where `timing_s` is large: the daemon takes no day whose deviation is so large."""
+    config, random = demo_config(), np.random.default_rng(0)
+    noise = replace(config.estimation.noise, timing_s=0.2)
+    config = replace(config, estimation=replace(config.estimation, noise=noise))
+    monitor = LastingMonitor(config, Memory("a robot"), FIRST_NS, 0)
+    for t_ns in range(50_000_000, 80_000_000_000, 50_000_000):
+        monitor.gyro(GyroSample(t_ns, 0.05, float(random.normal(0.0, 1e-4)), 25.0))
+        monitor.wheels(WheelSample(t_ns, 0.05, 0.025, 0.025, 0.0))
+    monitor.findings()
+    assert monitor.day is None
 
 
 def test_a_drive_begins_with_what_is_known_and_sees_overnight_changes() -> None:

@@ -13,6 +13,9 @@ from drd.config.schema import loads
 from drd.pipeline import Pipeline
 from drd.samples import Pose, Validity
 
+ROBOT = "robot: {wheel_radius_m: 0.1, tread_m: 0.5}\n"
+ENCODERS = """{layout: dbc, interface: slcan, channel: /nowhere/can, counts_per_revolution: 1000,
+  dbc: {file: robot.dbc}, left: {message: WHEELS, signal: LEFT}, right: {message: WHEELS, signal: RIGHT}}"""
 TICK = 200  # of 50 ms; the robot drives circles and its bias has been measured
 
 
@@ -57,6 +60,45 @@ def test_what_decoding_does_not_depend_on_does_not_interrupt_it(tmp_path: Path) 
         runs.append(run(tmp_path / name, change))
     for a, b in zip(as_rows(runs[0].poses), as_rows(runs[1].poses), strict=True):
         assert a == pytest.approx(b, rel=1e-9, abs=1e-12)
+
+
+DBC = """\
+VERSION ""
+BU_: ROBOT
+BO_ 256 WHEELS: 8 ROBOT
+ SG_ LEFT : 0|16@1+ (1,0) [0|0] "" ROBOT
+ SG_ RIGHT : 16|16@1+ (1,0) [0|0] "" ROBOT
+"""
+
+
+@pytest.mark.parametrize("other", [DBC.replace("256", "300"), DBC.replace("0|16", "32|16"), DBC])
+def test_a_dbc_file_that_was_edited_in_place_is_another_layout_and_its_name_tells_nothing(
+    tmp_path: Path, other: str
+) -> None:
+    text = ROBOT + f"fog: {{port: /nowhere/fog}}\nencoders: {ENCODERS}\n"
+
+    def made(name: str) -> Pipeline:
+        return Pipeline(loads(text.replace("robot.dbc", name), Config).value, tmp_path, lambda *_: None)
+
+    (tmp_path / "robot.dbc").write_text(DBC)
+    (tmp_path / "other.dbc").write_text(other)
+    pipeline = made("robot.dbc")
+    before, fresh = pipeline.encoders, made("other.dbc")
+    anew = pipeline.reload(1, fresh, {})
+    assert (pipeline.encoders is before) is (other == DBC)
+    assert (anew == []) is (other == DBC)
+    assert pipeline.encoders.can_ids == fresh.encoders.can_ids
+
+
+def test_a_port_that_is_opened_anew_leaves_no_half_of_a_packet(tmp_path: Path) -> None:
+    text = ROBOT + "fog: {protocol: dsp3000, port: /nowhere/fog}\nencoders: {layout: agilex, channel: /nowhere/can}\n"
+    pipeline = Pipeline(loads(text, Config).value, tmp_path, lambda *_: None)
+    assert pipeline.fog is not None
+    pipeline.port_state("fog.port", None, 1)
+    pipeline.on_fog_bytes(b"   19.99", 2)
+    pipeline.port_state("fog.port", None, 3)  # a reload opens the ports again, and none was lost
+    pipeline.on_fog_bytes(b"0000 1\r\n", 4)
+    assert pipeline.fog.counters["frames"] == 0
 
 
 MODEL = """\

@@ -14,6 +14,8 @@ from import_files import COUNTS, EPOCH_NS, ROBOT, write_bag, write_frames, write
 from mcap.writer import Writer as McapWriter
 
 from drd.cli import main
+from drd.config.file import load_config
+from drd_tools.emulate.fog_packets import make_encoder
 from drd_tools.importing.examine import WheelTravel
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
@@ -302,6 +304,20 @@ def test_bytes_of_a_gyro(tmp_path: Path) -> None:
     written = np.loadtxt(tmp_path / "out" / "fog.csv", delimiter=",", skiprows=1)
     assert written[:, 1] == pytest.approx([-rate for rate in rates])  # fog.positive is clockwise
     assert np.diff(written[:, 0]) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_packet_that_was_delivered_twice_counts_once(tmp_path: Path, packed: bool) -> None:
+    config, path = tmp_path / "robot.yaml", tmp_path / ("fog.bin.gz" if packed else "fog.bin")
+    config.write_text(CONFIG.replace("protocol: dsp3000, rate_hz: 10", "protocol: dsp17xx, rate_hz: 1000"))
+    encoder = make_encoder(load_config(config).value.fog)
+    packets = [encoder.encode(0.001 * k, 0.001, 25.0) for k in range(200)]
+    data = b"".join([*packets[:50], packets[49], *packets[50:]])
+    path.write_bytes(gzip.compress(data) if packed else data)
+    assert run(path, "--config", config, "--gyro", "fog", "--output", tmp_path / "out") == 0
+    written = np.loadtxt(tmp_path / "out" / "fog.csv", delimiter=",", skiprows=1)
+    assert np.diff(written[:, 0]) == pytest.approx(0.001)
+    assert len(written) == 200
 
 
 def test_an_earlier_import_is_replaced_and_nothing_else_is(bag: Path, tmp_path: Path) -> None:

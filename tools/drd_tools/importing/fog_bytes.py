@@ -1,5 +1,6 @@
 """Raw bytes of a fibre-optic gyro, as its serial line gave them, read by the daemon's own parsers."""
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ from tqdm import tqdm
 from drd.config.file import load_config
 from drd.config.schema import ConfigError
 from drd.fog import make_protocol
+from drd.samples import FogReading
 from drd.units import NS_PER_S
+from drd_tools.importing.can_formats import opened
 from drd_tools.importing.streams import Gyro, Origin, Source, in_order
 
 CHUNK = 1 << 16
@@ -32,6 +35,14 @@ class FogBytes(Source):
             f"  drd import {self.path} --config CONFIG --gyro fog --output DIR",
         ]
 
+    def _read(self) -> bytes:
+        try:
+            with opened(self.path) as file:
+                data: bytes = file.read()
+        except (OSError, EOFError, zlib.error) as error:
+            raise ConfigError(str(self.path), "", "a readable file of a gyro's bytes", str(error)) from error
+        return data
+
     def gyro(self, name: str) -> tuple[Gyro, Origin]:
         """The valid readings, as rates; `fog.positive` is applied."""
         if name != "fog":
@@ -42,10 +53,12 @@ class FogBytes(Source):
         if fog.protocol == "none":
             raise ConfigError(str(self._config), "fog.protocol", "the gyro's protocol", "'none'")
         protocol = make_protocol(fog)
-        data = self.path.read_bytes()
-        readings = []
+        data = self._read()
+        readings: list[FogReading] = []
         for begin in tqdm(range(0, len(data), CHUNK), "bytes", disable=None, leave=False, delay=1.0):
-            readings += protocol.feed(data[begin : begin + CHUNK])
+            for reading in protocol.feed(data[begin : begin + CHUNK]):
+                if not (readings and reading.is_copy_of(readings[-1])):
+                    readings.append(reading)
         # A packet's count says how many were lost before it, up to a whole turn of the count.
         modulus = protocol.sequence_modulus
         counts = [r.sequence for r in readings if r.sequence is not None]

@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 
 from drd.output.forms import pose_request
 from drd.output.messages import Refused
-from drd.output.session import isolated_config, tidy
+from drd.output.session import isolated_config, refusal, tidy
 from drd_tools.ros2.messages import Messages
 
 __all__ = ["BAD_ARGUMENTS", "DrdNode", "ExternalShutdownException"]
@@ -117,7 +117,7 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
         if not replies:
             return "no answer from drd"
         reply = replies[0]
-        return None if reply.ok is not None else str(json.loads(reply.err.payload.to_bytes())["error"])
+        return None if reply.ok is not None else refusal(reply.err.payload.to_bytes())
 
     def _reset(self, _: Any, response: Any) -> Any:
         refusal = self._ask("reset", {})

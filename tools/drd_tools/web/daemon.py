@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 import zenoh
 
-from drd.output.session import tidy
+from drd.output.session import refusal, tidy
 
 log = logging.getLogger(__name__)
 
@@ -94,9 +94,9 @@ class DaemonLink:
             return False, {"error": "the daemon cannot be reached"}
         try:
             for reply in self._session.get(f"{self._prefix}/{name}", payload=payload, timeout=_ANSWER_S):
-                good = reply.ok is not None
-                answer = msgspec.json.decode((reply.ok if good else reply.err).payload.to_bytes(), type=dict[str, Any])
-                return good, answer
+                if reply.ok is None:
+                    return False, {"error": refusal(reply.err.payload.to_bytes())}
+                return True, msgspec.json.decode(reply.ok.payload.to_bytes(), type=dict[str, Any])
         except zenoh.ZError as error:
             return False, {"error": tidy(error)}
         except (msgspec.DecodeError, UnicodeDecodeError):
