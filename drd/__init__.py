@@ -12,16 +12,20 @@ if TYPE_CHECKING:
     from drd.config.robot import Robot
     from drd.config.schema import ConfigError
     from drd.estimation.estimator import Estimator
+    from drd.samples import GyroSample, Pose, WheelSample
 
 __version__ = "0.1.0"
-__all__ = ["ConfigError", "Estimator", "Poses", "Robot", "run_filter"]
+__all__ = ["ConfigError", "Estimator", "GyroSample", "Pose", "Poses", "Robot", "WheelSample", "run_filter"]
 
 # Loaded when they are asked for: a command or a module of drd does not wait for what it does not use.
 HOMES: Final = {
     "ConfigError": "drd.config.schema",
     "Estimator": "drd.estimation.estimator",
+    "GyroSample": "drd.samples",
+    "Pose": "drd.samples",
     "Poses": "drd.batch.poses",
     "Robot": "drd.config.robot",
+    "WheelSample": "drd.samples",
     "run_filter": "drd.batch.poses",
 }
 
@@ -32,3 +36,6 @@ if not TYPE_CHECKING:
         if name not in HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return getattr(importlib.import_module(HOMES[name]), name)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

@@ -87,6 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     # python-can logs each failed attempt to open a bus; the port's state says it once.
     logging.getLogger("can").setLevel(logging.CRITICAL)
+    logging.getLogger("numexpr").setLevel(logging.WARNING)  # pandas has it say how many threads it takes
     about = COMMANDS[chosen.command]
     try:
         call: Callable[[list[str]], int] = importlib.import_module(about.module).main

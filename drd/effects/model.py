@@ -120,7 +120,12 @@ def _names(text: str) -> list[str]:
 
 def load_model(file: Path) -> Model:
     """Read a model file. Raises ConfigError with file, line, key, expected and got; nothing else escapes."""
-    return loads_model(read_text(file), str(file))
+    try:
+        text = read_text(file)
+    except ConfigError as error:
+        # The key that names it, which has a line in the configuration.
+        raise ConfigError(str(file), "model.file", "a readable YAML file", f"{error.where}: {error.got}") from error
+    return loads_model(text, str(file))
 
 
 def loads_model(text: str, where: str = "(text)") -> Model:

@@ -214,6 +214,7 @@ for name in ("zenoh", "can", "serial", "scipy", "matplotlib", "mcap", "tqdm", "t
     sys.modules[name] = None
 import drd
 assert not {{"numpy", "yaml", "msgspec"}} & sys.modules.keys(), "import drd is light"
+assert set(drd.__all__) <= set(dir(drd))
 for name in drd.__all__:
     getattr(drd, name)
 runpy.run_path({str(ROOT / "tools/examples/filter_arrays.py")!r})

@@ -160,7 +160,7 @@ def test_a_good_configuration_is_taken_up_and_the_pose_goes_on(served: Served) -
 BAD = {
     ("tread_m: 0.6", "tread_m: -1"): "robot.yaml:1: robot.tread_m: expected a number in m from 0.02 to 20, got '-1'",
     ("realtime:", "calibration: {file: none.yaml}\nrealtime:"): ": calibration.file: expected a readable YAML file",
-    ("realtime:", "model: {file: none.yaml}\nrealtime:"): "none.yaml: (top level): expected a readable UTF-8 text file",
+    ("realtime:", "model: {file: none.yaml}\nrealtime:"): "model.file: expected a readable YAML file",
     ("robot:", "robott:"): "robot.yaml:1: robott: expected one of robot, fog",
     ("output: {", "output: {prefix: 'a//b', "): "output.prefix: expected a Zenoh key",
     ("output: {", "output: {zenoh_config: none.json5, "): ": output.zenoh_config: expected a Zenoh configuration file",

@@ -41,7 +41,7 @@ CONNECT_S = 15.0
 # With --fault: onset in the middle, after which the rest is driven for the monitor; sigmas that gather within 100 m.
 FAULT_SECONDS: Final = 240.0
 FAULT_SHARE: Final = 0.45
-FAULT_D: Final = 25.0
+FAULT_D: Final = 12.0
 FAULT_TRIES: Final = 20
 DESCRIPTION: Final = """\
 Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true and the estimated path, the
@@ -174,6 +174,7 @@ def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator,
     with session:
         subscriber = session.declare_subscriber(f"{prefix}/pose", zenoh.handlers.FifoChannel(4096))
         findings = session.declare_subscriber(f"{prefix}/findings", zenoh.handlers.FifoChannel(256))
+        health = session.declare_subscriber(f"{prefix}/health", zenoh.handlers.FifoChannel(256))
         end_s = emulator.start_ns * 1e-9 + seconds
         while (now_s := time.monotonic()) < end_s and process.poll() is None:
             time.sleep(min(1.0, max(0.0, end_s - now_s)))
@@ -181,6 +182,8 @@ def _watch(process: subprocess.Popen[bytes], config: Config, emulator: Emulator,
                 payload = sample.payload.to_bytes()
                 view.take_pose(payload, time.monotonic())
                 heard.poses.append(json.loads(payload))
+            while (sample := health.try_recv()) is not None:
+                view.take_health(sample.payload.to_bytes())
             while (sample := findings.try_recv()) is not None:
                 now = json.loads(sample.payload.to_bytes())["findings"]
                 for finding in now:  # its name may change, its first moment does not
@@ -252,11 +255,10 @@ def told(planted: Planted, findings: list[dict[str, Any]], zero_ns: int, first_s
         return f"{said}: the monitor names nothing", marks
     for f in sorted(findings, key=lambda f: f["named_ns"]):
         since_s, named_s = ((f[key] - zero_ns) * S_PER_NS for key in ("since_ns", "named_ns"))
-        text = ", ".join(
-            f"{name} {value if isinstance(value, str) else _interval(value)}" for name, value in f["parameters"].items()
-        )
+        shown = [f"{n} {v if isinstance(v, str) else _interval(v)}" for n, v in f["parameters"].items()]
+        text = f" ({', '.join(shown)})" if shown else ""
         others = f", or {', '.join(name for name, _ in f['also_fits'])}" if f["also_fits"] else ""
-        said += f"; named after {named_s - begin_s:.0f} s: {f['effect']} ({text}), {f['probability']:.2f}{others}"
+        said += f"; named after {named_s - begin_s:.0f} s: {f['effect']}{text}, {f['probability']:.2f}{others}"
         said += f", since {since_s:.0f} s"
         marks += [Mark(since_s, "since, as told", f["since_std_s"]), Mark(named_s, f"{f['effect']} named")]
     return said, marks

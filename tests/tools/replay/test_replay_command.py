@@ -121,7 +121,7 @@ def test_a_recording_without_usable_wheel_motion_fails(tmp_path: Path, capsys: p
         (["--output", "{folder}/encoders.csv"], "expected a file that is not the recording's own"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: (top level): expected a readable UTF-8 text file"),
         (["--calibration", "nowhere.yaml"], "nowhere.yaml: calibration.file: expected a readable YAML file"),
-        (["--model", "nowhere.yaml"], "nowhere.yaml: (top level): expected a readable UTF-8 text file"),
+        (["--model", "nowhere.yaml"], "nowhere.yaml: model.file: expected a readable YAML file"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(

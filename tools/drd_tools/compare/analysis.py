@@ -106,7 +106,7 @@ def _bias(e: Evidence, still: Standstill) -> str:
     if e.gyro_rad is None:
         return ""
     if still.seen_s == 0.0:
-        return "No standstill at the start: the gyro's bias is not taken off."
+        return "robot.yaml states no standstill at the start: the gyro's bias is not taken off."
     deg_s = still.bias_rad_s * DEG_PER_RAD
     return f"The bias of the standstill, {deg_s:.4f} deg/s in {still.seen_s:.1f} s, is taken off the gyro."
 

@@ -120,7 +120,7 @@ def _share(error: float, sigma: float) -> str:
 
 
 def _chance(p: float) -> str:
-    return f"{100.0 * p:.2g} %" if p >= 1e-6 else "less than 1e-6"
+    return "less than 1e-6" if p < 1e-6 else f"{100.0 * p:.2g} %" if p < 0.1 else f"{100.0 * p:.0f} %"
 
 
 def _most_likely(a: Actual) -> str:

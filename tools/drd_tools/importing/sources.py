@@ -46,6 +46,5 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
 def _refuse_own(path: Path) -> None:
     """Refuse a recording of the daemon, which needs no import."""
     if path.suffix.lower() == ".mcap" and b"drd" in begins(path)[:60]:
-        raise ConfigError(
-            str(path), "", "another system's recording", "the daemon's own: `drd replay` reads it as it is"
-        )
+        got = "the daemon's own, which `drd replay` reads, or an export of it"
+        raise ConfigError(str(path), "", "another system's recording", got)

@@ -103,8 +103,8 @@ def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
         until = "" if f.until_ns is None else f" until {(f.until_ns - zero_ns) * S_PER_NS:.1f} s"
         found.append(
             f"monitor: {f.effect} with probability {f.probability:.2f}{others}; since "
-            f"{(f.since_ns - zero_ns) * S_PER_NS:.1f} s (sigma {f.since_std_s:.1f}){until}, named at "
-            f"{(f.named_ns - zero_ns) * S_PER_NS:.1f} s; {', '.join(sizes)}. {f.text}"
+            f"{max(f.since_ns - zero_ns, 0) * S_PER_NS:.1f} s (sigma {f.since_std_s:.1f}){until}, named at "
+            f"{(f.named_ns - zero_ns) * S_PER_NS:.1f} s{''.join(f'; {size}' for size in sizes)}. {f.text}"
         )
     return found
 
