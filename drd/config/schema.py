@@ -150,10 +150,10 @@ def load(file: Path, cls: type[T], base: T | None = None) -> Loaded[T]:
     return loads(read_text(file), cls, str(file), base)
 
 
-def read_text(file: Path) -> str:
+def read_text(file: Path, encoding: str = "utf-8") -> str:
     """The content of a file. Raises ConfigError."""
     try:
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding)
     except (OSError, UnicodeDecodeError) as error:
         got = str(error.strerror) if isinstance(error, OSError) else str(error)
         raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error

@@ -16,7 +16,6 @@ from drd.units import DEG_PER_RAD, RAD_PER_DEG
 
 FORMAT = "drd-gyro-calibration/1"
 Row = tuple[float, float, float]
-ZERO: tuple[Row, Row, Row, Row] = ((0.0, 0.0, 0.0),) * 4
 Row12 = Annotated[tuple[float, ...], "12 finite numbers", Meta(min_length=12, max_length=12)]
 Residual = Annotated[float, "deg/s", Meta(ge=0)]
 # Of a gyro that was calibrated at one temperature only: Table I, peak to peak over -40 to 75 degC.

@@ -8,6 +8,8 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
+from drd.estimation.noise import SKID_TURN_RAD_PER_SQRT_RAD, SKID_WHEEL_M_PER_SQRT_M
+from drd.estimation.steering import TAPE_PART, TAPE_SIGMAS
 from drd.monitor.constants import CHANGE_S, Constants, stated_constants
 from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
@@ -35,9 +37,8 @@ CREEP_ROWS: Final = 2  # beside those in which it counts
 TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
 # More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
 SKID_NATS: Final = 12.0
-SKIDS: Final = 0.15  # relative: a tread so far off is that of wheels that slip sideways, (34)
-# Noise of their turning and way on common ground, and for how long a drive holds its speeds. (31), (33)
-SKID_RAD_PER_SQRT_RAD, SKID_M_PER_SQRT_M, SKID_JITTER_S = 0.05, 0.01, 0.1
+SKIDS: Final = TAPE_SIGMAS * TAPE_PART  # relative: a tread so far off is that of wheels that slip sideways, (34)
+SKID_JITTER_S: Final = 0.1  # for so long a drive holds its speeds, (31)
 TURNING_RAD_S: Final = 0.05
 
 
@@ -110,8 +111,8 @@ class Monitor:
         gyro_var = self._walk**2 * h
         if self._skids:
             turned, changed = rows.gyro_rad - self._bias_rad_s * h, np.gradient(rows.gyro_rad / h)
-            wheel_var += SKID_M_PER_SQRT_M**2 * ways / self._tread_m**2
-            wheel_var += moves * (SKID_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
+            wheel_var += SKID_WHEEL_M_PER_SQRT_M**2 * ways / self._tread_m**2
+            wheel_var += moves * (SKID_TURN_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
         tread = self._turned[0] / self._turned[1]
         share = gyro_var / (gyro_var + wheel_var + 1e-30)
         by_wheels, turn = self._library.turns(rows, self._bias_rad_s, share, tread)

@@ -60,13 +60,11 @@ class RowMaker:
         self._heard_s = -np.inf, -np.inf
         self._next_s = 0.0
         self._kept: Array = np.zeros((0, 9))
-        self.dropped = 0
         self._late_s = 0.0  # of the wheels, that their stamps are put right by
 
     def gyro(self, sample: GyroSample) -> None:
         """A sample of the gyro."""
         end_s = self._since(sample.t_ns)
-        self.dropped += len(self._gyro) == PENDING
         self._gyro.append((end_s, sample.interval_s, sample.rate_rad_s, sample.temperature_c))
         self._heard_s = end_s, self._heard_s[1]
 
@@ -78,14 +76,8 @@ class RowMaker:
         if is_new:
             self._wheels.append((end_s - sample.interval_s, left, right, np.nan, True))
         self._total_m = left + sample.left_m, right + sample.right_m
-        self.dropped += len(self._wheels) == PENDING
         self._wheels.append((end_s, *self._total_m, np.nan, False))
         self._heard_s = self._heard_s[0], end_s
-
-    @property
-    def way_m(self) -> float:
-        """How far the middle has gone since the start, forward and backward summed up as counted."""
-        return 0.5 * sum(self._total_m)
 
     def put_right(self, late_s: float) -> None:
         """From now on the wheels' samples are so much older than their stamps say; what waits is forgotten."""

@@ -7,6 +7,8 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+from drd.units import NS_PER_S
+
 log = logging.getLogger(__name__)
 
 
@@ -17,7 +19,7 @@ def recordings_folder(folder: str) -> Path:
 
 def run_name(robot: str, started_wall_ns: int, run: str) -> str:
     """What the names of a run's parts begin with: robot, start in UTC, the run's own random digits."""
-    start = datetime.fromtimestamp(started_wall_ns // 1_000_000_000, UTC)
+    start = datetime.fromtimestamp(started_wall_ns // NS_PER_S, UTC)
     return f"{_plain(robot)}-{start:%Y%m%dT%H%M%SZ}-{run}"
 
 

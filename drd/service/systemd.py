@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Mapping
 
-NS_PER_US = 1000
+from drd.units import NS_PER_US
 
 
 class Notifier:

@@ -1,13 +1,14 @@
 """Files of a folder or a bucket, by fsspec: `s3://bucket/store` works as a folder does."""
 
 import contextlib
-import os
 from pathlib import Path
 from typing import Any
 
 import fsspec
 import pyarrow.fs as pafs
 from fsspec.implementations.local import LocalFileSystem
+
+from drd.state.store import replace_file
 
 
 class Files:
@@ -39,13 +40,7 @@ class Files:
         if not self.is_local:
             self.system.pipe_file(path, content)
             return
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        new = f"{path}.new"
-        with Path(new).open("wb") as out:
-            out.write(content)
-            out.flush()
-            os.fsync(out.fileno())
-        Path(new).replace(path)
+        replace_file(Path(path), content)
 
     def remove(self, name: str) -> None:
         """Remove a file, if it is there."""

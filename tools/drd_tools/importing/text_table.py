@@ -9,14 +9,13 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
+from drd.batch.samples import LATEST_S, stamps_ns
 from drd.config.schema import ConfigError
-from drd.units import NS_PER_S
 from drd_tools.importing.can_formats import opened
 from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels, in_order
 from drd_tools.report.terminal import columns
 
 SHOWN: Final = 40
-LATEST_S: Final = 4e9
 SEPARATORS: Final = ",;\t"
 # Words of a header by which a column is taken for time, and its unit, where nothing else is said.
 TIME_NAMES: Final = ("time_s", "time", "t", "stamp", "timestamp", "sec", "secs")
@@ -122,10 +121,8 @@ class TextTable(Source):
         if np.abs(time_s).max() > LATEST_S:
             got = f"up to {np.abs(time_s).max():.9g} s"
             raise ConfigError(str(self.path), "--time-unit", f"one that makes times of at most {LATEST_S:g} s", got)
-        whole = np.floor(time_s)
-        time_ns = whole.astype(np.int64) * NS_PER_S + np.round((time_s - whole) * NS_PER_S).astype(np.int64)
         origin = Origin(f"columns {name}", f"table, {self._width} columns", f"column {column}, {self._unit_s:g} s each")
-        return time_ns, origin
+        return stamps_ns(time_s, 0), origin
 
     def _columns(self, text: str, option: str, counts: tuple[int, ...]) -> list[Array]:
         names = text.split(",")

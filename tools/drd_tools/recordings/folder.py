@@ -14,7 +14,7 @@ from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS, EncoderLog, FogLog
 from drd.config.keys import Config
 from drd.config.robot import Robot, load_robot
-from drd.config.schema import ConfigError, Loaded
+from drd.config.schema import ConfigError, Loaded, read_text
 from drd.effects.model import Term
 from drd.units import RAD_PER_DEG
 
@@ -129,7 +129,7 @@ def read_table(
     plain numbers; raises ValueError with what is expected. `rising`: False: times may repeat; None: there are none.
     Empty lines, and lines with # before the header, are skipped. Raises ConfigError with file, line and column.
     """
-    lines = _lines(file)
+    lines = read_text(file, "utf-8-sig").splitlines()  # spreadsheets put a byte order mark first
     first = next((k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
     expected = " or ".join(",".join(h) for h in headers) + " (in any order, commas between them)" * among
     if first is None:
@@ -200,14 +200,6 @@ def finite(cell: str) -> float:
     if not math.isfinite(value):
         raise ValueError("a finite number")
     return value
-
-
-def _lines(file: Path) -> list[str]:
-    try:
-        return file.read_text(encoding="utf-8-sig").splitlines()  # spreadsheets put a byte order mark first
-    except (OSError, UnicodeDecodeError) as error:
-        got = str(error.strerror) if isinstance(error, OSError) else str(error)
-        raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
 
 
 def file_hash(file: Path) -> str:

@@ -21,12 +21,7 @@ def write_report(folder: Path) -> list[Path]:
     Raises ConfigError where one of the two is missing or not of its form, OSError where the folder cannot be written.
     """
     d, s = files.load(folder)
-    for old in (
-        *folder.glob("finding_*.png"),
-        *folder.glob("scatter_*.png"),
-        folder / "residual.png",
-        folder / "held_out.png",
-    ):
+    for old in (file for pattern in PICTURES for file in folder.glob(pattern)):
         old.unlink(missing_ok=True)  # of an earlier diagnosis
     page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
     if d.cut:
