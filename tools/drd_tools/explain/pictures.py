@@ -15,7 +15,7 @@ COLORS: Final = dict(
         GROUPS,
         (
             *(SKY, "#004D7A", BLUE, "#7FD1B9", GREEN, VERMILION, "#8C564B"),
-            *(ORANGE, "#E7969C", PURPLE, "#F0E442", INK, GREY, "#C7C7C7"),
+            *(ORANGE, "#E7969C", PURPLE, "#F0E442", "#5B4B8A", GREY, "#C7C7C7"),
         ),
         strict=True,
     )
