@@ -76,12 +76,13 @@ test-timed: $(STAMP)
 	$(BIN)/python -m pytest $(COMPUTED:%=--ignore=%)
 
 # Chromium looks at the page of `drd web`: without root, or where it cannot be had, those tests say so and are skipped.
+# One process more than there are cores: some wait for a daemon or a second's end.
 test-computed: $(STAMP)
 	-@test "$$(id -u)" = 0 || exit 0; missing=; \
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
 		missing="$$missing chromium"; \
 	$(INSTALL_MISSING)
-	OPENBLAS_NUM_THREADS=1 nice -n 10 $(BIN)/python -m pytest $(COMPUTED) --numprocesses=auto --dist=loadfile
+	OPENBLAS_NUM_THREADS=1 nice -n 10 $(BIN)/python -m pytest $(COMPUTED) --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile
 
 # rclpy's wheels start each Python process of their environment a second time: they have one of their own.
 $(ROS2)/installed: pyproject.toml
