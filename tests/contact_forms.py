@@ -40,7 +40,7 @@ class Drive:
     right_m: Array
     gyro_rad: Array | None
     turn_rad: Array
-    way_m: Array
+    distance_m: Array
     side_m: Array
     heading_rad: Array
     xy_m: Array
@@ -62,7 +62,7 @@ class Drive:
 
     def targets(self) -> tuple[Array, ...]:
         """Of each channel; the gyro's: of the reference less the gyro."""
-        known = (self.true_turn_rad, self.way_m, self.side_m)
+        known = (self.true_turn_rad, self.distance_m, self.side_m)
         return known if self.gyro_rad is None else (*known, self.turn_rad - self.gyro_rad)
 
     def base(self, channel: int) -> list[Array]:
@@ -75,7 +75,7 @@ class Drive:
     def own(self, channel: int) -> list[Array]:
         """Columns of the drive's own: the gyro's bias, how the reference's heading is mounted."""
         still = np.full_like(self.left_m, STEP_S)
-        return [[] if self.gyro_rad is None else [still], [], [self.way_m], [still]][channel]
+        return [[] if self.gyro_rad is None else [still], [], [self.distance_m], [still]][channel]
 
 
 Form = tuple[int, Callable[[Drive], list[Array]]]
@@ -259,7 +259,7 @@ def _late(d: Drive, channel: int, delay_s: float, tau_s: float) -> float:
         return np.asarray(np.interp(at, np.arange(len(values)), values))
 
     read = ((d.right_m - d.left_m) / d.tread_m, 0.5 * (d.left_m + d.right_m))
-    true = [blocks(behind(t)) for t in (d.true_turn_rad, smoothed(d.way_m))]
+    true = [blocks(behind(t)) for t in (d.true_turn_rad, smoothed(d.distance_m))]
     X, y = np.column_stack([*true, np.full_like(true[0], STEP_S)]), blocks(read[channel])
     x, scale = student(X, y)
     return log_likelihood(y - X @ x, scale)

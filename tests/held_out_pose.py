@@ -50,12 +50,12 @@ def scaled_and_delayed(recording: Recording, yardstick: Yardstick) -> Array:
     """Rms of the position for each of SCALES and DELAYS_S, m: of the gyro's heading, and the way of wheels so late."""
     stops = baselines(recording)[STOPS]
     time_s, left_m, right_m = travels(recording)
-    way_m = 0.5 * np.diff(left_m + right_m)
+    distance_m = 0.5 * np.diff(left_m + right_m)
     found = np.zeros((len(SCALES), len(DELAYS_S)))
     for j, delay_s in enumerate(DELAYS_S):
         heading_rad = np.interp(time_s - delay_s, stops.time_s, stops.pose[:, 2])
         for i, scale in enumerate(SCALES):
-            poses = path(STOPS, time_s - delay_s, scale * way_m, heading_rad)
+            poses = path(STOPS, time_s - delay_s, scale * distance_m, heading_rad)
             found[i, j] = figures_of(Estimated(poses), yardstick).position_rms_m
     return found
 

@@ -48,7 +48,7 @@ def drive(seed: int, traps: Traps) -> tuple[GyroRates, WheelTravel, ReferenceLog
     rng = np.random.default_rng(seed)
     time_s, speed, rate = truth(rng, traps.seconds, traps.turning)
     heading = np.cumsum(rate) * 0.005
-    way_m = np.cumsum(speed) * 0.005
+    distance_m = np.cumsum(speed) * 0.005
 
     gyro_s = time_s[::2][1:]
     about = rng.normal(0.0, traps.noise_rad_s, (len(gyro_s), 3))
@@ -63,7 +63,7 @@ def drive(seed: int, traps: Traps) -> tuple[GyroRates, WheelTravel, ReferenceLog
     )
 
     wheels_s = time_s[::10]
-    sides = [np.interp(wheels_s, time_s, way_m + s * heading * TREAD_M / 2.0) for s in (-1.0, 1.0)]
+    sides = [np.interp(wheels_s, time_s, distance_m + s * heading * TREAD_M / 2.0) for s in (-1.0, 1.0)]
     left, right = (np.round(side / 1.5e-4) * 1.5e-4 for side in (sides[::-1] if traps.swapped else sides))
     wheels = WheelTravel(wheels_s + traps.wheels_offset_s, traps.left_sign * left, traps.right_sign * right, TREAD_M)
 

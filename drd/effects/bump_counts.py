@@ -13,7 +13,7 @@ class BumpCounts(Effect):
     source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer way"
     parameters = (Parameter("travel_per_m", "m/m", "mean added travel", 1e-5, 0.05, signed=False),)
     covariate = "speed"
-    needs_position = "it is the same in both wheels, so that it shows in the way only"
+    needs_position = "it is the same in both wheels, so that it shows in the distance only"
     manoeuvre = "the same way on rough and on smooth ground"
     lasting = False  # it belongs to the ground
 

@@ -16,7 +16,7 @@ class EncoderLag(Effect):
     )
     covariate = "acceleration"
     manoeuvre = "hard starts and stops, turns that begin and end sharply; seldom told from encoder_latency"
-    remainder = 0.3  # of the way, in starts that take half a second: half the time constant over that time
+    remainder = 0.3  # of the distance, in starts that take half a second: half the time constant over that time
     searched = False  # beside encoder_latency it splits one delay of a real drive into three
 
     def error(self, m: Motion, p: Values) -> Errors:

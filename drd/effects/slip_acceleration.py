@@ -13,7 +13,7 @@ class SlipAcceleration(Effect):
     source = "slip in proportion to drive force (linear tyre model)"
     parameters = (Parameter("k", "s^2/m", "slip per acceleration", 1e-4, 0.2, signed=False),)
     covariate = "acceleration"
-    needs_position = "it is the same in both wheels, so that it shows in the way only"
+    needs_position = "it is the same in both wheels, so that it shows in the distance only"
     manoeuvre = "hard starts and soft stops, with a position reference: over a whole start and stop it cancels"
 
     def error(self, m: Motion, p: Values) -> Errors:

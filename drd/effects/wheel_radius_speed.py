@@ -13,7 +13,7 @@ class WheelRadiusSpeed(Effect):
     source = "a tyre's centrifugal load is in proportion to v^2"
     parameters = (Parameter("k", "(m/s)^-2", "relative growth per speed squared", 1e-5, 0.02),)
     covariate = "speed"
-    needs_position = "it is the same in both wheels, so that it shows in the way only"
+    needs_position = "it is the same in both wheels, so that it shows in the distance only"
     manoeuvre = "straight lines at several speeds, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -53,8 +53,8 @@ LIMITS: Final = {
 # Nominal radii of tyres, and a tread that was taken with a tape.
 WHEEL_SCALE: Final = 0.005
 MEASURED_TREAD: Final = 0.02
-# Skid steering: the effective tread is 1.0 to 2.0 times the measured one, the way 3 to 8 % shorter than the wheels say,
-# and the body slips sideways by -0.4 to 0.4 s times speed and yaw rate.
+# Skid steering: the effective tread is 1.0 to 2.0 times the measured one, the distance 3 to 8 % shorter than the wheels
+# say, and the body slips sideways by -0.4 to 0.4 s times speed and yaw rate.
 EFFECTIVE_TREAD: Final = 0.5
 SKID_SCALE: Final = 0.04
 SKID_SLIP_S: Final = 0.25

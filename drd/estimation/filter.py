@@ -96,12 +96,12 @@ class Filter(State):
         midpoint: bool = True,
         along_gyro: bool = True,
     ):
-        """`along_gyro`: the way goes along the gyro's heading wherever there is one; else, as printed, the wheels'."""
+        """`along_gyro`: it travels along the gyro's heading where there is one; else, as printed, the wheels'."""
         self.z = 0.0  # last innovation, rad
         self.S = 0.0  # and its variance, rad^2
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
-        # Variances that noise has added to the wheels' heading since the last comparison: their way's, their turns'.
-        self.way_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
+        # Variances that noise has added to the wheels' heading since the last comparison: their travel's, their turns'.
+        self.distance_rad2 = self.turn_rad2 = self.jitter_rad2 = 0.0
         self._left_m_s = self._right_m_s = self._jitter = 0.0  # speeds of the last step, and their share in (25)
         self._half = 0.5 if midpoint else 0.0
         self._estimate_gyro_scale = 1.0 if sigmas.gyro_scale > 0.0 else 0.0
@@ -137,7 +137,7 @@ class Filter(State):
     def copy_from(self, other: "Filter") -> None:
         """Take over another filter's estimate; the parameters stay, and so does what was learned of the noise."""
         self._copy_state(other)
-        self.way_rad2, self.turn_rad2, self.jitter_rad2 = other.way_rad2, other.turn_rad2, other.jitter_rad2
+        self.distance_rad2, self.turn_rad2, self.jitter_rad2 = other.distance_rad2, other.turn_rad2, other.jitter_rad2
         self.corrected_x_m, self.corrected_y_m = other.corrected_x_m, other.corrected_y_m
         self.corrected_rad = other.corrected_rad
         self.returned_m2, self.returned_rad2 = other.returned_m2, other.returned_rad2
@@ -154,7 +154,7 @@ class Filter(State):
     ) -> None:
         """Advance by `dt_s` with the encoders' travel and the gyro's mean rate over that time (None: no gyro).
 
-        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own way to its
+        `rate_sigma_rad_s` is what the calibration adds to the gyro's noise; `lateral_m` the body's own travel to its
         left, which no sensor tells.
         """
         n = self.nominal
@@ -175,9 +175,9 @@ class Filter(State):
             if along_gyro:
                 middle = n.gyro_heading_rad + self._half * gyro_turn
             n.gyro_heading_rad += gyro_turn  # (11)
-            way_m = abs(left_m) + abs(right_m)
-            turn = self._fused_turn(dt_s, way_m, turn, gyro_turn)
-            lag = self._gyro_row(dt_s, turn, gyro_turn, way_m > 0.0)
+            distance_m = abs(left_m) + abs(right_m)
+            turn = self._fused_turn(dt_s, distance_m, turn, gyro_turn)
+            lag = self._gyro_row(dt_s, turn, gyro_turn, distance_m > 0.0)
         c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
         left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
@@ -232,8 +232,8 @@ class Filter(State):
     ) -> tuple[float, float]:
         """Fill in what the wheels' travel makes of F: the derivatives of `predict`'s lines. (9), (13)
 
-        `arm` is half the tread, `bend` the midpoint's share. Returns the ways that the left and the right wheel have
-        gone for this turn.
+        `arm` is half the tread, `bend` the midpoint's share. Returns how far the left and the right wheel have gone for
+        this turn.
         """
         f, D = self._f, self.nominal.tread_m
         half_turn, treads = 0.5 * turn, U / D
@@ -257,7 +257,7 @@ class Filter(State):
     def _rows_along_wheels(
         self, _: float, U: float, turn: float, step_x: float, step_y: float, c: float, s: float
     ) -> tuple[float, float]:
-        """As `_rows_along_gyro`, for a way along the wheels' heading. (13)"""
+        """As `_rows_along_gyro`, for travel along the wheels' heading. (13)"""
         f, D = self._f, self.nominal.tread_m
         half_turn, treads, arm = 0.5 * turn, U / D, 0.5 * D
         per_right, per_left, per_tread = half_turn + treads, half_turn - treads, -turn / D
@@ -271,7 +271,7 @@ class Filter(State):
         return abs(per_left) * D, abs(per_right) * D
 
     def _clear_rows(self, along_gyro: bool) -> None:
-        """The way goes along the other heading from now on: in F it depends on the one that it has left no more."""
+        """The robot travels along the other heading from now on: in F nothing depends on the one that it has left."""
         f, self._F_along_gyro = self._f, along_gyro
         if along_gyro:
             f[X_HEADING] = f[Y_HEADING] = f[X_TREAD] = f[Y_TREAD] = 0.0
@@ -285,16 +285,16 @@ class Filter(State):
         f[G_SCALE] = f[G_BIAS] = f[G_LAG] = f[H_LAG] = 0.0
         self._F_has_gyro = self._F_has_lag = False
 
-    def _fused_turn(self, dt_s: float, way_m: float, wheels_rad: float, gyro_rad: float) -> float:
+    def _fused_turn(self, dt_s: float, distance_m: float, wheels_rad: float, gyro_rad: float) -> float:
         """The step's turn from both sensors, each weighted by its variance: where F is taken. (15)
 
         Wheels that stand have no noise, so that at rest the turn is theirs: none.
         """
-        if not way_m:
+        if not distance_m:
             return wheels_rad
         k, p, D = self.noise, self._p, self.nominal.tread_m
         D2 = D * D
-        of_wheels = k.wheel_m2_per_m * way_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
+        of_wheels = k.wheel_m2_per_m * distance_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
         of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
         of_gyro = (k.gyro_rad2_per_s + p[BB] * dt_s) * dt_s
         return wheels_rad + (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
@@ -322,9 +322,9 @@ class Filter(State):
         scale = k.wheel_scale_per_s * dt_s
         # In the robot's own axes: forward, sideways, heading.
         both = right + left
-        way = both / (D * D)
-        heading = way + turn + self._jitter
-        self.way_rad2 += way
+        travel = both / (D * D)
+        heading = travel + turn + self._jitter
+        self.distance_rad2 += travel
         self.turn_rad2 += turn
         self.jitter_rad2 += self._jitter
         forward, forward_heading = 0.25 * both, 0.5 * (right - left) / D
@@ -414,9 +414,9 @@ class Filter(State):
         n.gyro_bias_rad_s -= gyro_bias * k
         n.wheel_lag_s -= lag * k
         # Of the pose that the lag leads to, which the lag by itself does not move.
-        way_m = 0.5 * (self._left_m_s + self._right_m_s) * lag
-        self.corrected_x_m -= (x + way_m * cos(n.gyro_heading_rad)) * k
-        self.corrected_y_m -= (y + way_m * sin(n.gyro_heading_rad)) * k
+        distance_m = 0.5 * (self._left_m_s + self._right_m_s) * lag
+        self.corrected_x_m -= (x + distance_m * cos(n.gyro_heading_rad)) * k
+        self.corrected_y_m -= (y + distance_m * sin(n.gyro_heading_rad)) * k
         self.corrected_rad -= (gyro_heading + self.rate_rad_s * lag) * k
 
     def return_variance(self, position_m2: float, heading_rad2: float) -> None:

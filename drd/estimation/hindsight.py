@@ -19,7 +19,7 @@ BLOCK: Final = np.ix_(TAUGHT, TAUGHT)
 
 @dataclass(slots=True)
 class Memory:
-    """The constants at a time, their part of P, and ways and turn until then."""
+    """The constants at a time, their part of P, and distances and turn until then."""
 
     scale_right: float
     scale_left: float
@@ -57,7 +57,7 @@ class Memory:
 
 
 class Hindsight:
-    """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the ways of
+    """Remembers what was known of scales, tread and lag two to four seconds ago, and adds up the distances of
     moving wheels and the gyro's turn since: what one wheel slips is not in the turn. (18)
     """
 
@@ -120,7 +120,7 @@ class Hindsight:
 
     @property
     def slipped_m(self) -> float:
-        """By how much the middle's way is wrong if one wheel has gone meanwhile what the turn does not explain."""
+        """By how much the middle's travel is wrong if one wheel has gone meanwhile what the turn does not explain."""
         return 0.5 * self.apart_m(then) if (then := self.before) is not None else 0.0
 
     def apart_m(self, then: Memory) -> float:

@@ -22,14 +22,14 @@ def onward(origin: Place, way: Place) -> Place:
 
 
 class Lead(NamedTuple):
-    """The step from the filter's time to that of the newest samples: the wheels' lag, way and turn within it. Beside it
-    what P has not: while it is unknown how the robot steers the standard deviation of the scale of all ways, and the
-    variance of x and of y; what the last seconds may have taught of the lag wrongly, the square of what comparisons
-    have corrected the heading by, and for how long no gyro may have seen a turn. (18), (30), (34)
+    """The step from the filter's time to that of the newest samples: the wheels' lag, travel and turn within it. Beside
+    it what P has not: while it is unknown how the robot steers the standard deviation of the scale of all distances,
+    and the variance of x and of y; what the last seconds may have taught of the lag wrongly, the square of what
+    comparisons have corrected the heading by, and for how long no gyro may have seen a turn. (18), (30), (34)
     """
 
     lag_s: float
-    way_m: float
+    distance_m: float
     turn_rad: float
     scale: float
     wander_m2: float
@@ -41,5 +41,5 @@ class Lead(NamedTuple):
         """The filter's pose after the step."""
         n, heading_rad = kf.nominal, kf.heading_rad
         middle = heading_rad + 0.5 * self.turn_rad
-        x_m, y_m = n.x_m + self.way_m * math.cos(middle), n.y_m + self.way_m * math.sin(middle)
+        x_m, y_m = n.x_m + self.distance_m * math.cos(middle), n.y_m + self.distance_m * math.sin(middle)
         return x_m, y_m, heading_rad + self.turn_rad

@@ -22,7 +22,7 @@ KNOWN_AFTER: Final = 3
 FREEDOM: Final = 2.0 / 3.0
 # Until it is known a cause is taken for as bad as on common ground, with the weight of so many comparisons, and never
 # for worse than so bad that the wheels say nothing; memory ends at so many comparisons: a minute of motion.
-WAY: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
+TRAVEL: Final = (0.005**2, 0.02**2)  # m^2/m: off-road; a skid-steer robot on gravel
 TURN: Final = (0.05**2, 0.15**2)  # rad^2/rad: skid-steer; any tread may be effective
 JITTER: Final = (0.1**2, 0.2**2)  # s^2: speeds that a drive holds for 0.35 s, for 0.7 s (their length over sqrt(12))
 OUTLIER: Final = 9.0  # a larger z^2/S counts as so much: heavy tails must not make the noise
@@ -169,17 +169,16 @@ class VarianceFactor:
 
 
 class WheelNoise:
-    """Noise of the wheels' way, of their turning and of their time, as the comparisons show it; put into the filter's
-    noise."""
+    """Noise of the wheels' travel, of their turning and of their time, as the comparisons show it, for the filter."""
 
     def __init__(self, noise: NoiseProfile, is_learned: bool = True, is_known: bool = False):
         """`is_known`: how the robot steers, so that what is stated is believed from the first."""
         self.is_learned, self.stated, self._made_of = is_learned, noise, (noise, is_learned, is_known)
         self._waiting: deque[tuple[float, ...]] = deque()
         stated = (noise.wheel_m2_per_m, noise.turn_rad2_per_rad, noise.jitter_s2)
-        self.way, self.turn, self.jitter = (
+        self.travel, self.turn, self.jitter = (
             VarianceFactor(variance, 0.0 if is_known else first, largest)
-            for variance, (first, largest) in zip(stated, (WAY, TURN, JITTER), strict=True)
+            for variance, (first, largest) in zip(stated, (TRAVEL, TURN, JITTER), strict=True)
         )
 
     def anew(self) -> "WheelNoise":
@@ -196,7 +195,7 @@ class WheelNoise:
         if not self.is_learned:
             return
         k = self.stated
-        noise.wheel_m2_per_m = k.wheel_m2_per_m * self.way.factor
+        noise.wheel_m2_per_m = k.wheel_m2_per_m * self.travel.factor
         noise.turn_rad2_per_rad = k.turn_rad2_per_rad * self.turn.factor
         noise.tread_m2_per_rad = k.tread_m2_per_rad * self.turn.factor
         noise.jitter_s2 = k.jitter_s2 * self.jitter.factor
@@ -204,7 +203,7 @@ class WheelNoise:
 
     def recall(self, learned: Learned) -> None:
         """Go on with what was learned before."""
-        self.way.recall(learned.wheel_m2_per_m)
+        self.travel.recall(learned.wheel_m2_per_m)
         self.turn.recall(learned.turn_rad2_per_rad)
         self.jitter.recall(learned.jitter_s2)
 
@@ -213,14 +212,14 @@ class WheelNoise:
         if not self.is_learned:
             return
         if is_usual:
-            self._waiting.append((kf.way_rad2, kf.turn_rad2, kf.jitter_rad2, kf.z, kf.S))
+            self._waiting.append((kf.distance_rad2, kf.turn_rad2, kf.jitter_rad2, kf.z, kf.S))
         else:
             self._waiting.clear()
-        kf.way_rad2 = kf.turn_rad2 = kf.jitter_rad2 = 0.0
+        kf.distance_rad2 = kf.turn_rad2 = kf.jitter_rad2 = 0.0
         if len(self._waiting) < WAITING:
             return
         *shares, z, S = self._waiting.popleft()
-        for cause, share in zip((self.way, self.turn, self.jitter), shares, strict=True):
+        for cause, share in zip((self.travel, self.turn, self.jitter), shares, strict=True):
             if share:
                 cause.take(share, z, S)
         self.put_into(kf.noise)
@@ -228,5 +227,5 @@ class WheelNoise:
     def skids(self, tread_m: float) -> None:
         """The wheels slip sideways in each turn: what is stated is at least that."""
         self.stated = skid_steer(self.stated, tread_m)
-        self.way.state_anew(self.stated.wheel_m2_per_m)
+        self.travel.state_anew(self.stated.wheel_m2_per_m)
         self.turn.state_anew(self.stated.turn_rad2_per_rad)

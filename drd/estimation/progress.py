@@ -72,7 +72,7 @@ class Progress:
             track.kf.add_gyro_bias_variance(track.kf.noise.gyro_bias_restart_rad2_s2)
 
     def add_travel(self, sample: WheelSample) -> bool:
-        """Take a wheel sample. False: too late, nothing of it is left but its way."""
+        """Take a wheel sample. False: too late, nothing of it is left but its travel."""
         track, own_m_s = self.track, self._corrections.lateral_m_s
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
         start_ns = max(sample.t_ns - round(sample.interval_s * NS_PER_S), self.wheels.end_ns)
@@ -149,7 +149,7 @@ class Progress:
             turn_rad = n.gyro_scale * self.gyro.integral(track.t_ns - lag_ns, track.t_ns) + n.gyro_bias_rad_s * lag_s
         else:  # the newest is used up: as fast as in it
             turn_rad = track.rate_rad_s * lag_s
-        return none._replace(lag_s=lag_s, way_m=track.speed_m_s * lag_s, turn_rad=turn_rad)
+        return none._replace(lag_s=lag_s, distance_m=track.speed_m_s * lag_s, turn_rad=turn_rad)
 
     def newest(self) -> Place:
         """The newest pose."""
@@ -157,7 +157,7 @@ class Progress:
         return self.lead(preview).onward(preview.kf)
 
     def moved(self) -> Place:
-        """The way since the last pose, which commands are about: samples may have come that brought none."""
+        """The travel since the last pose, which commands are about: samples may have come that brought none."""
         if self.track.t_ns and self._silence.wheels(self.pose_ns):
             while self.track.t_ns < self.pose_ns:  # nothing to wait for any more
                 self._run_until(self.pose_ns)
@@ -171,9 +171,9 @@ class Progress:
         # The track lags behind the newest samples: it is set so that they lead it to the pose that was asked for.
         kf.move(self.newest(), onward(asked, moved))
         self._knowledge.pose_was_set()
-        track.blind_way.forget()
+        track.uncertain_heading.forget()
         self.wheels.end_ns = max(self.wheels.end_ns, track.t_ns)  # what passed unseen is not caught up with
-        # The filter's pose is older: its error has the wheels' way and turn since then, too.
+        # The filter's pose is older: its error has the wheels' travel and turn since then, too.
         between = self._covariance_from_now()
         covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
         kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad, covariance)

@@ -57,7 +57,7 @@ class Nominal:
     gyro_bias_rad_s: float = 0.0  # added to the scaled reading, as in (11)
     wheel_lag_s: float = 0.0  # the wheels report so much later than the gyro; negative: the gyro is late
     slip_s: float = 0.0  # times speed and yaw rate: the body's own speed to its left
-    origin_x_m: float = 0.0  # where the way began that the position is due to
+    origin_x_m: float = 0.0  # where the path began that the position is due to
     origin_y_m: float = 0.0
 
 

@@ -42,7 +42,7 @@ class Steering:
     """The kind of drive, as stated or found out. (34)
 
     While it is unknown, P has not what skid steering would add: `scale` is the standard deviation of the scale of all
-    ways beyond it, `wander_m2` the variance of x and of y.
+    distances beyond it, `wander_m2` the variance of x and of y.
     """
 
     def __init__(self, config: Config, wheel_noise: WheelNoise):
@@ -99,7 +99,7 @@ class Steering:
         self.wander_m2 += SKID_LATERAL_M_PER_SQRT_M**2 * math.hypot(x_m, y_m)
 
     def pose_was_set(self) -> None:
-        """The way that P is due to begins anew."""
+        """The path that P is due to begins anew."""
         self._last, self.wander_m2 = None, 0.0
 
     def _decide(self, drive: Drive) -> None:

@@ -14,7 +14,7 @@ from drd.estimation.uncertainty import (
     HEADING_DOUBTFUL_RAD,
     UNSEEN_ACCELERATION_M_S2,
     UNSEEN_TURN_RAD_S2,
-    BlindWay,
+    UncertainHeading,
     unseen_growth,
 )
 from drd.units import NS_PER_S, S_PER_NS
@@ -53,7 +53,7 @@ class Track:
     # The wheels' heading stands rejected by this much, and is not yet released.
     rejected_rad: float = 0.0
     hindsight: Hindsight = field(default_factory=Hindsight)
-    blind_way: BlindWay = field(default_factory=BlindWay)
+    uncertain_heading: UncertainHeading = field(default_factory=UncertainHeading)
 
     def copy_from(self, other: "Track") -> None:
         """Take over another track's estimate and memory."""
@@ -63,7 +63,7 @@ class Track:
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
-        self.blind_way.copy_from(other.blind_way)
+        self.uncertain_heading.copy_from(other.uncertain_heading)
 
     def run(
         self,
@@ -112,8 +112,8 @@ class Track:
         self._regained_rad += self.kf.rate_rad_s * by_s
 
     def catch_up(self, left_m: float, right_m: float) -> None:
-        """A sample of the wheels has come too late for so much of its way, which passed unseen: the pose is put on by
-        it, along the gyro's heading if there was one. What (36) has added for it stays.
+        """Move the pose on by the part of a sample's travel that passed unseen because it came too late, along the
+        gyro's heading if there was one. What (36) has added for it stays.
         """
         n, D = self.kf.nominal, self.kf.nominal.tread_m
         turn_rad = (right_m - left_m) / D if self.blind_s else 0.0
@@ -145,7 +145,7 @@ class Track:
         )
         if (variance_rad2 := kf.heading_variance_rad2) > HEADING_DOUBTFUL_RAD**2:
             n = kf.nominal
-            kf.add_position_variance(self.blind_way.growth(n.x_m - x_m, n.y_m - y_m, variance_rad2))
+            kf.add_position_variance(self.uncertain_heading.growth(n.x_m - x_m, n.y_m - y_m, variance_rad2))
         if gyro:
             n = kf.nominal
             self.rate_rad_s = n.gyro_scale * rate_rad_s + n.gyro_bias_rad_s

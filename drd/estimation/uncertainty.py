@@ -47,11 +47,11 @@ class OneSided:
         return self._covered**2 - before**2
 
 
-class BlindWay:
-    """The error that the linear covariance leaves out of a way along a heading that is hardly known. (36)
+class UncertainHeading:
+    """The error that the linear covariance leaves out of travel along a heading that is hardly known. (36)
 
-    A heading that is wrong by d puts the way's end back by 1 - cos d of its length; a later correction of the heading
-    would turn the whole way, which the filter's linear one does not.
+    A heading that is wrong by d puts the end back by 1 - cos d of the distance; a later correction of the heading
+    would turn all of it, which the filter's linear one does not.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class BlindWay:
         """The position is another."""
         self.x_m = self.y_m = self._covered_m2 = 0.0
 
-    def copy_from(self, other: "BlindWay") -> None:
+    def copy_from(self, other: "UncertainHeading") -> None:
         """The same way so far."""
         self.x_m, self.y_m, self._covered_m2 = other.x_m, other.y_m, other._covered_m2
 

@@ -2,7 +2,7 @@
 
 `monitor.Monitor` is fed with samples and answers with `findings.Finding`s. Its parts, in the order of the data:
 
-- `rows`: samples become rows, the turn by the gyro and the wheels' ways over the same time, in blocks;
+- `rows`: samples become rows, the turn by the gyro and the wheels' distances over the same time, in blocks;
 - `symptoms`: what a look at the readings shows by logic, before any regression;
 - `library`: the sensitivity of each row to each effect, by the effect's own formula;
 - `segments`: their products, summed over segments of time that grow longer with age;

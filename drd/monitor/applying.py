@@ -5,7 +5,7 @@ from typing import Final
 from drd.estimation.applied import BIAS, BOTH, LAG, LARGEST, RADII, TURN, Constant
 from drd.monitor.constants import CHANGE_S
 from drd.monitor.findings import Finding, Size
-from drd.monitor.library import CHANGE, WAY
+from drd.monitor.library import CHANGE, TRAVEL
 from drd.monitor.library import TURN as TURN_COLUMN
 from drd.monitor.monitor import Monitor
 from drd.units import NS_PER_S, RAD_PER_DEG
@@ -17,14 +17,14 @@ SHOWN_BY: Final = {
     BIAS: frozenset({"gyro_bias_step"}),
     LAG: frozenset({"encoder_latency", "encoder_lag", "gyro_latency", "gyro_lag"}),
 }
-COLUMN: Final = {RADII: WAY, TURN: TURN_COLUMN, LAG: CHANGE}
+COLUMN: Final = {RADII: TRAVEL, TURN: TURN_COLUMN, LAG: CHANGE}
 SI: Final = {RADII: 1.0, TURN: 1.0, LAG: CHANGE_S}  # of a column's unit
 CONFIRMED_S: Final = 60.0  # after its naming: by then most names that turn out wrong have been taken back
 SURE: Final = 0.95  # probability of its names together
 DOUBTFUL: Final = 0.5  # below which it is given back: even odds
 ANEW_SIGMAS: Final = 3.0  # by which a constant that goes on changing is another one
 STARTED_M: Final = (
-    1.0  # way, behind which a change came while driving: a tyre loses air or load is put on it; none grows
+    1.0  # travel, behind which a change came while driving: a tyre loses air or load is put on it; none grows
 )
 
 

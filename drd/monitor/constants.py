@@ -1,7 +1,7 @@
 """A robot's constants, which last for as long as nobody works on it, and how well they are known. (97)
 
-Columns of the rows: TURN, tread times gyro scale less 1; WAY, the left radius less the right one, relative; CHANGE, how
-late the wheels are, in 10 ms.
+Columns of the rows: TURN, tread times gyro scale less 1; TRAVEL, the left radius less the right one, relative; CHANGE,
+how late the wheels are, in 10 ms.
 """
 
 import math
@@ -11,11 +11,11 @@ from msgspec import Struct
 
 from drd.config.keys import Config
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
-from drd.monitor.library import CHANGE, TURN, WAY
+from drd.monitor.library import CHANGE, TRAVEL, TURN
 
 CHANGE_S: Final = 0.01  # a unit of CHANGE
 # By how much a robot that is known is another one on the next day: load, air and temperature of the tyres, its clocks.
-KNOWN_SIGMAS: Final = {TURN: 0.003, WAY: 0.0003, CHANGE: 0.2}
+KNOWN_SIGMAS: Final = {TURN: 0.003, TRAVEL: 0.0003, CHANGE: 0.2}
 
 
 class Constants(Struct, frozen=True):
@@ -32,7 +32,7 @@ def stated_constants(config: Config) -> Constants:
     tread = MEASURED_TREAD if initial.tread is None else initial.tread
     sigmas = {
         TURN: math.hypot(tread, initial.gyro_scale),
-        WAY: math.sqrt(2.0) * wheel_scale,
+        TRAVEL: math.sqrt(2.0) * wheel_scale,
         CHANGE: config.estimation.noise.timing_s / CHANGE_S,
     }
     return Constants(dict.fromkeys(sigmas, 0.0), sigmas)

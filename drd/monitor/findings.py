@@ -24,7 +24,7 @@ class Finding(Struct, frozen=True, kw_only=True):
 
     `effect`: its name in the catalogue, or `unknown`. `text`: what it is, for people. `also_fits`: names that the drive
     so far cannot tell from it. Probabilities are of the names; what is left to 1 is nothing's, or other names'.
-    `since_m`: the way until then. `since_std_s`: how well its begin is known. `until_ns`: its end, None: it lasts.
+    `since_m`: the distance until then. `since_std_s`: how well its begin is known. `until_ns`: its end, None: it lasts.
     `ruled_out`: names that would have shown. `settle`: the drive that would tell more.
     """
 

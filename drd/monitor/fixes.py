@@ -29,31 +29,31 @@ class _Way:
     sigma_m: float
     heading_rad: float = 0.0
     here: Array = field(default_factory=lambda: np.zeros(2))
-    way_m: float = 0.0
+    distance_m: float = 0.0
     time_s: float = 0.0
     first: Array = field(default_factory=lambda: np.zeros(2))  # of position over time
     second: Array = field(default_factory=lambda: np.zeros((2, 2)))
     late: Array = field(default_factory=lambda: np.zeros(2))  # of steps, turned left, times their time
 
-    def add(self, turn_rad: Array, way_m: Array, interval_s: Array) -> None:
+    def add(self, turn_rad: Array, distance_m: Array, interval_s: Array) -> None:
         """Rows, (n,) each."""
         heading = self.heading_rad + np.cumsum(turn_rad) - 0.5 * turn_rad
-        steps = np.column_stack([way_m * np.cos(heading), way_m * np.sin(heading)])
+        steps = np.column_stack([distance_m * np.cos(heading), distance_m * np.sin(heading)])
         places, times = self.here + np.cumsum(steps, 0), self.time_s + np.cumsum(interval_s)
         self.first = self.first + interval_s @ places
         self.second = self.second + (places * interval_s[:, None]).T @ places
         self.late = self.late + times @ np.column_stack([-steps[:, 1], steps[:, 0]])
         self.heading_rad += float(turn_rad.sum())
         self.here, self.time_s = places[-1], float(times[-1])
-        self.way_m += float(np.abs(way_m).sum())
+        self.distance_m += float(np.abs(distance_m).sum())
 
     def variance_m2(self, walk: float, wheel_noise: float) -> float:
-        """Variance of the chord's length: the wheels' noise, and the gyro's, where the way leaves the chord."""
+        """Variance of the chord's length: the wheels' noise, and the gyro's, where the path leaves the chord."""
         along = self.here / float(np.hypot(*self.here))
         left = np.array([-along[1], along[0]])
         # Integral of the squared distance from the chord.
         aside = float(left @ self.second @ left)
-        return 0.5 * wheel_noise**2 * self.way_m + walk**2 * aside + (BIAS_RAD_S * float(along @ self.late)) ** 2
+        return 0.5 * wheel_noise**2 * self.distance_m + walk**2 * aside + (BIAS_RAD_S * float(along @ self.late)) ** 2
 
 
 class Fixes:
@@ -75,21 +75,21 @@ class Fixes:
         """A block, with the likeliest turn of all its rows. A fix counts at the end of the row that it came in."""
         inner = rows.inner
         turn, interval_s = turn_rad[inner], rows.interval_s[inner]
-        way, at_ns = 0.5 * (rows.left_m + rows.right_m)[inner], zero_ns + rows.end_s[inner] * NS_PER_S
+        distance, at_ns = 0.5 * (rows.left_m + rows.right_m)[inner], zero_ns + rows.end_s[inner] * NS_PER_S
         if not rows.is_good[inner].all():
             self._way = None  # something moved unseen: the next distance tells nothing
         begin = 0
         while self._waiting and self._waiting[0][0] <= at_ns[-1]:
             fix = self._waiting.popleft()
             end = int(np.searchsorted(at_ns, fix[0])) + 1
-            self._add(turn[begin:end], way[begin:end], interval_s[begin:end])
+            self._add(turn[begin:end], distance[begin:end], interval_s[begin:end])
             self._measure(*fix)
             begin = max(begin, end)
-        self._add(turn[begin:], way[begin:], interval_s[begin:])
+        self._add(turn[begin:], distance[begin:], interval_s[begin:])
 
-    def _add(self, turn_rad: Array, way_m: Array, interval_s: Array) -> None:
-        if self._way is not None and len(way_m):
-            self._way.add(turn_rad, way_m, interval_s)
+    def _add(self, turn_rad: Array, distance_m: Array, interval_s: Array) -> None:
+        if self._way is not None and len(distance_m):
+            self._way.add(turn_rad, distance_m, interval_s)
 
     def _measure(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
         way, at = self._way, np.array([x_m, y_m])

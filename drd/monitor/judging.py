@@ -116,7 +116,7 @@ class Judge:
         k.hypothesis = next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
         k.estimate, k.rivalry = estimate, 0
         k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
-        k.begin_m = segments[estimate.begin].way_m
+        k.begin_m = segments[estimate.begin].distance_m
         p = found.onsets[estimate.hypothesis.id]
         middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
         mean = float(p @ middle)

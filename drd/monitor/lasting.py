@@ -52,5 +52,5 @@ class LastingMonitor:
         means, sigmas = (tuple(x[c] for c in COLUMNS) for x in (found.means, found.sigmas))
         if max(map(abs, (*means, *sigmas))) > LARGEST:
             return
-        self.day = Day(self._wall_zero_ns + now_ns, self.monitor.way_m, means, sigmas)  # type: ignore[arg-type]
+        self.day = Day(self._wall_zero_ns + now_ns, self.monitor.distance_m, means, sigmas)  # type: ignore[arg-type]
         self._wear = wear(remember(memory, self.day), self._wall_zero_ns, now_ns)

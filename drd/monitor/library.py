@@ -20,8 +20,8 @@ SPEEDS: Final = (0.2, 0.5, 0.9, 1.4, 2.2)
 RATES: Final = (0.05, 0.2, 0.5, 1.0)
 FASTEST: Final = 0.2  # relative: no curve that nobody knows is larger
 LATER_S: Final = 100.0  # what an effect that grows is, later, less what it is now
-# The monitor's own columns, first in each row: gyro's bias, turn, way, change of rate.
-BIAS, TURN, WAY, CHANGE = range(4)
+# The monitor's own columns, first in each row: gyro's bias, turn, travel, change of rate.
+BIAS, TURN, TRAVEL, CHANGE = range(4)
 OWN: Final = 4
 
 
@@ -142,7 +142,7 @@ class Library:
         return np.asarray((means * rows.interval_s)[rows.inner])
 
     def _own(self, m: Motion) -> list[Array]:
-        """Columns BIAS, TURN, WAY, CHANGE, as rates. The last: of the turn, 10 ms before."""
+        """Columns BIAS, TURN, TRAVEL, CHANGE, as rates. The last: of the turn, 10 ms before."""
         before = np.interp(m.time_s - 0.01, m.time_s, m.rate_rad_s) - np.interp(m.time_s + 0.01, m.time_s, m.rate_rad_s)
         return [np.ones_like(m.time_s), m.rate_rad_s, m.speed_m_s / m.tread_m, 0.5 * before]
 
@@ -195,7 +195,7 @@ def _together(effect: Effect) -> list[tuple[Parameter, ...]]:
     """Parameters that are estimated together: those that come with either sign; each of the others is alone."""
     linear = [q for q in effect.parameters if q.linear and not q.choices]
     if effect.essential:
-        linear = [q for q in linear if q.name == effect.essential]  # what is beside it shows in the way only
+        linear = [q for q in linear if q.name == effect.essential]  # what is beside it shows in the distance only
     if effect.opposed:
         return [tuple(linear[:1])]
     if not linear:

@@ -9,18 +9,18 @@ from collections.abc import Sequence
 from typing import Annotated, Final, NamedTuple
 
 import numpy as np
-from msgspec import Meta, Struct, structs
+from msgspec import Meta, Struct, field, structs
 
 from drd.arrays import Array
 from drd.monitor.constants import KNOWN_SIGMAS, Constants
 from drd.monitor.evidence import INFORMATION
-from drd.monitor.library import CHANGE, TURN, WAY
+from drd.monitor.library import CHANGE, TRAVEL, TURN
 from drd.units import NS_PER_S
 
 DAY_NS: Final = 86_400 * NS_PER_S
 DAYS: Final = 180  # half a year; the oldest day is forgotten
 EARLIEST_NS: Final = 1_704_067_200 * NS_PER_S  # 2024: a clock that shows less was not set
-COLUMNS: Final = (TURN, WAY, CHANGE)
+COLUMNS: Final = (TURN, TRAVEL, CHANGE)
 # Evidence asked of a jump and of a slope: odds of 20 to 1, against one of them a year, and what a size costs, (97).
 NAMED_ODDS: Final = 20.0
 CHANGE_NATS: Final = math.log(NAMED_ODDS * 365.0) + 0.5 * math.log1p(INFORMATION)
@@ -36,10 +36,12 @@ Deviation = Annotated[float, Meta(gt=0.0, le=10.0)]
 
 
 class Day(Struct, frozen=True):
-    """Constants of a day's drives, by COLUMNS, with their deviations. `wall_ns`: of the newest drive, `way_m`: all."""
+    """Constants of a day's drives, by COLUMNS, with their deviations. `wall_ns`: of the newest drive, `distance_m`: of
+    all.
+    """
 
     wall_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]
-    way_m: Annotated[float, Meta(ge=0.0)]
+    distance_m: Annotated[float, Meta(ge=0.0)] = field(name="way_m")  # as the files have it
     values: tuple[Number, Number, Number]
     sigmas: tuple[Deviation, Deviation, Deviation]
 
@@ -88,7 +90,7 @@ def _together(a: Day, b: Day) -> Day:
     weights = [(1.0 / s**2, 1.0 / t**2) for s, t in zip(a.sigmas, b.sigmas, strict=True)]
     values = tuple((w * x + v * y) / (w + v) for (w, v), x, y in zip(weights, a.values, b.values, strict=True))
     sigmas = tuple((w + v) ** -0.5 for w, v in weights)
-    return Day(b.wall_ns, a.way_m + b.way_m, values, sigmas)  # type: ignore[arg-type]
+    return Day(b.wall_ns, a.distance_m + b.distance_m, values, sigmas)  # type: ignore[arg-type]
 
 
 def latest(days: Sequence[Day], column: int) -> Latest:

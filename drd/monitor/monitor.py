@@ -15,7 +15,7 @@ from drd.monitor.findings import Finding, NotObservable
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
 from drd.monitor.judging import Judge
-from drd.monitor.library import BIAS, CHANGE, OWN, WAY, Hypothesis, Library
+from drd.monitor.library import BIAS, CHANGE, OWN, TRAVEL, Hypothesis, Library
 from drd.monitor.noise import KINDS, RowNoise
 from drd.monitor.rows import STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
@@ -61,7 +61,7 @@ class Monitor:
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
         self._theta: Array | None = None
-        wheel_scale = self._stated.sigmas[WAY] / math.sqrt(2.0)
+        wheel_scale = self._stated.sigmas[TRAVEL] / math.sqrt(2.0)
         self._fixes = Fixes(wheel_scale, self._walk, self._wheel_noise)
         self._drive = robot.drive
         self._skids = robot.drive == "skid"
@@ -71,7 +71,7 @@ class Monitor:
         self._turned = np.array([TREAD_RAD2, TREAD_RAD2])
         self._bias_rad_s = 0.0
         self._judging = Judge(self._segments, self._library, self._constants.sigmas, self._skids)
-        self._way_m = self._rolled_m = 0.0
+        self._distance_m = self._rolled_m = 0.0
         self.now_s = 0.0
         self._blocks = self._unfit = 0
 
@@ -104,14 +104,14 @@ class Monitor:
         if self._theta is None:
             still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
             self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
-        ways = np.abs(rows.left_m) + np.abs(rows.right_m)
+        distances = np.abs(rows.left_m) + np.abs(rows.right_m)
         # A wheel that creeps may stand by its counts.
-        moves = np.convolve(ways > STANDS_M, np.ones(2 * CREEP_ROWS + 1), "same") > 0.5
-        wheel_var = (self._wheel_noise**2 * ways + moves * self._count_m**2 / 3.0) / self._tread_m**2
+        moves = np.convolve(distances > STANDS_M, np.ones(2 * CREEP_ROWS + 1), "same") > 0.5
+        wheel_var = (self._wheel_noise**2 * distances + moves * self._count_m**2 / 3.0) / self._tread_m**2
         gyro_var = self._walk**2 * h
         if self._skids:
             turned, changed = rows.gyro_rad - self._bias_rad_s * h, np.gradient(rows.gyro_rad / h)
-            wheel_var += SKID_WHEEL_M_PER_SQRT_M**2 * ways / self._tread_m**2
+            wheel_var += SKID_WHEEL_M_PER_SQRT_M**2 * distances / self._tread_m**2
             wheel_var += moves * (SKID_TURN_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
         tread = self._turned[0] / self._turned[1]
         share = gyro_var / (gyro_var + wheel_var + 1e-30)
@@ -142,12 +142,12 @@ class Monitor:
         self._tread_of(by_wheels[inner][good], turn[inner][good])
         begin_s = self._segments.all[-1].end_s if self._segments.all else float((rows.end_s - h)[inner][0])
         pinned = {t for k in self.known for t in (k.begin_s, k.end_s) if t is not None}
-        rolled = 0.5 * ways[inner]
+        rolled = 0.5 * distances[inner]
         self._segments.add(
-            begin_s, end_s, self._way_m, products, pinned, self._rolled_m, float(rolled[kind == 2].sum())
+            begin_s, end_s, self._distance_m, products, pinned, self._rolled_m, float(rolled[kind == 2].sum())
         )
         self._rolled_m += float(rolled.sum())
-        self._way_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
+        self._distance_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
 
     def _white(self, products: Array) -> Array:
         return self._noise.scatter.white(products)
@@ -248,8 +248,8 @@ class Monitor:
         told += [teller.of_lag(self.lag_s, self._lag_named_s)] if self.lag_s else []
         for seen in self._symptoms.seen.values():
             if seen.is_told:
-                before = [g.way_m for g in self._segments.all if g.begin_s <= seen.begin_s]
-                told.append(teller.of_symptom(seen, before[-1] if before else self._way_m))
+                before = [g.distance_m for g in self._segments.all if g.begin_s <= seen.begin_s]
+                told.append(teller.of_symptom(seen, before[-1] if before else self._distance_m))
         return sorted([*told, *self._fixes.findings()], key=lambda f: f.named_ns)
 
     @property
@@ -263,9 +263,9 @@ class Monitor:
         return [*needing, *self._fixes.not_observable()]
 
     @property
-    def way_m(self) -> float:
+    def distance_m(self) -> float:
         """How far the robot has gone."""
-        return self._way_m
+        return self._distance_m
 
     def alike(self, k: Known) -> list[str]:
         """Names that fit as well as a finding's own."""

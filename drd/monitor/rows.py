@@ -1,4 +1,4 @@
-"""Samples become rows: the gyro's turn and the wheels' ways over the same time, in blocks of some seconds."""
+"""Samples become rows: the gyro's turn and the wheels' distances over the same time, in blocks of some seconds."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ STANDS_M: Final = 1e-6
 class Rows:
     """Rows of a block, shape (n,), with `lead` rows of before and one that is still to come at its end.
 
-    `end_s` counts from the first sample. `is_good`: both sensors saw all of the row. `left_m`, `right_m`: the ways in
-    it. `left_total_m`, `right_total_m`: at its end, since the start.
+    `end_s` counts from the first sample. `is_good`: both sensors saw all of the row. `left_m`, `right_m`: the wheels'
+    distances in it. `left_total_m`, `right_total_m`: at its end, since the start.
     """
 
     end_s: Array
@@ -135,9 +135,8 @@ class RowMaker:
         knots = np.array(self._wheels)
         at_s, left, right, is_new = knots[:, 0], knots[:, 1], knots[:, 2], knots[:, 4] > 0.5
         begins = ends - length_s
-        ways = []
-        for total in (left, right):
-            ways += [np.interp(ends, at_s, total) - np.interp(begins, at_s, total), np.interp(ends, at_s, total)]
+        totals = [np.interp(ends, at_s, total) for total in (left, right)]
+        rolled = [now - np.interp(begins, at_s, total) for now, total in zip(totals, (left, right), strict=True)]
         hole = np.diff(at_s) > STALE_S
         hole |= is_new[1:]
         holes = np.concatenate([[0.0], np.cumsum(hole * 1.0)])
@@ -146,4 +145,4 @@ class RowMaker:
         good &= (k0 > 0) & (k1 < size)
         good &= holes[np.minimum(k1, size - 1)] - holes[np.maximum(k0 - 1, 0)] < 0.5
         turn = np.add.reduceat(rate * interval_s, first)
-        return np.column_stack([ends, length_s, turn, temperature_c[last], ways[0], ways[2], ways[1], ways[3], good])
+        return np.column_stack([ends, length_s, turn, temperature_c[last], *rolled, *totals, good])

@@ -7,15 +7,15 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.monitor.constants import KNOWN_SIGMAS
-from drd.monitor.library import BIAS, CHANGE, OWN, TURN, WAY
+from drd.monitor.library import BIAS, CHANGE, OWN, TRAVEL, TURN
 
 SPANS: Final = (1, 2, 4, 8)  # blocks; what wanders over longer is an effect
 MOST_BLOCKS: Final = 200.0  # so many are remembered
 FEWEST_ROWS: Final = 6  # of a block, that tell of a constant
 # Which rows tell of which: all, those in motion, those that turn (the kinds of RowNoise, the least one).
-TOLD_BY: Final = ((0, (BIAS,)), (1, (WAY,)), (2, (TURN, CHANGE)))
+TOLD_BY: Final = ((0, (BIAS,)), (1, (TRAVEL,)), (2, (TURN, CHANGE)))
 # Usual deviations: of the gyro's bias 2 deg/h, of the rest as from day to day.
-USUAL: Final = np.array([1e-5, *(KNOWN_SIGMAS[c] for c in (TURN, WAY, CHANGE))])
+USUAL: Final = np.array([1e-5, *(KNOWN_SIGMAS[c] for c in (TURN, TRAVEL, CHANGE))])
 # Deviations that are compared: what shows nowhere (rad/s, 1, 1, 10 ms), and up to 3,000 times as much.
 LEAST: Final = np.array([1e-6, 1e-4, 1e-4, 1e-2])
 STEPS: Final = 2.0 ** np.arange(0.0, 12.0, 0.5)
@@ -28,7 +28,7 @@ RANK: Final = 1e-9  # relative: a direction of less information tells nothing
 
 
 class Scatter:
-    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, WAY and CHANGE.
+    """`variances` (OWN,): of the constants from block to block, of the columns BIAS, TURN, TRAVEL and CHANGE.
 
     `skids`: of a robot whose wheels slip sideways in each turn.
     """
@@ -51,7 +51,7 @@ class Scatter:
     @property
     def raises(self) -> float:
         """How many times as unsure as by its rows a block in motion leaves the constant that scatters most."""
-        return 1.0 + float((self.variances * self._information)[[TURN, WAY, CHANGE]].max())
+        return 1.0 + float((self.variances * self._information)[[TURN, TRAVEL, CHANGE]].max())
 
     def white(self, products: Array) -> Array:
         """Products of a block's rows `(X y)`, with this scatter in their noise."""

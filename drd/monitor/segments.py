@@ -22,7 +22,7 @@ class Segment:
 
     begin_s: float
     end_s: float
-    way_m: float  # when it began
+    distance_m: float  # when it began
     level: int
     products: Array
     is_white: bool = False
@@ -46,14 +46,14 @@ class Segments:
         self,
         begin_s: float,
         end_s: float,
-        way_m: float,
+        distance_m: float,
         products: Array,
         pinned: set[float],
         rolled_m: float = 0.0,
         turning_m: float = 0.0,
     ) -> None:
         """A block. No segment that begins or ends at a time that is pinned is merged, so that it stays as short."""
-        self.all.append(Segment(begin_s, end_s, way_m, 0, products, False, rolled_m, turning_m))
+        self.all.append(Segment(begin_s, end_s, distance_m, 0, products, False, rolled_m, turning_m))
         for level, most in enumerate(COUNTS):
             mine = [i for i, s in enumerate(self.all) if s.level == level]
             if len(mine) <= most:

@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
-from drd.monitor.library import BIAS, CHANGE, TURN, WAY
+from drd.monitor.library import BIAS, CHANGE, TRAVEL, TURN
 from drd.monitor.segments import Segment
 
 LEAST_SHARE: Final = 1e-3  # of the most informative segment's information: less tells nothing of the noise
 # Standard deviations of what a robot has whose wheels slip sideways in each turn, tread times gyro scale, the radii's
 # difference, the lag (in 10 ms), and how much of it changes in a second's root; of the bias at the start, rad/s.
-SKIDDING: Final = {TURN: 0.5, WAY: 0.03, CHANGE: 10.0}
-WANDERS: Final = {TURN: 0.02, WAY: 0.005}
+SKIDDING: Final = {TURN: 0.5, TRAVEL: 0.03, CHANGE: 10.0}
+WANDERS: Final = {TURN: 0.02, TRAVEL: 0.005}
 FIRST_BIAS_RAD_S: Final = 0.02
 LEAST: Final = 1e-30
 

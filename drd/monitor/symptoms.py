@@ -21,7 +21,7 @@ FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster
 BELOW: Final = 0.5  # of the largest rate: from here on a turn tells the tread of this ground, as no limit touches it
 KEEPS: Final = 0.7  # a block of what was told before: ground changes within some blocks
 SIGMAS: Final = 8.0  # nearly certain: no regression asks again
-MISSED_SHARE: Final = 0.5  # of the other wheel's way, that a stopped wheel must have missed
+MISSED_SHARE: Final = 0.5  # of the other wheel's travel, that a stopped wheel must have missed
 MISSED_M: Final = 0.15
 STOPPED_S: Final = 0.5
 ZERO_RAD_S: Final = 1e-6  # no gyro has so small a digit
@@ -147,18 +147,18 @@ class Symptoms:
         h, end_s = rows.interval_s[inner], rows.end_s[inner]
         missing = (np.abs(mine) < STANDS_M) & (np.abs(should_m) > MISSED_SHARE * np.abs(its)) & (np.abs(its) > STANDS_M)
         missing &= rows.is_good[inner]
-        begin, way, other = self._stops.get(side, (-1.0, 0.0, 0.0))
+        begin, travel, other = self._stops.get(side, (-1.0, 0.0, 0.0))
         for k in range(len(h)):
             if not missing[k]:
-                begin, way, other = -1.0, 0.0, 0.0
+                begin, travel, other = -1.0, 0.0, 0.0
                 continue
             begin = float(end_s[k] - h[k]) if begin < 0.0 else begin
-            way, other = way + float(should_m[k]), other + abs(float(its[k]))
-            if end_s[k] - begin >= STOPPED_S and abs(way) > max(MISSED_M, MISSED_SHARE * other):
+            travel, other = travel + float(should_m[k]), other + abs(float(its[k]))
+            if end_s[k] - begin >= STOPPED_S and abs(travel) > max(MISSED_M, MISSED_SHARE * other):
                 key = (Symptom.STOPPED, side)
                 found = self.seen.setdefault(key, Seen(Symptom.STOPPED, side, begin, 0.0, 0.0, sure=True))
                 found.end_s = float(end_s[k])
-        self._stops[side] = begin, way, other
+        self._stops[side] = begin, travel, other
         return _beside(missing)
 
 

@@ -124,7 +124,7 @@ class Teller:
             found[q.name] = size(q.neutral * (not at_end) + value * age_s, s * age_s, q.si, q.unit)
         return found
 
-    def of_symptom(self, s: Seen, way_m: float) -> Finding:
+    def of_symptom(self, s: Seen, distance_m: float) -> Finding:
         """A finding of a symptom."""
         effect = showing(s.symptom)
         units = {q.name: q for q in effect.parameters}
@@ -132,10 +132,10 @@ class Teller:
         parameters: dict[str, Size | str] = {
             n: v if isinstance(v, str) else size(v, 0.01 * abs(v), units[n].si, units[n].unit) for n, v in shown.items()
         }
-        over = self._now_s - s.end_s > SETTLES_S
+        until_ns = self._ns(s.end_s) if self._now_s - s.end_s > SETTLES_S else None
         return Finding(
             effect=effect.id, text=effect.sentence, parameters=parameters, probability=SYMPTOM_SURE, also_fits=(),
-            since_ns=self._ns(s.begin_s), since_std_s=0.1, since_m=way_m, until_ns=self._ns(s.end_s) if over else None,
+            since_ns=self._ns(s.begin_s), since_std_s=0.1, since_m=distance_m, until_ns=until_ns,
             named_ns=self._ns(s.named_s), ruled_out=(), settle=effect.manoeuvre,
         )  # fmt: skip
 

@@ -16,13 +16,13 @@ SKIDDERS: Final = 0.03
 # that it skids: the larger, the less likely here.
 SIZES: Final = 0.01 * 2.0 ** np.arange(0.0, 4.5, 0.5)
 LIKELY: Final = (1.0 + (SIZES / 0.02) ** 2) ** -4.0
-# The way of the wheels over which it changes; all are as likely. A Warthog's does over 0.25 to 2 m.
+# The distance of the wheels over which it changes; all are as likely. A Warthog's does over 0.25 to 2 m.
 LENGTHS_M: Final = (0.25, 0.5, 1.0)
 LEAST: Final = 1e-2  # of a segment's information, times the largest size squared: less tells nothing
 
 
 def nats(sums: Sums, told: Callable[[Array], Array]) -> float:
-    """Log of the odds that it wanders, against one that does not: Gauss-Markov over the way of the wheels."""
+    """Log of the odds that it wanders, against one that does not: Gauss-Markov over the distance of the wheels."""
     inside = -np.diff(sums.beside[:, :, TURN], axis=1)
     each = sums.each[:, TURN]
     tells = np.flatnonzero(each[:, TURN] * SIZES[-1] ** 2 > LEAST)
@@ -42,7 +42,7 @@ def _nats(
 ) -> Array:
     """Log of the odds of each size, without its prior, (sizes,)."""
     w = np.maximum(turning_m / length_m, 1e-6)
-    mean = np.sqrt(2.0 * (w + np.expm1(-w)) / w**2)  # deviation of the mean over the way in turns
+    mean = np.sqrt(2.0 * (w + np.expm1(-w)) / w**2)  # deviation of the mean over the distance in turns
     root = np.linalg.cholesky(np.exp(-apart_m / length_m) * mean * mean[:, None] + 1e-9 * np.eye(len(w)))
     values, vectors = np.linalg.eigh(root.T @ information @ root)
     z = (score @ root) @ vectors

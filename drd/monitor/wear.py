@@ -6,7 +6,7 @@ from typing import Final
 
 from drd.effects.effect import SIDES
 from drd.monitor.findings import Finding, Size, size
-from drd.monitor.library import WAY
+from drd.monitor.library import TRAVEL
 from drd.monitor.memory import DAY_NS, FEWEST_DAYS, NAMED_ODDS, Day, Latest, Memory, latest
 from drd.units import NS_PER_S
 
@@ -28,9 +28,9 @@ def wear(memory: Memory, wall_zero_ns: int, now_ns: int) -> list[Finding]:
     """Findings that the days show. `wall_zero_ns`: the wall clock where the findings' clock, now `now_ns`, is 0."""
     days = memory.days
     # The newest day alone names nothing: it may have had a load on one side.
-    if len(days) < FEWEST_DAYS or not latest(days[:-1], WAY).nats:
+    if len(days) < FEWEST_DAYS or not latest(days[:-1], TRAVEL).nats:
         return []
-    last, clock = latest(days, WAY), (wall_zero_ns, now_ns)
+    last, clock = latest(days, TRAVEL), (wall_zero_ns, now_ns)
     if last.slope:
         return [_leak(days, last, clock)]
     age_days = (wall_zero_ns + now_ns - days[last.begin].wall_ns) / DAY_NS

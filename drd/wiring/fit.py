@@ -57,7 +57,7 @@ def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit
         ratio = min(max(float(gyro @ (turn - asymmetry * travel)) / gg, low), high)
     residual = turn - ratio * gyro - asymmetry * travel
     sigmas = _sigmas(np.column_stack([gyro, travel]), residual)
-    # Going always on one arc, what the wheels' turn owes to the turning and what to the way differs by slips of time.
+    # On one arc all the time, what the wheels' turn owes to the turning and what to the distance differs by time slips.
     if ss - gs**2 / gg < INDEPENDENT * ss and gg > ALMOST_STRAIGHT * ss:
         sigmas[1] = math.inf
     if sigmas[1] > KNOWN:  # then the sides are taken for equal

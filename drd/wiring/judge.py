@@ -233,6 +233,6 @@ def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
 
 
 def _distance(turns: _Turns, said: Statement) -> Finding:
-    """The way driven against the user's tape measure."""
-    way_m = abs(float(turns.travel.sum())) * turns.tread_m / 2.0
-    return words.distance(way_m, said.distance_m)
+    """The distance driven against the user's tape measure."""
+    distance_m = abs(float(turns.travel.sum())) * turns.tread_m / 2.0
+    return words.distance(distance_m, said.distance_m)

@@ -11,7 +11,7 @@ from drd.units import DEG_PER_RAD
 from drd.wiring.findings import Finding, Statement, fault, good, unknown
 from drd.wiring.windows import Windows
 
-# A dead counter may catch a stray pulse: below this share of the other side's way it stands still.
+# A dead counter may catch a stray pulse: below this share of the other side's travel it stands still.
 STILL_SHARE: Final = 0.01
 ENOUGH_M: Final = 0.5
 ENOUGH_TREADS: Final = 2.0
@@ -33,21 +33,21 @@ STILL_DEG_S: Final = 1.0
 def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool) -> Finding:
     """Whether both counters count; a dead one told from a parked robot and from a turn about the wheel that stands."""
     sides = {Side.LEFT: windows.left_m, Side.RIGHT: windows.right_m}
-    way_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
+    distance_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
     reach_m = {side: float(np.ptp(np.cumsum(np.append(0.0, steps)))) for side, steps in sides.items()}
     still = [side for side in Side if reach_m[side] <= max(still_m, STILL_SHARE * max(reach_m.values()))]
-    ways = f"left moved {way_m[Side.LEFT]:.2f} m, right {way_m[Side.RIGHT]:.2f} m"
+    distances = f"left moved {distance_m[Side.LEFT]:.2f} m, right {distance_m[Side.RIGHT]:.2f} m"
     if not still:
-        return good("encoders", f"{ways}, forward and backward added")
+        return good("encoders", f"{distances}, forward and backward added")
     if len(still) == 2:
-        return _parked(windows, ways, said)
+        return _parked(windows, distances, said)
     side, other = still[0], Side(1 - still[0].value)
     name = side.name.lower()
-    text = f"{ways}: the {name} counter stands still"
+    text = f"{distances}: the {name} counter stands still"
     remedy = f"Look at the {name} encoder's supply, cable and shaft, and at encoders.{name}."
     if said.drove:
         return fault("encoders", f"{text} although you drove", remedy)
-    if way_m[other] < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
+    if distance_m[other] < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
         return unknown("encoders", text, "Drive straight ahead, a few metres, and say so: --drove forward.")
     turn, gyro = sides[other] / tread_m, np.abs(windows.gyro_rad)
     ratio = float(gyro @ np.abs(turn)) / float(gyro @ gyro + 1e-12)
@@ -60,12 +60,12 @@ def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement
     return fault("encoders", f"{text} while the robot moves: {told}", remedy)
 
 
-def _parked(windows: Windows, ways: str, said: Statement) -> Finding:
+def _parked(windows: Windows, distances: str, said: Statement) -> Finding:
     turned_deg = float(np.abs(windows.gyro_rad).sum()) * DEG_PER_RAD
     if turned_deg < TURNED_DEG and not (said.drove or said.turned):
-        told = f"{ways}, the gyro turned {turned_deg:.0f} deg: the robot is parked"
+        told = f"{distances}, the gyro turned {turned_deg:.0f} deg: the robot is parked"
         return unknown("encoders", told, "Push or drive it: straight ahead, then to the left.")
-    text = f"{ways}, while the gyro turned {turned_deg:.0f} deg"
+    text = f"{distances}, while the gyro turned {turned_deg:.0f} deg"
     remedy = "Both counters stand still: are the encoders powered, do their frames change?"
     if said.drove or said.turned:
         return fault("encoders", f"{text} and you say that it moved", remedy)

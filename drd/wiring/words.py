@@ -173,15 +173,16 @@ def ratio(ratio: float, sigma: float, tread_m: float, *, lies: bool, even: bool,
     return unknown(name, f"{text}: scrubbing or tread, or the counts per revolution of both sides", remedy)
 
 
-def distance(way_m: float, stated_m: float | None) -> Finding:
-    """The wheels' way against the tape measure's."""
+def distance(distance_m: float, stated_m: float | None) -> Finding:
+    """The wheels' distance against the tape measure's."""
     name = "distance"
     if stated_m is None:
-        return unknown(name, f"the wheels say {way_m:.2f} m net", "Drive a measured way straight: --distance METRES.")
-    if way_m == 0.0:
+        text = f"the wheels say {distance_m:.2f} m net"
+        return unknown(name, text, "Drive a measured distance straight: --distance METRES.")
+    if distance_m == 0.0:
         return fault(name, f"the wheels say 0 m, the tape {stated_m:.2f} m", "Do the counters count?")
-    ratio = way_m / stated_m
-    text = f"the wheels say {way_m:.2f} m, the tape {stated_m:.2f} m: {ratio:.3f} times"
+    ratio = distance_m / stated_m
+    text = f"the wheels say {distance_m:.2f} m, the tape {stated_m:.2f} m: {ratio:.3f} times"
     if abs(ratio - 1.0) <= 0.1:
         return good(name, text)
     cause = _cause(ratio)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drd.estimation.lead import onward, seen_from
-from drd.estimation.uncertainty import BlindWay, lead_moments
+from drd.estimation.uncertainty import UncertainHeading, lead_moments
 
 PLACES = st.tuples(st.floats(-100, 100), st.floats(-100, 100), st.floats(-7, 7))
 
@@ -37,7 +37,7 @@ def test_a_place_seen_from_another_leads_back(origin: tuple[float, ...], place: 
 def test_the_blind_ways_variance_holds_a_heading_that_was_wrong() -> None:
     """10 m straight on, then back: what turned the way is at most what (36) has of it."""
     sigma_rad, steps = 0.7, [1.0] * 10 + [-1.0] * 10
-    blind = BlindWay()
+    blind = UncertainHeading()
     grown = [blind.growth(step, 0.0, sigma_rad**2) for step in steps]
     assert min(grown) == 0.0 == sum(grown[10:])  # the way back adds nothing
     headings = np.random.default_rng(2).normal(0.0, sigma_rad, 100_000)

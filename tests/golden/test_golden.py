@@ -47,7 +47,7 @@ def test_the_state_is_gone_on_from(golden: Path, tmp_path: Path) -> None:
 def test_what_the_monitor_remembers_is_known(golden: Path) -> None:
     memory = memory_file.decoded((golden / "golden.memory").read_bytes())
     assert len(memory.days) == expected(golden)["days"]
-    assert memory.days[-1].way_m == 1e3 + 8 / 3
+    assert memory.days[-1].distance_m == 1e3 + 8 / 3
 
 
 def test_every_key_of_the_configuration_is_still_taken(golden: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from drd.estimation.covariance import unfit
 from drd.monitor.applying import ANEW_SIGMAS, CONFIRMED_S, Applying
 from drd.monitor.constants import Constants
 from drd.monitor.findings import Finding, Size
-from drd.monitor.library import CHANGE, WAY
+from drd.monitor.library import CHANGE, TRAVEL
 from drd.monitor.library import TURN as TURN_COLUMN
 from drd.pipeline import Pipeline
 from drd.service.taking import Taking
@@ -47,8 +47,8 @@ class Knows:
 
     def __init__(self, way: float = -0.01, turn: float = 0.02, change: float = 3.0, now_s: float = 100.0):
         self.now_s = now_s
-        self.sigmas = {WAY: 4e-4, TURN_COLUMN: 0.002, CHANGE: 0.1}
-        self.means = {WAY: way, TURN_COLUMN: turn, CHANGE: change}
+        self.sigmas = {TRAVEL: 4e-4, TURN_COLUMN: 0.002, CHANGE: 0.1}
+        self.means = {TRAVEL: way, TURN_COLUMN: turn, CHANGE: change}
 
     bias_rad_s = 1e-4
 

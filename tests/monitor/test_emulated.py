@@ -6,7 +6,7 @@ from emulated_demo import demo_config, emulated
 
 from drd.monitor.constants import stated_constants
 from drd.monitor.first_turns import FirstTurns, Turns
-from drd.monitor.library import WAY
+from drd.monitor.library import TRAVEL
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample
 
@@ -27,7 +27,7 @@ def test_small_errors_of_radius_and_tread_are_no_findings(seed: int) -> None:
 
 
 def test_what_the_configuration_says_of_the_radii_is_taken() -> None:
-    assert stated_constants(demo_config()).sigmas[WAY] == pytest.approx(0.005 * np.sqrt(2.0))
+    assert stated_constants(demo_config()).sigmas[TRAVEL] == pytest.approx(0.005 * np.sqrt(2.0))
 
 
 def turns(rate_rad_s: np.ndarray, lag_rows: int, seed: int = 0) -> Turns | None:

@@ -59,11 +59,11 @@ def test_what_the_configuration_or_the_poses_allow_is_no_finding(
     assert EFFECT not in {n.effect for n in monitor.not_observable()}
 
 
-def rows_of(turn_rad: np.ndarray, way_m: np.ndarray, good: bool = True) -> Rows:
+def rows_of(turn_rad: np.ndarray, distance_m: np.ndarray, good: bool = True) -> Rows:
     """Rows of 0.1 s from time 0 on, with one of before and one that is to come."""
     n = len(turn_rad) + 2
     pad = (1, 1)
-    end_s, way, none = np.asarray(0.1 * np.arange(n)), np.pad(way_m, pad), np.zeros(n)
+    end_s, way, none = np.asarray(0.1 * np.arange(n)), np.pad(distance_m, pad), np.zeros(n)
     flags = np.full(n, good)
     return Rows(end_s, np.full(n, 0.1), np.pad(turn_rad, pad), none, way, way, none, none, flags, 1, 0)
 

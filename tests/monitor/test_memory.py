@@ -9,7 +9,7 @@ from emulated_demo import demo_config, emulated
 
 from drd.monitor.findings import Finding, Size
 from drd.monitor.lasting import LastingMonitor
-from drd.monitor.library import TURN, WAY
+from drd.monitor.library import TRAVEL, TURN
 from drd.monitor.memory import DAY_NS, DAYS, EARLIEST_NS, Day, Memory, known, latest, remember
 from drd.monitor.wear import CHANGED, LEAK, wear
 from drd.samples import GyroSample, WheelSample
@@ -70,7 +70,7 @@ def test_a_changed_tyre_is_told_with_its_date_and_all_begins_anew() -> None:
     jump = finding.parameters["left_less_right"]
     assert isinstance(jump, Size)
     assert abs(jump.value + 0.003) < 4.0 * jump.std
-    level = latest(memory.days, WAY)
+    level = latest(memory.days, TRAVEL)
     assert (level.begin, level.slope) == (30, 0.0)
     assert abs(level.level + 0.001) < 4e-4
 
@@ -93,7 +93,7 @@ def test_drives_of_a_day_are_put_together_and_half_a_year_is_kept() -> None:
             at_ns = FIRST_NS + (24 * k + hour) * DAY_NS // 24
             memory = remember(memory, msgspec.structs.replace(of_day, wall_ns=at_ns))
     assert len(memory.days) == DAYS
-    assert memory.days[0].way_m == 3.0
+    assert memory.days[0].distance_m == 3.0
     assert memory.days[0].sigmas[1] == pytest.approx(1e-4 / np.sqrt(3.0))
     # With configuration and calibration it must fit into a packet of 64 KiB.
     assert len(msgspec.json.encode(memory)) < 45_000
@@ -136,7 +136,7 @@ def test_a_drive_begins_with_what_is_known_and_sees_overnight_changes() -> None:
         assert abs(value - truth) < 4.0 * sigma + 1e-3
     found = known(remember(Memory("a robot"), day), FIRST_NS)
     assert found is not None
-    assert found.means[WAY] == pytest.approx(day.values[1])
+    assert found.means[TRAVEL] == pytest.approx(day.values[1])
     assert found.sigmas[TURN] < 0.006
     # Overnight the left tyre has lost 1 %: seen from the start on.
     again = LastingMonitor(config, remember(Memory("a robot"), day), FIRST_NS + DAY_NS, 0)

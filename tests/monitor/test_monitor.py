@@ -246,10 +246,10 @@ def test_a_limit_of_the_gyro_is_told_from_a_steady_turn_on_ground_of_another_tre
     symptoms, none = Symptoms(0.5), np.zeros(32)
     for begin in range(0, 60, 20):
         part = slice(begin, begin + 32)
-        ways_m = 0.1 * wheels[part] * 0.25
+        distances_m = 0.1 * wheels[part] * 0.25
         end_s, steps_s = np.asarray(times_s[part], float), np.full(32, 0.1)
         is_good = np.ones(32, bool)
-        rows = Rows(end_s, steps_s, 0.1 * gyro[part], none, -ways_m, ways_m, none, none, is_good, 12, 0)
+        rows = Rows(end_s, steps_s, 0.1 * gyro[part], none, -distances_m, distances_m, none, none, is_good, 12, 0)
         symptoms.look(rows, 0.1 * wheels[part], 1.0, 0.0, np.full(32, 1e-6), 1e-5)
     found = symptoms.seen.get((Symptom.CLIPPED, ""))
     assert (found is not None and found.sure) == is_limited

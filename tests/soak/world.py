@@ -54,7 +54,7 @@ def _after(start: Place, then: Place) -> Place:
     x, y, heading, way = start
     c, s = math.cos(heading), math.sin(heading)
     x, y = x + c * then.x_m - s * then.y_m, y + s * then.x_m + c * then.y_m
-    return Place(x, y, heading + then.heading_rad, way + then.way_m)
+    return Place(x, y, heading + then.heading_rad, way + then.distance_m)
 
 
 class Arrival(NamedTuple):

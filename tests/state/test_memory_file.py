@@ -39,8 +39,8 @@ def test_it_is_as_it_was_after_a_restart(config: Config) -> None:
     assert second.close(10.0)
 
 
-def replace_way(day: Day, way_m: float) -> Day:
-    return Day(day.wall_ns, way_m, day.values, day.sigmas)
+def replace_way(day: Day, distance_m: float) -> Day:
+    return Day(day.wall_ns, distance_m, day.values, day.sigmas)
 
 
 def test_another_robot_begins_with_nothing(config: Config) -> None:

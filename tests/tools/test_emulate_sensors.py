@@ -89,7 +89,7 @@ def test_perfect_wheels_give_travel_and_heading_back() -> None:
     wheels = sensors(drive)
     for t_s in (10.0, 20.0, 40.0):
         left_m, right_m = wheels.travel_m(t_s)
-        assert (left_m + right_m) / 2 == pytest.approx(drive.at(t_s).way_m, abs=1e-9)
+        assert (left_m + right_m) / 2 == pytest.approx(drive.at(t_s).distance_m, abs=1e-9)
         assert (right_m - left_m) / 0.6 == pytest.approx(drive.at(t_s).heading_rad, abs=1e-9)
 
 

@@ -234,9 +234,9 @@ def plant(name: str, drive: Drive, config: Config, seed_: int) -> Planted | None
     half_m_s = 0.5 * config.robot.tread_m * truth.rate_rad_s  # perfect wheels and tread
     wheels = truth.speed_m_s - half_m_s, truth.speed_m_s + half_m_s
     motion = motion_along(truth, config.robot.wheel_radius_m, config.robot.tread_m, *wheels)
-    way_m = np.cumsum(np.abs(truth.speed_m_s)) * STEP_S
-    begin = int(np.searchsorted(way_m, FAULT_SHARE * way_m[-1]))
-    limit = min(int(np.searchsorted(way_m, way_m[begin] + WAY_M)), len(way_m) - 1)
+    distance_m = np.cumsum(np.abs(truth.speed_m_s)) * STEP_S
+    begin = int(np.searchsorted(distance_m, FAULT_SHARE * distance_m[-1]))
+    limit = min(int(np.searchsorted(distance_m, distance_m[begin] + WAY_M)), len(distance_m) - 1)
     random = np.random.default_rng([seed_, 4])
     tries = (sized(effect, FAULT_D, motion, (begin, limit), random) for _ in range(FAULT_TRIES))
     values = next((v for v in tries if v is not None), None)

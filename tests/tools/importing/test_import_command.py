@@ -213,8 +213,8 @@ def test_what_candump_shows_with_wall_times(name: str, tmp_path: Path) -> None:
     config.write_text(CONFIG)
     text = ""
     for k in range(100):
-        time, way_mm = f" ({1_700_000_000 + 0.05 * k:.6f})  can0 ", (10 * k).to_bytes(4, "big").hex(" ").upper()
-        text += f"{time}      311   [8]  {way_mm} {way_mm}\n"
+        time, distance_mm = f" ({1_700_000_000 + 0.05 * k:.6f})  can0 ", (10 * k).to_bytes(4, "big").hex(" ").upper()
+        text += f"{time}      311   [8]  {distance_mm} {distance_mm}\n"
         text += f"{time} 20000004   [8]  00 08 00 00 00 00 00 00   ERRORFRAME\n"
     text += " (1700000009.999999)  can0       311   [8]  00 00 0"  # cut
     (tmp_path / name).write_bytes(gzip.compress(text.encode()) if name.endswith(".gz") else text.encode())

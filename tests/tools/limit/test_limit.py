@@ -37,9 +37,9 @@ DEAF = 1e9  # variance of comparisons that say nothing
 PERFECT = Sigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def straight(speed_m_s: float, way_m: float = 1000.0, step_s: float = 1.0) -> Drive:
+def straight(speed_m_s: float, distance_m: float = 1000.0, step_s: float = 1.0) -> Drive:
     step_m = speed_m_s * step_s
-    blocks = [Block(step_s, step_m, step_m, 0.0)] * round(way_m / step_m)
+    blocks = [Block(step_s, step_m, step_m, 0.0)] * round(distance_m / step_m)
     return Drive(blocks, TREAD_M, 10.0, NoiseProfile(comparison_rad2=DEAF), 0.0)
 
 

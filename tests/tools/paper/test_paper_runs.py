@@ -26,7 +26,7 @@ def outcomes(laboratory: Laboratory) -> list[Outcome]:
 
 def test_the_path_is_the_papers(laboratory: Laboratory) -> None:
     for way, turn in zip(laboratory.ways, (-2 * np.pi, 2 * np.pi), strict=True):
-        assert way.way_m[-1] == pytest.approx(210.0, abs=0.1)
+        assert way.distance_m[-1] == pytest.approx(210.0, abs=0.1)
         assert way.heading_rad[-1] == pytest.approx(turn, abs=0.01)
         assert np.hypot(way.x_m[-1], way.y_m[-1]) < 0.1
         assert 150 < way.time_s[-1] < 200
@@ -84,7 +84,7 @@ def test_the_samples_are_those_of_the_drive(laboratory: Laboratory) -> None:
     rates, steps = robot(laboratory).samples(way, 1)
     assert sum(s.rate_rad_s for s in rates) * 0.1 == pytest.approx(2 * np.pi, rel=0.02)
     left, right = (sum(getattr(s, side) for s in steps) for side in ("left_m", "right_m"))
-    assert 0.5 * (left + right) == pytest.approx(way.way_m[-1], abs=0.001)
+    assert 0.5 * (left + right) == pytest.approx(way.distance_m[-1], abs=0.001)
     assert (right - left) / laboratory.config.robot.tread_m == pytest.approx(way.heading_rad[-1], abs=0.001)
 
 
@@ -103,5 +103,5 @@ def test_the_treads_fluctuation_and_the_pavement_are_as_large_as_stated(laborato
 def test_bumps_only_ever_add_travel(laboratory: Laboratory) -> None:
     physics = laboratory.physics.robot
     _, steps = robot(laboratory, bump_per_m=physics.bump_per_m).samples(laboratory.ways[0], 2)
-    added = sum(0.5 * (s.left_m + s.right_m) for s in steps) - laboratory.ways[0].way_m[-1]
+    added = sum(0.5 * (s.left_m + s.right_m) for s in steps) - laboratory.ways[0].distance_m[-1]
     assert added == pytest.approx(physics.bump_per_m * physics.bump_m * 210.0, rel=0.3)

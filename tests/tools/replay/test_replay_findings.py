@@ -5,12 +5,12 @@ import pytest
 from emulated_demo import demo_config, emulated
 
 from drd.monitor.constants import Constants
-from drd.monitor.library import CHANGE, TURN, WAY
+from drd.monitor.library import CHANGE, TRAVEL, TURN
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample, WheelSample
 from drd_tools.replay.findings import Live, Told, monitored, sentences
 
-KNOWN = Constants({TURN: 0.017, WAY: 0.002, CHANGE: 0.0}, {TURN: 0.003, WAY: 3e-4, CHANGE: 0.2})
+KNOWN = Constants({TURN: 0.017, TRAVEL: 0.002, CHANGE: 0.0}, {TURN: 0.003, TRAVEL: 3e-4, CHANGE: 0.2})
 BEFORE = 31  # samples that came before the live monitor was there
 
 

@@ -33,10 +33,10 @@ def test_the_robot_stands_at_the_origin_first_and_at_the_end_for_ever() -> None:
     truth = make_truth(make_drive("square-ccw", stand_s=5.0))
     for t_s in (-1.0, 0.0, 4.9):
         assert truth.at(t_s) == (0.0, 0.0, 0.0, 0.0)
-    assert truth.at(6.0).way_m > 0.0
+    assert truth.at(6.0).distance_m > 0.0
     end = truth.at(truth.duration_s - 0.9)
     assert truth.at(truth.duration_s + 1e6) == pytest.approx(end)
-    assert end.way_m == pytest.approx(210.0, abs=0.001)
+    assert end.distance_m == pytest.approx(210.0, abs=0.001)
 
 
 def test_a_circle_comes_out_exactly() -> None:
@@ -46,7 +46,7 @@ def test_a_circle_comes_out_exactly() -> None:
         assert place.x_m == pytest.approx(np.sin(0.3 * t_s) / 0.3, abs=1e-6)
         assert place.y_m == pytest.approx((1 - np.cos(0.3 * t_s)) / 0.3, abs=1e-6)
         assert place.heading_rad == pytest.approx(0.3 * t_s)
-        assert place.way_m == pytest.approx(t_s)
+        assert place.distance_m == pytest.approx(t_s)
 
 
 @pytest.mark.parametrize("seconds", [45.0, 60.0, 130.0, 300.0])

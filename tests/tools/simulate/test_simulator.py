@@ -75,10 +75,10 @@ def test_slip_noise_grows_with_the_root_of_the_way() -> None:
     speed = np.full(600 * RATE_HZ, 1.5)
     simulated = simulate(truth_of(speed, np.zeros_like(speed)), DEFAULT, seed=2)
     left, right = (np.diff(side) * COUNT_M - 1.5 * 0.05 for side in counts(simulated))
-    way_m = 1.5 * 0.05
+    distance_m = 1.5 * 0.05
     for errors in (left, right):
         # Rounding down adds the variance of the difference of two uniform numbers, 2/12 of a count squared.
-        per_m = (errors.var() - COUNT_M**2 / 6.0) / way_m
+        per_m = (errors.var() - COUNT_M**2 / 6.0) / distance_m
         assert math.sqrt(per_m) == pytest.approx(0.002, rel=0.03)  # 12000 values: 0.65 % each
     assert abs(np.corrcoef(left, right)[0, 1]) < 0.04
     # White: sums over 200 rows have 200 times the variance.
@@ -241,8 +241,8 @@ def test_heavy_tails_have_the_scatter_of_the_data_sheet() -> None:
 
 
 def test_the_ground_wanders_along_the_way() -> None:
-    way_m = np.linspace(0.0, 5000.0, 100_001)
-    values = wandering(way_m, 0.5, stream(2, "y"))
+    distance_m = np.linspace(0.0, 5000.0, 100_001)
+    values = wandering(distance_m, 0.5, stream(2, "y"))
     assert values.std() == pytest.approx(1.0, rel=0.04)
     lag = round(0.5 / 0.05)  # one correlation length
     assert np.corrcoef(values[:-lag], values[lag:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.04)

@@ -78,7 +78,7 @@ class Sensors:
         """
         e, place = self._errors, self._path.at(t_s)
         side_m = place.heading_rad * self._half_tread_m
-        before_m, self._travel_m = self._travel_m, np.array((place.way_m - side_m, place.way_m + side_m))
+        before_m, self._travel_m = self._travel_m, np.array((place.distance_m - side_m, place.distance_m + side_m))
         steps_m = self._travel_m - before_m
         noise_m = e.slip_m_per_sqrt_m * np.sqrt(np.abs(steps_m)) * self._slip.standard_normal(2)
         # A wheel that is larger than believed turns less on the same way.

@@ -78,9 +78,9 @@ def actual_error(interval: Interval, reference: Reference, keep_s: tuple[float, 
 
 def with_unknown_way(covariance: Array, ways: list[Array]) -> Array:
     """The kept parts' covariance, with what the scale of all ways adds while the drive is not known. (34)"""
-    ways_m = np.zeros((len(ways), len(GROUPS), 3))
-    ways_m[:, GROUPS.index(CAUSES[SKID_SCALE].group)] = ways
-    return covariance + np.outer(ways_m, ways_m)
+    distances_m = np.zeros((len(ways), len(GROUPS), 3))
+    distances_m[:, GROUPS.index(CAUSES[SKID_SCALE].group)] = ways
+    return covariance + np.outer(distances_m, distances_m)
 
 
 def _parts(course: Attribution, error: Array) -> tuple[list[Part], list[list[str]]]:

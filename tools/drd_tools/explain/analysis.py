@@ -127,7 +127,7 @@ def _explanation(
         counts_from=_counts_from(interval, plan),
         from_s=round(snapshots[0].time_s, 6),
         to_s=round(last.time_s, 6),
-        way_m=last.way_m,
+        way_m=last.distance_m,
         groups=[_line(name, "", P, total) for name, P in zip(GROUPS, groups, strict=True)],
         causes=[_line(cause.group, cause.part, P, total) for cause, P in zip(CAUSES, causes, strict=True)],
         total=_line("all", "", total, total),
@@ -135,7 +135,7 @@ def _explanation(
         actual=actual,
         notes=notes,
         time_s=rounded(np.array([s.time_s for s in drawn])),
-        way_series_m=rounded(np.array([s.way_m for s in drawn])),
+        way_series_m=rounded(np.array([s.distance_m for s in drawn])),
         position_m2=rounded(variances[:, :, 0] + variances[:, :, 1]),
         heading_deg2=rounded(variances[:, :, 2] * DEG_PER_RAD**2),
     )

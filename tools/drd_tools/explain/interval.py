@@ -28,7 +28,7 @@ class Snapshot(NamedTuple):
     """Time and way since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
 
     time_s: float
-    way_m: float
+    distance_m: float
     heading_rad: float
     covariance: Matrix
     delay: Matrix
@@ -60,7 +60,7 @@ class Interval:
         self._keep_ns = [self._ns(t_s) for t_s in keep_s]
         self._kept = 0
         self._interval_ns, self._next_ns = round(FIRST_INTERVAL_S * NS_PER_S), 0
-        self._way_m = 0.0
+        self._distance_m = 0.0
         self._from_m, self._from_wander_m2, self._from_slipped_m2 = (0.0, 0.0), 0.0, 0.0
         self._nothing_seen = Hindsight()
 
@@ -85,7 +85,7 @@ class Interval:
         if self.done:
             return
         if not self.begun and (self._from_ns is None or t_ns >= self._from_ns):
-            self.begun, self._way_m = True, 0.0
+            self.begun, self._distance_m = True, 0.0
             if self._from_ns is not None:
                 late, _ = _lead_moments(kf)
                 self.budget.rebase(kf.pose_heading, late * velocity)
@@ -111,7 +111,7 @@ class Interval:
 
     def moved(self, dx_m: float, dy_m: float) -> None:
         """Add the way of one step, without the filter's corrections."""
-        self._way_m += math.hypot(dx_m, dy_m)
+        self._distance_m += math.hypot(dx_m, dy_m)
 
     def pose_was_set(self) -> None:
         """Note that a pose came from outside."""
@@ -170,7 +170,7 @@ class Interval:
             lead_s2 += self._hindsight.lag_doubt_s2(kf)  # (18)
             covariance[LAG_START] += (lead_s2 - late * late * kf.flat_P[TT]) * np.outer(velocity, velocity)
         delay = J @ self.budget.delay
-        self.snapshots.append(Snapshot(time_s, self._way_m, kf.heading_rad, covariance, delay))
+        self.snapshots.append(Snapshot(time_s, self._distance_m, kf.heading_rad, covariance, delay))
         if len(self.snapshots) > SNAPSHOTS:
             del self.snapshots[1::2]
             self._interval_ns *= 2

@@ -31,7 +31,7 @@ def baselines(recording: Recording) -> dict[str, Poses]:
     """The poses of each baseline that the recording allows: without a gyro only the first."""
     time_s, left_m, right_m = travels(recording)
     tread_m = recording.nominal.tread_m
-    way_m = 0.5 * np.diff(left_m + right_m)
+    distance_m = 0.5 * np.diff(left_m + right_m)
     turned = (right_m - left_m) / tread_m
     headings = {WHEELS: turned - turned[0]}
     if recording.fog is not None:
@@ -40,7 +40,7 @@ def baselines(recording: Recording) -> dict[str, Poses]:
         rates = fog.rate_rad_s - bias[0], np.where(stopped, 0.0, fog.rate_rad_s - bias[1])
         for name, rate in zip((GYRO, STOPS), rates, strict=True):
             headings[name] = np.interp(time_s, fog.time_s, integral(fog, rate))
-    return {name: path(name, time_s, way_m, heading) for name, heading in headings.items()}
+    return {name: path(name, time_s, distance_m, heading) for name, heading in headings.items()}
 
 
 def travels(recording: Recording) -> tuple[Array, Array, Array]:
@@ -50,10 +50,10 @@ def travels(recording: Recording) -> tuple[Array, Array, Array]:
     return recording.encoders.time_s, radius_m * left, radius_m * right
 
 
-def path(name: str, time_s: Array, way_m: Array, heading_rad: Array) -> Poses:
+def path(name: str, time_s: Array, distance_m: Array, heading_rad: Array) -> Poses:
     """Poses from the way between rows, along the heading in the middle of each; it starts at the origin."""
     middle = 0.5 * (heading_rad[1:] + heading_rad[:-1])
-    x_m, y_m = (np.concatenate([[0.0], np.cumsum(way_m * part)]) for part in (np.cos(middle), np.sin(middle)))
+    x_m, y_m = (np.concatenate([[0.0], np.cumsum(distance_m * part)]) for part in (np.cos(middle), np.sin(middle)))
     return Poses(name, time_s, np.column_stack([x_m, y_m, heading_rad]))
 
 

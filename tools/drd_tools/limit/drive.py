@@ -44,7 +44,7 @@ class Drive:
     resolution_m: float
 
     @property
-    def way_m(self) -> float:
+    def distance_m(self) -> float:
         """The length of the way."""
         return sum(0.5 * abs(b.left_m + b.right_m) for b in self.blocks)
 

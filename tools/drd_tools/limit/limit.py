@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from drd.config.keys import Config
 from drd.estimation.state import (
@@ -72,8 +74,7 @@ class Change:
     drift_percent: float
 
 
-@dataclass(frozen=True)
-class Limit:
+class Limit(Struct, frozen=True):
     """The bound: one standard deviation of position (both coordinates together) and heading.
 
     `position_rms_m`, `heading_rms_deg` over time; `end_m`, `end_deg` at the end; `drift_percent` of the way, over the
@@ -87,7 +88,7 @@ class Limit:
     end_deg: float
     drift_percent: float
     by_length_percent: list[float]
-    way_m: float
+    distance_m: float = field(name="way_m")  # as the files have it
     basis: str
     advice: str
     by_cause: list[Share]
@@ -119,7 +120,7 @@ def limit_on(drive: Drive, known: Known) -> Limit:
         end_deg=end_deg,
         drift_percent=100.0 * float(whole.drift[0]),
         by_length_percent=(100.0 * whole.by_length[0]).tolist(),
-        way_m=drive.way_m,
+        distance_m=drive.distance_m,
         basis=known.basis,
         advice="",
         by_cause=[
@@ -192,7 +193,7 @@ def _deg(variance_rad2: float) -> float:
 
 def advice(limit: Limit) -> str:
     """Sentence on what would lower the bound most."""
-    if limit.way_m < SHORTEST_M:
+    if limit.distance_m < SHORTEST_M:
         return "The way is too short to say what would help."
     best = limit.changes[0]
     gain = 1.0 - best.drift_percent / limit.drift_percent if limit.drift_percent else 0.0

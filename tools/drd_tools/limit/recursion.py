@@ -35,8 +35,8 @@ class ErrorModel(FilterByCause):
     def step(self, block: Block) -> None:
         """Set F and Q to those of a block. P has no meaning here."""
         half = 0.5 * block.turn_rad * self.nominal.tread_m
-        way_m = 0.5 * (block.left_m + block.right_m)
-        left_m, right_m = (0.0, 0.0) if block.is_rest else (way_m - half, way_m + half)
+        distance_m = 0.5 * (block.left_m + block.right_m)
+        left_m, right_m = (0.0, 0.0) if block.is_rest else (distance_m - half, distance_m + half)
         n = self.nominal
         n.heading_rad = n.gyro_heading_rad = self._heading_rad
         self.P.fill(0.0)
@@ -79,8 +79,8 @@ class Spread:
 
 def spreads(model: ErrorModel, drive: Drive, cases: list[Case], shares: list[Case]) -> tuple[Spread, Spread]:
     """Run the recursion for all cases, and for shares of the first one: weights and starts that add up to its own."""
-    batch = _Batch(model, cases, shares, drive.way_m)
-    way_m = time_s = 0.0
+    batch = _Batch(model, cases, shares, drive.distance_m)
+    distance_m = time_s = 0.0
     for block in drive.blocks:
         model.step(block)
         batch.predict(model._F, model.Q_causes)
@@ -88,22 +88,22 @@ def spreads(model: ErrorModel, drive: Drive, cases: list[Case], shares: list[Cas
             batch.update(model.comparison(block))
         else:
             batch.anchor()
-        way_m, time_s = way_m + 0.5 * abs(block.left_m + block.right_m), time_s + block.dt_s
-        batch.watch(way_m, block.dt_s)
+        distance_m, time_s = distance_m + 0.5 * abs(block.left_m + block.right_m), time_s + block.dt_s
+        batch.watch(distance_m, block.dt_s)
     return batch.result(time_s, len(cases))
 
 
 class _Batch:
     """Covariances of shape (cases and shares, starts, N, N): start 0 is the drive's own."""
 
-    def __init__(self, model: ErrorModel, cases: list[Case], shares: list[Case], way_m: float):
+    def __init__(self, model: ErrorModel, cases: list[Case], shares: list[Case], distance_m: float):
         every = [*cases, *shares]
         self._weights = np.array([case.weights for case in every])
         self._gain_of = np.array([*range(len(cases)), *([0] * len(shares))])
         starts = TENTHS - 1
         self.P = np.repeat(np.array([case.P for case in every])[:, None], starts, axis=1)
         self._pose, self._heading = model.pose, model.pose_heading
-        self._tenth_m, self._passed = way_m / TENTHS, 0
+        self._tenth_m, self._passed = distance_m / TENTHS, 0
         self._position, self._heading2 = np.zeros(len(every)), np.zeros(len(every))
         self._drift, self._segments = np.zeros((len(every), LONGEST)), np.zeros(LONGEST)
 
@@ -130,12 +130,13 @@ class _Batch:
         self.P[..., GYRO_HEADING, :] = self.P[..., HEADING, :]
         self.P[..., :, GYRO_HEADING] = self.P[..., :, HEADING]
 
-    def watch(self, way_m: float, dt_s: float) -> None:
+    def watch(self, distance_m: float, dt_s: float) -> None:
         """Add a block to the means over time and, where a tenth of the way ends, to the segments."""
         diagonal = self.P[:, 0, self._pose, self._pose]
         self._position += (diagonal[:, 0] + diagonal[:, 1]) * dt_s
         self._heading2 += diagonal[:, 2] * dt_s
-        while self._tenth_m and self._passed < TENTHS and way_m >= (self._passed + 1) * self._tenth_m * (1.0 - 1e-9):
+        tenth_m = self._tenth_m * (1.0 - 1e-9)
+        while self._tenth_m and self._passed < TENTHS and distance_m >= (self._passed + 1) * tenth_m:
             self._passed += 1
             for start in range(max(0, self._passed - LONGEST), min(self._passed, self.P.shape[1])):
                 variance, tenths = self.P[:, start, X, X] + self.P[:, start, Y, Y], self._passed - start

@@ -76,8 +76,8 @@ def _run(chosen: argparse.Namespace) -> int:
     title += f", {ground.bumps_per_m:g} bumps per metre" if ground.bumps_per_m else ""
     with writing(chosen.output):
         picture.draw(chosen.output / "emerged.png", title, motion, blocks, found, vehicle.track_m, expected)
-    way_m = float(np.abs(blocks.speed_m_s).sum() * measure.BLOCK_S)
-    print(f"Mission {chosen.mission}: {motion.time_s[-1]:g} s, {way_m:.1f} m, {vehicle.total_kg:g} kg; ", end="")
+    distance_m = float(np.abs(blocks.speed_m_s).sum() * measure.BLOCK_S)
+    print(f"Mission {chosen.mission}: {motion.time_s[-1]:g} s, {distance_m:.1f} m, {vehicle.total_kg:g} kg; ", end="")
     print(f"simulated in {took_s:.1f} s, {motion.time_s[-1] / took_s:.0f} times faster than real.\n")
     print("\n".join(table(found, vehicle, expected)))
     print(

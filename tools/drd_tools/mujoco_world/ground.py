@@ -50,12 +50,12 @@ class Friction:
         return np.asarray(self._map[row, column])
 
 
-def make_bumps(per_m: float, way_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:
+def make_bumps(per_m: float, distance_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:
     """Bumps beside and on a way, shape (n, 2) with n >= 2; a way of no length gets none."""
-    step_m = np.hypot(*np.diff(way_m, axis=0).T)
+    step_m = np.hypot(*np.diff(distance_m, axis=0).T)
     count = round(per_m * float(step_m.sum()))
     place = random.choice(len(step_m), count, p=step_m / step_m.sum()) if count else np.zeros(0, dtype=int)
     aside = random.uniform(-BUMP_ASIDE_M, BUMP_ASIDE_M, (count, 2))
     radius, height = random.uniform(*BUMP_RADIUS_M, count), random.uniform(*BUMP_HEIGHT_M, count)
-    rows = np.column_stack((way_m[place] + aside, radius, height)).tolist()
+    rows = np.column_stack((distance_m[place] + aside, radius, height)).tolist()
     return tuple(Bump(*row) for row in rows)

@@ -16,7 +16,7 @@ QUARTER: Final = 0.5 * math.pi
 class Follow(NamedTuple):
     """A way along points CELL_M apart, shape (n, 2), from standstill to standstill."""
 
-    way_m: Array
+    distance_m: Array
     speed_m_s: float
 
 
@@ -51,7 +51,7 @@ def legs_of(mission: str, stand_s: float, *, endless: bool) -> Iterator[Leg]:
 
 def way_of(mission: str) -> Array:
     """All points that a lap passes, shape (n, 2), n >= 2."""
-    ways = [leg.way_m for leg in MISSIONS[mission].lap() if isinstance(leg, Follow)]
+    ways = [leg.distance_m for leg in MISSIONS[mission].lap() if isinstance(leg, Follow)]
     return np.concatenate(ways) if ways else np.zeros((2, 2))
 
 

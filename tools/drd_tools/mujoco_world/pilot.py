@@ -69,7 +69,7 @@ class Pilot:
         return 0.0, max(-leg.rate_rad_s, min(leg.rate_rad_s, SPIN_GAIN_PER_S * remaining))
 
     def _pursue(self, leg: Follow, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
-        way, last = leg.way_m, len(leg.way_m) - 1
+        way, last = leg.distance_m, len(leg.distance_m) - 1
         near = way[self._cell : self._cell + SEARCH_CELLS]
         self._cell += int(np.argmin(np.square(near - (x_m, y_m)).sum(axis=1)))
         if self._cell == last:

@@ -76,10 +76,10 @@ def run_experiment(gyros: int, seed: int) -> Results:
 
 def _via_points(way: Truth) -> Array:
     """Where the corners begin and end."""
-    quarter_m = way.way_m[-1] / 4.0
+    quarter_m = way.distance_m[-1] / 4.0
     ends = quarter_m * np.arange(1, 5)
     along = np.sort(np.concatenate([ends - CORNER_M, ends]))
-    return np.column_stack([np.interp(along, way.way_m, v) for v in (way.x_m, way.y_m)])
+    return np.column_stack([np.interp(along, way.distance_m, v) for v in (way.x_m, way.y_m)])
 
 
 def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:

@@ -45,8 +45,8 @@ def end_error(replayed: Replayed, recording: Recording) -> EndError | None:
     off_x, off_y, off_h = np.array([c * dx - s * dy, s * dx + c * dy, dh]) - (reference[1] - reference[0])
     log = recording.reference
     inside = (log.time_s >= start_s) & (log.time_s <= end_s)
-    way_m = float(np.hypot(np.diff(log.x_m[inside]), np.diff(log.y_m[inside])).sum())
-    return EndError(start_s, end_s, math.hypot(off_x, off_y), math.remainder(off_h, 2.0 * math.pi), way_m)
+    distance_m = float(np.hypot(np.diff(log.x_m[inside]), np.diff(log.y_m[inside])).sum())
+    return EndError(start_s, end_s, math.hypot(off_x, off_y), math.remainder(off_h, 2.0 * math.pi), distance_m)
 
 
 def _overlap(replayed: Replayed, recording: Recording) -> tuple[tuple[float, float], Array, Array] | None:

@@ -18,7 +18,7 @@ GOOD = ("poses", "accepted", "bias_measured", "frames", "samples", "bytes", "pac
 def summary(replayed: Replayed, start: Start = ORIGIN, error: EndError | None = None, taken_s: float = 0.0) -> str:
     """Aligned lines: what was read, what came out, and its digest. There must be poses."""
     rows, last, robot = table(replayed, start), replayed.poses[-1], replayed.config.robot
-    way_m = float(np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2])).sum())
+    distance_m = float(np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2])).sum())
     _, x_m, y_m, heading_rad, xx, _, _, yy, _, hh = rows[-1]
     sigmas = [math.sqrt(max(value, 0.0)) for value in (xx, yy, hh)]
     lines = {
@@ -28,7 +28,7 @@ def summary(replayed: Replayed, start: Start = ORIGIN, error: EndError | None = 
         "duration": f"{replayed.duration_s:.3f} s",
         "samples": ", ".join(f"{count} {name}" for name, count in replayed.samples.items()),
         "poses": f"{len(replayed.poses)}",
-        "path": f"{way_m:.3f} m",
+        "path": f"{distance_m:.3f} m",
         "end": f"x {x_m:.3f} m (sigma {sigmas[0]:.3f}), y {y_m:.3f} m ({sigmas[1]:.3f}), "
         f"heading {heading_rad * DEG_PER_RAD:.3f} deg ({sigmas[2] * DEG_PER_RAD:.3f}); "
         f"99 % bound {last.position_bound_m:.3f} m",

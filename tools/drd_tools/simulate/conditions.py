@@ -104,14 +104,14 @@ def scatter(n: int, random: Random, tails: float) -> Array:
     return random.standard_t(tails, n) * math.sqrt((tails - 2.0) / tails)
 
 
-def wandering(way_m: Array, length_m: float, random: Random) -> Array:
+def wandering(distance_m: Array, length_m: float, random: Random) -> Array:
     """A stationary Gauss-Markov sequence of unit variance along a way that never falls, shape (n,)."""
     from scipy.signal import lfilter  # noqa: PLC0415  # half a second, and most ground is even
 
     spacing = 0.05  # of the correlation length; between its points the values are on a line
-    points = math.ceil(float(way_m[-1]) / (spacing * length_m)) + 2
+    points = math.ceil(float(distance_m[-1]) / (spacing * length_m)) + 2
     keep = math.exp(-spacing)
     drive = random.standard_normal(points) * math.sqrt(1.0 - keep * keep)
     drive[0] /= math.sqrt(1.0 - keep * keep)
     values = lfilter([1.0], [1.0, -keep], drive)
-    return np.asarray(np.interp(way_m, spacing * length_m * np.arange(points), values))
+    return np.asarray(np.interp(distance_m, spacing * length_m * np.arange(points), values))

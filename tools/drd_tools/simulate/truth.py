@@ -18,7 +18,7 @@ class Place(NamedTuple):
     x_m: float
     y_m: float
     heading_rad: float
-    way_m: float
+    distance_m: float
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ class Truth:
         return float(np.abs(self.speed_m_s).sum() * STEP_S)
 
     @cached_property
-    def way_m(self) -> Array:
+    def distance_m(self) -> Array:
         """Way at the states: forward less backward, from 0."""
         return np.concatenate(([0.0], np.cumsum(self.speed_m_s) * STEP_S))
 
     @cached_property
     def _places(self) -> Array:
-        return np.column_stack((self.x_m, self.y_m, self.heading_rad, self.way_m))
+        return np.column_stack((self.x_m, self.y_m, self.heading_rad, self.distance_m))
 
     def at(self, t_s: float) -> Place:
         """Place `t_s` after the start. Before it and after the end the robot stands there."""

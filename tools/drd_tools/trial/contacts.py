@@ -100,5 +100,5 @@ def _slip_m_per_sqrt_m(m: Motion) -> float:
         return np.asarray(np.array(values)[:, : n * size].reshape(2, n, size).sum(axis=2) * step_s)
 
     off_m = summed([m.left_m_s - m.speed_m_s + half, m.right_m_s - m.speed_m_s - half])
-    way_m = summed([np.abs(m.left_m_s), np.abs(m.right_m_s)])
-    return max(SLIP_M_PER_SQRT_M, math.sqrt(float(np.sum(off_m**2) / np.sum(way_m))))
+    distance_m = summed([np.abs(m.left_m_s), np.abs(m.right_m_s)])
+    return max(SLIP_M_PER_SQRT_M, math.sqrt(float(np.sum(off_m**2) / np.sum(distance_m))))

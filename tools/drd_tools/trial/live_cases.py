@@ -14,7 +14,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import Begins, Chance, Effect, Errors, Parameter, Values
 from drd.effects.motion import Motion
 from drd.monitor.constants import CHANGE_S, KNOWN_SIGMAS, stated_constants
-from drd.monitor.library import CHANGE, TURN, WAY
+from drd.monitor.library import CHANGE, TRAVEL, TURN
 from drd.monitor.sums import FIRST_BIAS_RAD_S
 from drd.units import (
     RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
@@ -139,7 +139,7 @@ def _drawn(case: Case, random: Random) -> Drawn | None:
     errors = since(effect, found, made.motion, begin)
     recording = overlaid(made.recording, made.motion, [errors])
     known = KNOWN_SIGMAS if case.remembers else stated_constants(configuration(recording)).sigmas
-    constants = (FIRST_BIAS_RAD_S, known[TURN], known[WAY], CHANGE_S * known[CHANGE])
+    constants = (FIRST_BIAS_RAD_S, known[TURN], known[TRAVEL], CHANGE_S * known[CHANGE])
     return Drawn(recording, effect, found, begin_s, limit_s, detectability(errors, made.motion, limit, constants))
 
 

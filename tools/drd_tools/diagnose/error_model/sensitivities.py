@@ -102,8 +102,8 @@ def _speed_sigma_m_s(e: Evidence) -> Array:
 
 def _turn_sigma_rad_s(e: Evidence) -> Array:
     """Deviation of each step's turn over its length, (n,), as wheels tell it."""
-    way_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m + e.datasheet.count_m**2 / 3.0
-    return np.asarray(np.sqrt(way_m2) / e.tread_m / e.step_s, float)
+    distance_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m + e.datasheet.count_m**2 / 3.0
+    return np.asarray(np.sqrt(distance_m2) / e.tread_m / e.step_s, float)
 
 
 def _ratio(a: Array, b: Array) -> Array:

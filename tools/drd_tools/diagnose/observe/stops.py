@@ -118,7 +118,7 @@ class _Stop(NamedTuple):
 class _Missed(NamedTuple):
     """The longest way that a wheel at rest by its counter has gone, its deviation, the other wheel's, and the time."""
 
-    way_m: float
+    distance_m: float
     sigma_m: float
     other_m: float
     rest_s: float
@@ -139,11 +139,11 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
         if missed is None:
             continue
         t0, t1 = float(edges_s[0]), float(edges_s[-1])
-        if missed.way_m >= LIKELY_SHARE * missed.other_m:
+        if missed.distance_m >= LIKELY_SHARE * missed.other_m:
             likely.append((t0, t1))
         least_m = max(STOP_SIGMAS * missed.sigma_m, least.of_way * missed.other_m, usual_m_s * CREEPING * missed.rest_s)
-        if missed.rows >= SHORTEST_STOP_ROWS and missed.rest_s >= least.rest_s and missed.way_m >= least_m:
-            certain.append(_Stop(t0, t1, missed.way_m, 0.5 * (missed.way_m / missed.sigma_m) ** 2))
+        if missed.rows >= SHORTEST_STOP_ROWS and missed.rest_s >= least.rest_s and missed.distance_m >= least_m:
+            certain.append(_Stop(t0, t1, missed.distance_m, 0.5 * (missed.distance_m / missed.sigma_m) ** 2))
     if not certain:
         return None
     spans = likely + [(stop.t0, stop.t1) for stop in certain]

@@ -103,8 +103,8 @@ def _waves(problem: Problem, side: str, order: float) -> Array:
     return problem.whiten([_of(side, way) for way in ways])
 
 
-def _of(side: str, way_m: Array) -> Sensitivity:
-    return Sensitivity(left_m=way_m) if side == "left" else Sensitivity(right_m=way_m)
+def _of(side: str, distance_m: Array) -> Sensitivity:
+    return Sensitivity(left_m=distance_m) if side == "left" else Sensitivity(right_m=distance_m)
 
 
 def _peaks(problem: Problem, left: Array) -> list[_Peak]:
