@@ -57,7 +57,7 @@ def fit(turn: Array, travel: Array, gyro: Array, low: float, high: float) -> Fit
         ratio = min(max(float(gyro @ (turn - asymmetry * travel)) / gg, low), high)
     residual = turn - ratio * gyro - asymmetry * travel
     sigmas = _sigmas(np.column_stack([gyro, travel]), residual)
-    # On one arc all the time, what the wheels' turn owes to the turning and what to the distance differs by time slips.
+    # On one arc all the time, what the wheels' turn owes to turning and to distance differs by timing errors only.
     if ss - gs**2 / gg < INDEPENDENT * ss and gg > ALMOST_STRAIGHT * ss:
         sigmas[1] = math.inf
     if sigmas[1] > KNOWN:  # then the sides are taken for equal

@@ -109,11 +109,11 @@ def test_a_lap_ends_where_it_begins(mission: str) -> None:
         if isinstance(leg, Spin):
             heading += leg.angle_rad
         elif isinstance(leg, Follow):
-            np.testing.assert_allclose(leg.distance_m[0], end, atol=1e-3)
-            begin = np.diff(leg.distance_m[:2], axis=0)[0]
+            np.testing.assert_allclose(leg.path_m[0], end, atol=1e-3)
+            begin = np.diff(leg.path_m[:2], axis=0)[0]
             np.testing.assert_allclose(begin / np.hypot(*begin), (np.cos(heading), np.sin(heading)), atol=0.03)
-            turns = np.unwrap(np.arctan2(*np.diff(leg.distance_m, axis=0).T[::-1]))
-            heading, end = heading + turns[-1] - turns[0], leg.distance_m[-1]
+            turns = np.unwrap(np.arctan2(*np.diff(leg.path_m, axis=0).T[::-1]))
+            heading, end = heading + turns[-1] - turns[0], leg.path_m[-1]
     np.testing.assert_allclose(end, 0.0, atol=1e-3)
     assert np.cos(heading) == pytest.approx(1.0, abs=1e-3)
 

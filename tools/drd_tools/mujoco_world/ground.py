@@ -17,7 +17,7 @@ BUMP_ASIDE_M: Final = 0.45
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Coefficients of friction, and bumps per metre of the planned way.
+    """Coefficients of friction, and bumps per metre of the planned path.
 
     With `patch_friction` one square of PATCH_M in three has that friction instead.
     """
@@ -50,12 +50,12 @@ class Friction:
         return np.asarray(self._map[row, column])
 
 
-def make_bumps(per_m: float, distance_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:
-    """Bumps beside and on a way, shape (n, 2) with n >= 2; a way of no length gets none."""
-    step_m = np.hypot(*np.diff(distance_m, axis=0).T)
+def make_bumps(per_m: float, path_m: Array, random: np.random.Generator) -> tuple[Bump, ...]:
+    """Bumps beside and on a path, shape (n, 2) with n >= 2; one of no length gets none."""
+    step_m = np.hypot(*np.diff(path_m, axis=0).T)
     count = round(per_m * float(step_m.sum()))
     place = random.choice(len(step_m), count, p=step_m / step_m.sum()) if count else np.zeros(0, dtype=int)
     aside = random.uniform(-BUMP_ASIDE_M, BUMP_ASIDE_M, (count, 2))
     radius, height = random.uniform(*BUMP_RADIUS_M, count), random.uniform(*BUMP_HEIGHT_M, count)
-    rows = np.column_stack((distance_m[place] + aside, radius, height)).tolist()
+    rows = np.column_stack((path_m[place] + aside, radius, height)).tolist()
     return tuple(Bump(*row) for row in rows)

@@ -14,9 +14,9 @@ QUARTER: Final = 0.5 * math.pi
 
 
 class Follow(NamedTuple):
-    """A way along points CELL_M apart, shape (n, 2), from standstill to standstill."""
+    """A path along points CELL_M apart, shape (n, 2), from standstill to standstill."""
 
-    distance_m: Array
+    path_m: Array
     speed_m_s: float
 
 
@@ -51,8 +51,8 @@ def legs_of(mission: str, stand_s: float, *, endless: bool) -> Iterator[Leg]:
 
 def way_of(mission: str) -> Array:
     """All points that a lap passes, shape (n, 2), n >= 2."""
-    ways = [leg.distance_m for leg in MISSIONS[mission].lap() if isinstance(leg, Follow)]
-    return np.concatenate(ways) if ways else np.zeros((2, 2))
+    paths = [leg.path_m for leg in MISSIONS[mission].lap() if isinstance(leg, Follow)]
+    return np.concatenate(paths) if paths else np.zeros((2, 2))
 
 
 def _way(*pieces: tuple[float, Callable[[Array], Array] | float]) -> Array:

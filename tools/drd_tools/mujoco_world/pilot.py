@@ -1,4 +1,4 @@
-"""The robot's own control: pure pursuit of a way, turns on the spot, wheel speeds."""
+"""The robot's own control: pure pursuit of a path, turns on the spot, wheel speeds."""
 
 import math
 from collections.abc import Iterator
@@ -69,14 +69,14 @@ class Pilot:
         return 0.0, max(-leg.rate_rad_s, min(leg.rate_rad_s, SPIN_GAIN_PER_S * remaining))
 
     def _pursue(self, leg: Follow, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
-        way, last = leg.distance_m, len(leg.distance_m) - 1
-        near = way[self._cell : self._cell + SEARCH_CELLS]
+        path_m, last = leg.path_m, len(leg.path_m) - 1
+        near = path_m[self._cell : self._cell + SEARCH_CELLS]
         self._cell += int(np.argmin(np.square(near - (x_m, y_m)).sum(axis=1)))
         if self._cell == last:
             self._next()
             return 0.0, 0.0
         ahead = self._cell + round(LOOK_AHEAD_M / CELL_M)
-        goal = way[min(ahead, last)] + max(0, ahead - last) * (way[-1] - way[-2])
+        goal = path_m[min(ahead, last)] + max(0, ahead - last) * (path_m[-1] - path_m[-2])
         dx, dy = (goal - (x_m, y_m)).tolist()
         aside = math.cos(yaw_rad) * dy - math.sin(yaw_rad) * dx
         curvature = 2.0 * aside / (dx * dx + dy * dy)
