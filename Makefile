@@ -9,6 +9,7 @@ SOAK_HOURS ?= 24
 HUNT_DRIVES ?= 100000
 HONESTY ?=
 BESIDE ?=
+WITHOUT ?=
 LOCK := systemd/robot.lock
 LOCK_ARGUMENTS ?=
 # The workshop's tests, and those of the daemon that only compute.
@@ -34,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-timed test-computed lowest lock licences sbom audit ros2-test vm-test vm-base power-cut lint bench soak hunt honesty clean
+.PHONY: help setup demo test test-timed test-computed lowest lock licences sbom audit fuzz ros2-test vm-test vm-base power-cut lint bench soak hunt honesty clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -66,7 +67,7 @@ demo: $(STAMP) ## emulated robot, daemon and watcher together; draws out/demo.pn
 	@mkdir -p out
 	$(BIN)/drd demo --seconds $(DEMO_SECONDS) --output out/demo.png
 
-# BESIDE: a target that runs beside the tests that only compute, and waits more than they do.
+# BESIDE: a target that runs beside the tests that only compute, and waits more than they do. WITHOUT: what of them runs elsewhere.
 test: $(STAMP) ## run all tests but those of the virtual machine
 	$(MAKE) test-timed
 	$(MAKE) $(if $(BESIDE),--jobs=2 --output-sync) test-computed $(BESIDE)
@@ -82,7 +83,10 @@ test-computed: $(STAMP)
 	command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || \
 		missing="$$missing chromium"; \
 	$(INSTALL_MISSING)
-	OPENBLAS_NUM_THREADS=1 nice -n 10 $(BIN)/python -m pytest $(COMPUTED) --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile
+	OPENBLAS_NUM_THREADS=1 nice -n 10 $(BIN)/python -m pytest $(filter-out $(WITHOUT),$(COMPUTED)) --numprocesses=$$(($$(nproc) + 1)) --dist=loadfile
+
+fuzz: $(STAMP) ## the parsers' corpus, and two seconds of the fuzzer for each
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest tests/fuzz
 
 # rclpy's wheels start each Python process of their environment a second time: they have one of their own.
 $(ROS2)/installed: pyproject.toml
