@@ -58,13 +58,13 @@ class Observer:
 
 
 def _fog_decoding(config: Config) -> tuple[Fog, float]:
-    """What the gyro's decoding depends on; the port's own keys set to anything."""
+    """The keys that the gyro's decoding depends on; the port's own are blank."""
     fog = replace(config.fog, port="", baud=0, low_latency=False, silent_after_s=0.0)
     return fog, config.robot.max_acceleration_deg_s2
 
 
 def _encoder_decoding(config: Config) -> tuple[Encoders, tuple[float, ...]]:
-    """What the encoders' decoding depends on; the port's own keys set to anything, and the name of a file."""
+    """The keys that the encoders' decoding depends on; the port's own are blank, and so is the name of a file."""
     e, r = config.encoders, config.robot
     e = replace(e, interface="", channel="", bitrate=None, open_delay_s=0.0, queue_frames=0, silent_after_s=0.0)
     e = replace(e, dbc=replace(e.dbc, file=None))

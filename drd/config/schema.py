@@ -15,6 +15,7 @@ import textwrap
 import types
 import typing
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import attrgetter
@@ -157,6 +158,19 @@ def read_text(file: Path, encoding: str = "utf-8") -> str:
     except (OSError, UnicodeDecodeError) as error:
         got = str(error.strerror) if isinstance(error, OSError) else str(error)
         raise ConfigError(str(file), "", "a readable UTF-8 text file", got) from error
+
+
+@contextmanager
+def named_by(key: str, file: Path) -> Iterator[None]:
+    """Name a file by the key that leads to it, which has a line, where the file is wrong as a whole. Raises
+    ConfigError.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        if error.path:
+            raise
+        raise ConfigError(str(file), key, "a readable YAML file", f"{error.where}: {error.got}") from error
 
 
 def loads(text: str, cls: type[T], where: str = "(text)", base: T | None = None) -> Loaded[T]:

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from drd.config.keys import Config
 from drd.config.robot import PATHS, Robot, RobotFile, robot_of
-from drd.config.schema import ConfigError, Loaded, loads, made, nested, read_text
+from drd.config.schema import ConfigError, Loaded, loads, made, named_by, nested, read_text
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Parameter
 from drd.units import RAD_PER_DEG
@@ -120,11 +120,8 @@ def _names(text: str) -> list[str]:
 
 def load_model(file: Path) -> Model:
     """Read a model file. Raises ConfigError with file, line, key, expected and got; nothing else escapes."""
-    try:
+    with named_by("model.file", file):
         text = read_text(file)
-    except ConfigError as error:
-        # The key that names it, which has a line in the configuration.
-        raise ConfigError(str(file), "model.file", "a readable YAML file", f"{error.where}: {error.got}") from error
     return loads_model(text, str(file))
 
 

@@ -31,7 +31,6 @@ class _Field:
         self.can_id = (message.frame_id, message.is_extended_frame)
         self.length = message.length
         self._signal = signal
-        self.text = f"{self.can_id} {self.length} {signal.scale} {signal.offset}"
         # The signals that select this one in a multiplexed message, each with the values that do.
         self._selectors: list[tuple[str, list[int]]] = []
         plain = [_plain(signal)]
@@ -39,9 +38,8 @@ class _Field:
             self._selectors.append((signal.multiplexer_signal, signal.multiplexer_ids or []))
             signal = message.get_signal_by_name(signal.multiplexer_signal)
             plain.append(_plain(signal))
-        for part in plain:
-            self.text += f" {part.name} {part.start} {part.length} {part.byte_order} {part.is_signed} {part.is_float}"
-        self.text += f" {self._selectors}"
+        parts = [(s.name, s.start, s.length, s.byte_order, s.is_signed, s.is_float) for s in plain]
+        self.text = str((self.can_id, self.length, self._signal.scale, self._signal.offset, parts, self._selectors))
         try:
             self._codec = type(message)(
                 message.frame_id,

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from drd.config.schema import ConfigError, load
+from drd.config.schema import ConfigError, load, named_by
 from drd.estimation.covariance import unfit
 from drd.samples import CalibratedRate, GyroSample
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
@@ -131,14 +131,8 @@ class _File:
 
 def load_calibration(file: Path) -> Calibration:
     """Read a calibration file. Raises ConfigError with file, line, key, expected and got."""
-    try:
+    with named_by("calibration.file", file):
         loaded = load(file, _File)
-    except ConfigError as error:
-        if error.path:
-            raise
-        # The key that names it, which has a line in the configuration.
-        got = f"{error.where}: {error.got}"
-        raise ConfigError(str(file), "calibration.file", "a readable YAML file", got) from error
     f, wrong = loaded.value, list[tuple[str, str, str]]()
     for path in ("rate_range_deg_s", "temperature_range_c"):
         low, high = getattr(f, path)

@@ -63,6 +63,7 @@ class Track:
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
+        self.alone_rad, self.alone_tread_m = other.alone_rad, other.alone_tread_m
         self.uncertain_heading.copy_from(other.uncertain_heading)
 
     def run(
@@ -161,9 +162,10 @@ class Track:
                 kf.anchor_gyro()  # (35)
                 self.no_gyro_s += dt_s
                 self.alone_tread_m = kf.nominal.tread_m
-                self.alone_rad += (right_m_s - left_m_s) * dt_s / self.alone_tread_m
+                by_wheels_rad_s = (right_m_s - left_m_s) / self.alone_tread_m
+                self.alone_rad += by_wheels_rad_s * dt_s
                 if self.no_gyro_s > self.no_gyro_after_s:
-                    self.rate_rad_s = (right_m_s - left_m_s) / kf.nominal.tread_m
+                    self.rate_rad_s = by_wheels_rad_s
             elif left_m_s or right_m_s:
                 self.hindsight.moved(left_m_s * dt_s, right_m_s * dt_s, self.rate_rad_s * dt_s)
                 if self.gyro_heading:  # wheels that stand are believed

@@ -25,7 +25,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Statement:
-    """What the user says: drove 1 forward, -1 backward; turned 1 left, -1 right; 0: not said. Straight distance, m."""
+    """Said by the user: drove 1 forward, -1 backward; turned 1 left, -1 right; 0: not said. Distance straight, m."""
 
     drove: int = 0
     turned: int = 0

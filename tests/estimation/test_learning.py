@@ -228,6 +228,19 @@ def test_a_turn_that_the_gyro_missed_is_told_anew_once_the_tread_is_known() -> N
     assert sigma_rad < 0.4
 
 
+def test_a_reload_keeps_the_turn_that_the_wheels_alone_have_told() -> None:
+    text = ROBOT + "estimation: {static_bias: {duration_s: 0}}\n"
+    e, other = make(text), make(text)
+    for step in range(1, 41):
+        e.add_wheels(WheelSample(T0 + step * S // 20, 0.05, 0.04, 0.06, 0.0))
+        if step <= 4:
+            e.add_gyro(GyroSample(T0 + step * S // 20, 0.05, 0.0, 25.0))
+    other.take_over(e, same_wheels=True, same_gyro=True, same_model=True)
+    track = other.knowledge._track
+    assert track.alone_rad == e.knowledge._track.alone_rad > 0.1
+    assert track.alone_tread_m == e.knowledge._track.alone_tread_m
+
+
 def test_what_the_wheels_have_told_goes_with_one_over_the_tread() -> None:
     kf, turn_rad = make().filter, 2.0
     turns_by_rad = -turn_rad / 0.5

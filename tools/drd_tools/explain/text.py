@@ -116,11 +116,15 @@ def _times(a: Actual) -> str:
 
 
 def _share(error: float, sigma: float) -> str:
-    return f"{100.0 * min(1.0, (sigma / error) ** 2):.2g} %" if error else "all"
+    return _percent(min(1.0, (sigma / error) ** 2)) if error else "all"
 
 
 def _chance(p: float) -> str:
-    return "less than 1e-6" if p < 1e-6 else f"{100.0 * p:.2g} %" if p < 0.1 else f"{100.0 * p:.0f} %"
+    return _percent(p) if p >= 1e-6 else "less than 1e-6"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _most_likely(a: Actual) -> str:
