@@ -55,7 +55,7 @@ def run_filter(
 
     Raises ConfigError with the column, what was expected and what was found; or with file and line.
     """
-    nominal, notes, terms = robot.checked(), list[str](), tuple[Term, ...]()
+    nominal, notes, terms = robot, list[str](), tuple[Term, ...]()
     if model is not None:
         model = model if isinstance(model, Model) else load_model(Path(model))
         nominal = model.changed(nominal)

@@ -101,6 +101,19 @@ class Robot:
     # How long it stands at first: the gyro's bias is measured then
     standstill_at_start_s: Annotated[float, "s", Meta(ge=0, le=1e6), "standstill_at_start_s"] = 0.0
 
+    def __post_init__(self) -> None:
+        """Take numpy's numbers as Python's. Raises ConfigError where a value is not of its type or out of its range."""
+        stated = {path: _plain(getattr(self, name)) for name, path in PATHS.items()}
+        known = {path: value for path, value in stated.items() if value is not None and not is_nan(value)}
+        try:
+            file = msgspec.convert(nested(known), RobotFile)
+        except msgspec.ValidationError as error:
+            path = str(error).partition(" - at `$.")[2].rstrip("`")
+            name = next(name for name, p in PATHS.items() if p == path)
+            raise ConfigError("robot", name, dict(keys(RobotFile))[path].expected, repr(known[path])) from error
+        for name, path in PATHS.items():
+            object.__setattr__(self, name, attrgetter(path)(file))
+
     @property
     def has_gyro_sheet(self) -> bool:
         """Whether anything is known of a gyro."""
@@ -114,20 +127,9 @@ class Robot:
         """The content of robot.yaml."""
         return nested({path: getattr(self, name) for name, path in PATHS.items()})
 
-    def checked(self) -> "Robot":
-        """The robot with plain numbers. Raises ConfigError where a value is not of its type or out of its range."""
-        stated = {path: _plain(getattr(self, name)) for name, path in PATHS.items()}
-        known = {path: value for path, value in stated.items() if value is not None and not is_nan(value)}
-        try:
-            return robot_of(msgspec.convert(nested(known), RobotFile))
-        except msgspec.ValidationError as error:
-            path = str(error).partition(" - at `$.")[2].rstrip("`")
-            name = next(name for name, p in PATHS.items() if p == path)
-            raise ConfigError("robot", name, dict(keys(RobotFile))[path].expected, repr(known[path])) from error
-
     def config(self, *, has_gyro: bool = True) -> Config:
         """The configuration of an `Estimator` that is fed with samples. Raises ConfigError."""
-        return nominal_config(self.checked(), Fog.rate_hz if has_gyro else None, Encoders.rate_hz)
+        return nominal_config(self, Fog.rate_hz if has_gyro else None, Encoders.rate_hz)
 
 
 _HINTS: Final = typing.get_type_hints(Robot, include_extras=True)

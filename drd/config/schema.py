@@ -36,7 +36,7 @@ class ConfigError(Exception):
     """A file cannot be used. The text names the file, the key, what was expected and what was found."""
 
     def __init__(self, where: str, path: str, expected: str, got: str):
-        super().__init__(f"{where}: {path or '(top level)'}: expected {expected}, got {got}")
+        super().__init__(f"{where}: {f'{path}: ' if path else ''}expected {expected}, got {got}")
         self.where, self.path, self.expected, self.got = where, path, expected, got
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[str, str, str, str]]:

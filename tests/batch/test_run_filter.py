@@ -77,7 +77,7 @@ def is_replayed(poses: drd.Poses, replayed: Replayed) -> bool:
 
 def test_the_poses_are_those_of_the_replay(short: Recording, frames: tuple[Frame, Frame]) -> None:
     gyro, wheels = frames
-    assert ROBOT.checked() == short.nominal
+    assert short.nominal == ROBOT
     poses, replayed = drd.run_filter(gyro, wheels, ROBOT), replay_folder(short)
     assert is_replayed(poses, replayed)
     assert poses.position_bound_m.tolist() == [p.position_bound_m for p in replayed.poses]

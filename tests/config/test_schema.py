@@ -244,7 +244,7 @@ def test_an_error_names_file_line_key_what_was_expected_and_what_was_found(
     assert (error.where, error.path) == (where, path)
     assert expected in error.expected
     assert got in error.got
-    assert str(error) == f"{where}: {path or '(top level)'}: expected {error.expected}, got {error.got}"
+    assert str(error) == f"{where}: {f'{path}: ' if path else ''}expected {error.expected}, got {error.got}"
 
 
 def test_each_value_has_its_origin() -> None:
@@ -275,9 +275,7 @@ def test_a_file_that_is_absent_is_named_once(tmp_path: Path) -> None:
     file = tmp_path / "absent.yaml"
     with pytest.raises(ConfigError) as caught:
         load(file, File)
-    assert str(caught.value) == (
-        f"{file}: (top level): expected a readable UTF-8 text file, got No such file or directory"
-    )
+    assert str(caught.value) == (f"{file}: expected a readable UTF-8 text file, got No such file or directory")
 
 
 @given(st.floats(0.1, 5.0), st.integers(0, 100), st.booleans())

@@ -13,9 +13,10 @@ def _parent() -> tuple[argparse.ArgumentParser, Any]:
     return parser, parser.add_argument
 
 
-def kept() -> argparse.ArgumentParser:
-    """--output and --draw, of commands that keep their results: see report/saved.py."""
-    parser, add = _parent()
+def kept(required: bool = True) -> argparse.ArgumentParser:
+    """--output or --draw, of commands that keep their results: see report/saved.py."""
+    parser, _ = _parent()
+    add: Any = parser.add_mutually_exclusive_group(required=required).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for results.json, report.html and pictures")
     add("--draw", type=Path, metavar="DIR", help="only print, report and draw the results that DIR holds")
     return parser

@@ -61,8 +61,6 @@ def main(argv: list[str]) -> int:
 
         return other_world(argv)
     chosen = parser.parse_args(argv)
-    if sum(way is not None for way in (chosen.output, chosen.live, chosen.draw)) != 1:
-        parser.error("exactly one of --output, --live and --draw is needed")
     return _draw(chosen.draw) if chosen.draw is not None else _run(chosen)
 
 
@@ -173,10 +171,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--reference-latency", type=number(0.0, 1.0), default=0.0, metavar="S", help="age of the reference's poses")
     add("--reference-lever", type=_lever, default=(0.0, 0.0), metavar="X,Y", help="point it sees: forward, left, m")
     add("--stressed", action="store_true", help="noise off the data sheets, heavy tails, late reference off the centre")
-    add("--output", type=Path, metavar="DIR", help="folder for the recording, or a file that ends with .mcap")
     add("--config", type=Path, metavar="FILE", help="with .mcap: the daemon's configuration (default: robot.yaml's)")
-    add("--live", type=Path, metavar="CONFIG", help="send it in real time to a daemon with this configuration")
     add("--real-bus", action="store_true", help="with --live: allow a CAN bus that is not virtual")
+    add = parser.add_mutually_exclusive_group(required=True).add_argument
+    add("--output", type=Path, metavar="DIR", help="folder for the recording, or a file that ends with .mcap")
+    add("--live", type=Path, metavar="CONFIG", help="send it in real time to a daemon with this configuration")
     add("--draw", type=Path, metavar="DIR", help="only draw and report again what this folder holds")
     return parser
 

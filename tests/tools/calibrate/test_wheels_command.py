@@ -244,7 +244,7 @@ def test_bad_input_gets_one_line_and_code_2(tmp_path: Path, capsys: pytest.Captu
     blocked.write_text("")
     out = ("--output", tmp_path / "out")
     for arguments, expected in (
-        ((tmp_path / "none", *out), "none: (top level): expected a recording folder, got nothing there"),
+        ((tmp_path / "none", *out), "none: expected a recording folder, got nothing there"),
         ((good, other, *out), "other: robot.yaml: expected the same robot as in good"),
         ((good, "--held-out", other, *out), "other: robot.yaml: expected the same robot as in good"),
         ((good, "--held-out", good, *out), "expected each recording once, got the same data as"),

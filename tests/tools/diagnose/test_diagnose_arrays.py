@@ -60,7 +60,7 @@ def columns() -> tuple[Frame, Frame, Frame]:
 @pytest.fixture(scope="module")
 def diagnosis(columns: tuple[Frame, Frame, Frame]) -> Diagnosis:
     gyro, wheels, reference = columns
-    assert ROBOT.checked() == DEFAULT
+    assert ROBOT == DEFAULT
     return diagnose(gyro, wheels, ROBOT, reference=reference)
 
 

@@ -138,8 +138,8 @@ def test_bad_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     poses, reference = files(tmp_path)
     output = ("--output", tmp_path / "out")
     cases: list[tuple[tuple[object, ...], str]] = [
-        ((), "give POSES.csv or RECORDING"),
-        ((poses, "--reference", reference), "--output DIR is needed"),
+        (output, "give POSES.csv or RECORDING"),
+        ((poses, "--reference", reference), "one of the arguments --output --draw is required"),
         ((poses, *output), "poses need --reference"),
         ((poses, poses, poses, "--reference", reference, reference, *output), "one for each of 3 inputs, got 2"),
         ((poses, "--reference", reference, "--align", "sim3", *output), "--align: expected none, start"),
@@ -158,7 +158,7 @@ def test_bad_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_results_of_another_kind_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text, place in (
-        ("", f"{FILE}: (top level): expected JSON"),
+        ("", f"{FILE}: expected JSON"),
         ("[]", f"{FILE}: format: expected drd-evaluation/1"),
         ('{"format": "drd-paper/1"}', f"{FILE}: format: expected drd-evaluation/1"),
         ('{"format": "drd-evaluation/1", "runs": [{}]}', f"{FILE}: runs[0]."),

@@ -228,9 +228,9 @@ def test_bad_usage_is_told(recorded: Path, tmp_path: Path, capsys: pytest.Captur
     for arguments, said in (
         (
             [str(recorded), "--csv", str(tmp_path / "none" / "a.csv")],
-            "--csv: (top level): expected a file in a folder that exists",
+            "--csv: expected a file in a folder that exists",
         ),
-        ([str(recorded), "--ros2", str(recorded)], "--ros2: (top level): expected a file that is not in the recording"),
+        ([str(recorded), "--ros2", str(recorded)], "--ros2: expected a file that is not in the recording"),
         ([str(tmp_path / "none.mcap"), "--csv", str(tmp_path / "a.csv")], "No such file"),
     ):
         assert main(["export", *map(str, arguments)]) == 2

@@ -186,4 +186,4 @@ def test_a_file_whose_sizes_contradict_each_other_does_not_end_the_process(tmp_p
         assert "tyres" in done.stdout
         return
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert "maintenance.parquet: (top level): expected a Parquet file of the store, got" in done.stderr
+    assert "maintenance.parquet: expected a Parquet file of the store, got" in done.stderr

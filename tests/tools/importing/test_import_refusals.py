@@ -105,7 +105,7 @@ SQLITE = {
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (f"  {SHOWN}", "a.log:1: (top level): expected times since 1970, as candump -ta"),
+        (f"  {SHOWN}", "a.log:1: expected times since 1970, as candump -ta"),
         (f" (000.050120)  {SHOWN}", "(000.050120), which is another clock"),
         (f" (2023-11-14 22:13:20.123456)  {SHOWN}", "which is another clock"),
         (f" (1700000000.1234567)  {SHOWN} (1700000000.2)  can0  311   [8]  00 00\n", "a.log:2"),

@@ -68,4 +68,4 @@ def test_bad_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--gyros: expected a whole number of at least 2, got '1'" in capsys.readouterr().err
     (tmp_path / "file").write_text("")
     assert main(["paper", "--output", str(tmp_path / "file")]) == 2
-    assert f"{tmp_path / 'file'}: (top level): expected a folder to write to" in capsys.readouterr().err
+    assert f"{tmp_path / 'file'}: expected a folder to write to" in capsys.readouterr().err

@@ -119,7 +119,7 @@ def test_a_recording_without_usable_wheel_motion_fails(tmp_path: Path, capsys: p
         (["--output", "poses.txt"], "expected a file name that ends with .csv"),
         (["--output", "nowhere/poses.csv"], "expected a file in a folder that exists"),
         (["--output", "{folder}/encoders.csv"], "expected a file that is not the recording's own"),
-        (["--config", "nowhere.yaml"], "nowhere.yaml: (top level): expected a readable UTF-8 text file"),
+        (["--config", "nowhere.yaml"], "nowhere.yaml: expected a readable UTF-8 text file"),
         (["--calibration", "nowhere.yaml"], "nowhere.yaml: calibration.file: expected a readable YAML file"),
         (["--model", "nowhere.yaml"], "nowhere.yaml: model.file: expected a readable YAML file"),
     ],

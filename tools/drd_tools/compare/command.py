@@ -44,8 +44,6 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if (chosen.recording is None) == (chosen.draw is None):
         parser.error("give a RECORDING, or --draw DIR")
-    if chosen.draw is None and chosen.output is None:
-        parser.error("--output DIR is needed")
     if chosen.draw is not None and chosen.model is not None:
         parser.error("--model: the results that --draw reads have theirs")
     return keep_and_show(

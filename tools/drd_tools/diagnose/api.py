@@ -22,9 +22,8 @@ def diagnose(
     left_rad_s, right_rad_s. `reference`: time_s, x_m, y_m, heading_deg. Two of the three are needed. Times are of one
     clock. Raises ConfigError where columns are missing, or have nothing in common.
     """
-    nominal = robot.checked()
-    encoders = None if wheels is None else wheel_log(wheels, nominal)
-    return run(Recording(Path(nominal.name), nominal, encoders, gyro_log(gyro), _reference(reference), {}))
+    encoders = None if wheels is None else wheel_log(wheels, robot)
+    return run(Recording(Path(robot.name), robot, encoders, gyro_log(gyro), _reference(reference), {}))
 
 
 def _reference(given: Columns | None) -> ReferenceLog | None:

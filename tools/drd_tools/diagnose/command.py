@@ -53,14 +53,15 @@ def main(argv: list[str]) -> int:
     add("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
     add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="to prove it on")
     add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings at a time (default: {cores})")
+    add = parser.add_mutually_exclusive_group(required=True).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for the results")
     add("--draw", type=Path, metavar="DIR", help="only draw the report of results that DIR holds")
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         print(", ".join(map(str, write_report(chosen.draw))))
         return 0
-    if not chosen.recordings or chosen.output is None:
-        parser.error("give RECORDING and --output DIR, or --draw DIR")
+    if not chosen.recordings:
+        parser.error("give a RECORDING")
     recordings, held_out = _read(chosen.recordings), _read(chosen.held_out)
     names = ", ".join(r.name for r in recordings)
     pieces = [part for recording in recordings for part in parts(recording)]

@@ -62,8 +62,6 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if sum((bool(chosen.inputs), chosen.compare is not None, chosen.draw is not None)) != 1:
         parser.error("give POSES.csv or RECORDING, or --compare DIR DIR, or --draw DIR")
-    if chosen.draw is None and chosen.output is None:
-        parser.error("--output DIR is needed")
     if chosen.compare is None:
         return keep_and_show(
             chosen, Evaluation, lambda: Evaluation(_evaluate(chosen, parser)), print_runs, write_report

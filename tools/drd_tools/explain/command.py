@@ -73,7 +73,9 @@ def _reference(chosen: argparse.Namespace, parser: argparse.ArgumentParser, has_
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = command("drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), reference_lag(), kept()])
+    parser = command(
+        "drd explain", DESCRIPTION, EXAMPLES, [replayed(), reference_sigma(), reference_lag(), kept(required=False)]
+    )
     add = parser.add_argument
     add("recording", nargs="?", type=Path, metavar="RECORDING", help=".mcap file or recording folder")
     add("--from", dest="begin", type=number(), metavar="S", help="the interval's beginning (default: the recording's)")

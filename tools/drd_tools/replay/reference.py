@@ -7,6 +7,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.config.schema import ConfigError
+from drd_tools.evaluate.trajectory import path_length_m
 from drd_tools.recordings.folder import Recording
 from drd_tools.replay.result import Replayed, Start, table
 
@@ -18,7 +19,7 @@ class EndError(NamedTuple):
     time_s: float
     position_m: float
     heading_rad: float
-    reference_m: float  # way of the reference in between
+    reference_m: float  # length of the reference's path in between
 
 
 def start_on_reference(replayed: Replayed, recording: Recording) -> Start:
@@ -44,8 +45,10 @@ def end_error(replayed: Replayed, recording: Recording) -> EndError | None:
     dx, dy, dh = estimate[1] - estimate[0]
     off_x, off_y, off_h = np.array([c * dx - s * dy, s * dx + c * dy, dh]) - (reference[1] - reference[0])
     log = recording.reference
-    inside = (log.time_s >= start_s) & (log.time_s <= end_s)
-    distance_m = float(np.hypot(np.diff(log.x_m[inside]), np.diff(log.y_m[inside])).sum())
+    inside = (log.time_s > start_s) & (log.time_s < end_s)
+    between = np.column_stack((log.x_m[inside], log.y_m[inside]))
+    path = np.vstack((reference[0, :2], between, reference[1, :2]))
+    distance_m = float(path_length_m(path, recording.nominal.reference_position_sigma_m or 0.0)[-1])
     return EndError(start_s, end_s, math.hypot(off_x, off_y), math.remainder(off_h, 2.0 * math.pi), distance_m)
 
 

@@ -87,15 +87,13 @@ def main(argv: list[str]) -> int:
     drawn, instead = chosen.folder or chosen.each or chosen.large, chosen.plant or chosen.distances
     if chosen.live or chosen.fleet:
         option, run = ("--live", _live) if chosen.live else ("--fleet", _fleet)
-        if chosen.output is None or drawn or instead:
-            parser.error(
-                f"{option} goes with --output DIR, and without --each, --large, --folder, --plant and --distances"
-            )
+        if drawn or instead:
+            parser.error(f"{option} goes without --each, --large, --folder, --plant and --distances")
         with writing(chosen.output):
             run(chosen)
         return 0
-    if chosen.output is None or not (drawn or instead):
-        parser.error("give --output DIR with --each N, --large, --folder, --plant DIR or --distances, or --draw DIR")
+    if not (drawn or instead):
+        parser.error("give --each N, --large, --folder DIR, --plant DIR, --distances, --live N or --fleet N")
     if instead and (drawn or (chosen.plant and chosen.distances)):
         parser.error("--plant and --distances go alone, without --each, --large and --folder")
     if chosen.distances:
@@ -275,8 +273,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--no-baselines", dest="baselines", action="store_false", help="only the diagnosis")
     add("--sbmi", type=whole(0), default=0, metavar="N", help="beside SBMI, too, learned from N simulated drives (400)")
     add("--jobs", type=whole(1), default=2, metavar="N", help="processes (default 2)")
-    add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
     add("--quote", type=Path, metavar="FILE", help="put the short table between the marks in FILE")
+    add = parser.add_mutually_exclusive_group(required=True).add_argument
+    add("--output", type=Path, metavar="DIR", help="folder for results.jsonl, trial.html and figures.md")
     add("--draw", type=Path, metavar="DIR", help="only print and draw what this folder holds")
     return parser
 

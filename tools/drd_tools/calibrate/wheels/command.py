@@ -44,7 +44,7 @@ def main(argv: list[str]) -> int:
     add("--umbmark", type=Path, metavar="RETURNS.csv", help="return positions of UMBmark's squares")
     add("--side", type=number(0.02, 100.0), metavar="M", help="UMBmark: side of the square, m")
     add("--tread", type=number(0.02, 100.0), metavar="M", help="UMBmark: nominal tread that the robot drove with, m")
-    add("--output", type=Path, metavar="DIR", help="folder for wheels.yaml and report.html")
+    add("--output", type=Path, metavar="DIR", help="folder for wheels.yaml and report.html (required with recordings)")
     chosen = parser.parse_args(argv)
     with writing(chosen.output):
         if chosen.umbmark is not None:
