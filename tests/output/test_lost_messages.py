@@ -8,6 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -96,3 +97,17 @@ def test_messages_that_a_reader_may_have_lost_are_counted() -> None:
         while link.counters["full_queues"] == before:
             assert time.monotonic() < deadline
             link.publish_health({"text": "x" * 60_000})
+
+
+@pytest.mark.parametrize("is_waiting", [True, False])
+def test_a_message_that_waits_for_room_is_counted_but_not_one_that_waits_for_the_processor(is_waiting: bool) -> None:
+    def put(_: bytes) -> None:
+        end = time.monotonic() + 0.005
+        while time.monotonic() < end:
+            if is_waiting:
+                time.sleep(0.001)
+
+    with a_link() as (link, _):
+        link._health = SimpleNamespace(put=put)
+        link.publish_health({})
+        assert link.counters["full_queues"] == is_waiting
