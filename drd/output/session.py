@@ -183,14 +183,6 @@ def unreadable_files(output: Output) -> list[str]:
     return found
 
 
-def refusal(payload: bytes) -> str:
-    """Why a query was refused, from its error reply: as the daemon says, or Zenoh itself, whose word is "Timeout"."""
-    try:
-        return str(json.loads(payload)["error"])
-    except (ValueError, RecursionError, LookupError, TypeError):
-        return payload.decode(errors="replace")[:200]
-
-
 def tidy(error: zenoh.ZError) -> str:
     """The error's text without the places in Zenoh's source that it ends with."""
     return re.sub(r" at \S+\.rs:\d+\.?", "", str(error))

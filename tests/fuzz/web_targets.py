@@ -14,6 +14,7 @@ import msgspec
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
+from drd.output.messages import Refused
 from drd_tools.web.daemon import Heard
 from drd_tools.web.guard import Guard
 from drd_tools.web.metrics import metrics_text
@@ -57,7 +58,7 @@ class _Wire(asyncio.Transport):
 
 
 class _Link:
-    """A daemon that grants everything."""
+    """A daemon that grants every other command."""
 
     def __init__(self) -> None:
         self.poses, self.health = deque[Heard](), deque[Heard]()
@@ -72,8 +73,10 @@ class _Link:
     def allows_commands(self) -> bool:
         return True
 
-    def ask(self, name: str, payload: bytes | None) -> tuple[bool, dict[str, Any]]:
-        return len(payload or name) % 2 == 0, {}
+    def ask(self, name: str, payload: bytes | None) -> dict[str, Any]:
+        if len(payload or name) % 2:
+            raise Refused("odd")
+        return {}
 
 
 class _AtOnce(ThreadPoolExecutor):

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import json
 import math
 import signal
 import sys
@@ -18,10 +17,11 @@ from foxglove.websocket import WebSocketServer
 from drd.commands import command
 from drd.commands.watch import daemon_arguments, zenoh_config
 from drd.config.keys import Output
+from drd.output.ask import ask
 from drd.output.cdr import Diagnostic
 from drd.output.diagnostics import OK, WARN, diagnostics
 from drd.output.exposure import is_local
-from drd.output.messages import encode
+from drd.output.messages import Refused, encode
 from drd.output.session import tidy
 from drd.recording.topics import CHANNELS, POSE, ForViewers
 from drd.samples import Pose, Validity
@@ -37,7 +37,6 @@ DIAGNOSTIC_ARRAY: Final = "diagnostic_msgs/DiagnosticArray"
 FORWARDED: Final = (POSE, "/pose", "/tf", "/scene", HEALTH)
 # Some 40 kB/s for a path of full length, and a path that keeps up with the eye.
 SCENE_PERIOD_NS: Final = NS_PER_S // 2
-ANSWER_S: Final = 3.0
 DESCRIPTION: Final = """\
 Show a running drd in Foxglove: pose, transform, the path, the 99 % bound, and the health as a table of diagnostics.
 In Foxglove, open a connection to ws://127.0.0.1:8765 and import the layout whose file is printed. Viewers can only
@@ -199,11 +198,9 @@ def serving(session: zenoh.Session, prefix: str, host: str, port: int) -> Iterat
 
 def frames(session: zenoh.Session, prefix: str) -> tuple[str, str]:
     """The names of the daemon's frames, as it says; the usual ones where it does not answer."""
-    for reply in session.get(f"{prefix}/config", timeout=ANSWER_S):
-        if reply.ok is not None:
-            with contextlib.suppress(ValueError, KeyError, TypeError):
-                output = json.loads(reply.ok.payload.to_bytes())["config"]["output"]
-                return str(output["frame_id"]), str(output["child_frame_id"])
+    with contextlib.suppress(Refused, KeyError, TypeError):
+        output = ask(session, f"{prefix}/config")["config"]["output"]
+        return str(output["frame_id"]), str(output["child_frame_id"])
     return Output().frame_id, Output().child_frame_id
 
 

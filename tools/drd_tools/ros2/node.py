@@ -12,9 +12,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
+from drd.output.ask import ask
 from drd.output.forms import pose_request
 from drd.output.messages import Refused
-from drd.output.session import isolated_config, refusal, tidy
+from drd.output.session import isolated_config
 from drd_tools.ros2.messages import Messages
 
 __all__ = ["BAD_ARGUMENTS", "DrdNode", "ExternalShutdownException"]
@@ -33,8 +34,6 @@ TOPICS: Final = {"odom": "odom", "tf": "/tf", "imu": "imu", "diagnostics": "/dia
 # As tf2's own broadcaster; the others take the last message only.
 DEPTHS: Final = {"tf": 100}
 DEPTH: Final = 10
-# A command is answered within milliseconds; longer means that the daemon is not there.
-ANSWER_S: Final = 2.0
 
 
 class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
@@ -107,21 +106,12 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
 
     # ---- to the daemon -----------------------------------------------------------------------------------------
 
-    def _ask(self, name: str, request: Mapping[str, Any]) -> str | None:
-        """Have the daemon carry out a command; why it has not, or None."""
-        payload = json.dumps(request).encode()
-        try:
-            replies = list(self._session.get(f"{self._prefix}/{name}", payload=payload, timeout=ANSWER_S))
-        except zenoh.ZError as error:
-            return tidy(error)
-        if not replies:
-            return "no answer from drd"
-        reply = replies[0]
-        return None if reply.ok is not None else refusal(reply.err.payload.to_bytes())
-
     def _reset(self, _: Any, response: Any) -> Any:
-        refusal = self._ask("reset", {})
-        response.success, response.message = refusal is None, refusal or ""
+        try:
+            ask(self._session, f"{self._prefix}/reset")
+            response.success = True
+        except Refused as error:
+            response.success, response.message = False, str(error)
         return response
 
     def _set_pose(self, request: Any, response: Any) -> Any:
@@ -130,14 +120,13 @@ class DrdNode(Node):  # type: ignore[misc]  # rclpy has no types here
         return response
 
     def _move(self, data: bytes) -> None:
-        frame_id = self._messages.frame_id
         try:
-            request = pose_request(data, frame_id) if frame_id else None
-            refusal = self._ask("set_pose", request) if request else "no odometry from drd yet: its frame is not known"
+            if not self._messages.frame_id:
+                raise Refused("no odometry from drd yet: its frame is not known")
+            request = pose_request(data, self._messages.frame_id)
+            ask(self._session, f"{self._prefix}/set_pose", json.dumps(request).encode())
         except Refused as error:
-            refusal = str(error)
-        if refusal is not None:
-            self.get_logger().error(f"set_pose: {refusal}")
+            self.get_logger().error(f"set_pose: {error}")
 
     def close(self) -> None:
         """Close the session, then the node: nothing comes from Zenoh after this."""

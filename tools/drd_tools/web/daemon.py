@@ -8,17 +8,17 @@ import time
 from collections import deque
 from typing import Any, Final, NamedTuple
 
-import msgspec
 import zenoh
 
-from drd.output.session import refusal, tidy
+from drd.output.ask import ask
+from drd.output.messages import Refused
+from drd.output.session import tidy
 
 log = logging.getLogger(__name__)
 
 # Messages between two looks at the boxes, 0.1 s apart; beyond, the newest win.
 _BOX: Final = 512
 _RETRY_S: Final = 1.0
-_ANSWER_S: Final = 5.0
 # How soon Zenoh tries again after a lost connection. Its own back-off, 1 to 4 s doubling, takes about 7 s.
 _ZENOH_RETRY: Final = {"period_init_ms": 500, "period_max_ms": 1000, "period_increase_factor": 1.5}
 
@@ -82,26 +82,16 @@ class DaemonLink:
 
     def allows_commands(self) -> bool:
         """Ask whether the configuration in force allows commands; False also where no answer comes."""
-        _, answer = self.ask("config")
         try:
-            return answer["config"]["output"]["commands"] is True
-        except (KeyError, TypeError):
+            return self.ask("config")["config"]["output"]["commands"] is True
+        except (Refused, KeyError, TypeError):
             return False
 
-    def ask(self, name: str, payload: bytes | None = None) -> tuple[bool, dict[str, Any]]:
-        """A query: whether it was granted, and the answer, {"error": text} where not. Waits up to _ANSWER_S."""
+    def ask(self, name: str, payload: bytes | None = None) -> dict[str, Any]:
+        """The daemon's answer to a query, for which it may wait some seconds. Raises Refused with the reason."""
         if self._session is None:
-            return False, {"error": "the daemon cannot be reached"}
-        try:
-            for reply in self._session.get(f"{self._prefix}/{name}", payload=payload, timeout=_ANSWER_S):
-                if reply.ok is None:
-                    return False, {"error": refusal(reply.err.payload.to_bytes())}
-                return True, msgspec.json.decode(reply.ok.payload.to_bytes(), type=dict[str, Any])
-        except zenoh.ZError as error:
-            return False, {"error": tidy(error)}
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            return False, {"error": "an answer that is not a JSON object"}
-        return False, {"error": f"no answer from the daemon within {_ANSWER_S:g} s"}
+            raise Refused("the daemon cannot be reached")
+        return ask(self._session, f"{self._prefix}/{name}", payload)
 
 
 def _callback(function: Any) -> Any:

@@ -11,7 +11,7 @@ import msgspec
 from aiohttp import web
 
 from drd.output.forms import COMMANDS
-from drd.output.messages import MAX_REQUEST_BYTES, encode
+from drd.output.messages import MAX_REQUEST_BYTES, Refused, encode
 from drd_tools.web.daemon import DaemonLink
 from drd_tools.web.guard import Guard
 from drd_tools.web.history import COLUMNS
@@ -161,8 +161,11 @@ class Server:
             raise web.HTTPNotFound
         payload = await request.read()
         async with self._commanding:
-            good, answer = await asyncio.to_thread(self._link.ask, name, payload or None)
-        return web.Response(status=200 if good else 409, body=encode(answer), content_type="application/json")
+            try:
+                status, answer = 200, await asyncio.to_thread(self._link.ask, name, payload or None)
+            except Refused as error:
+                status, answer = 409, {"error": str(error)}
+        return web.Response(status=status, body=encode(answer), content_type="application/json")
 
 
 def _text(message: dict[str, Any]) -> str:
