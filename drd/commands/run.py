@@ -1,10 +1,24 @@
 """`drd run CONFIG`: the daemon."""
 
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
 from typing import Final
 
 from drd.commands import command, config_argument, placed
 from drd.config.file import load_config
-from drd.service.daemon import run
+from drd.config.keys import Config
+from drd.config.schema import Loaded
+from drd.service.daemon import CLOSE_DEADLINE_S, Daemon
+
+log = logging.getLogger("drd")
+
+EXIT_DEADLINE_S: Final = 8.0
 
 DESCRIPTION: Final = """\
 Run the daemon: read the gyro and the wheel encoders that CONFIG names, estimate the pose, and publish it over Zenoh. A
@@ -31,3 +45,35 @@ def main(argv: list[str]) -> int:
     loaded = load_config(arguments.config)
     with placed(loaded):
         return run(loaded, arguments.config.parent)
+
+
+def run(loaded: Loaded[Config], base: Path) -> int:
+    """Run the daemon until SIGINT or SIGTERM; returns the exit code. Raises ConfigError before the start.
+
+    SIGHUP has the configuration read again, unless a terminal's closing sends it.
+    """
+    daemon = Daemon(loaded, base)
+
+    async def main() -> bool:
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+        def end() -> None:
+            # Whatever hangs after this (a driver, Zenoh) must not keep the process.
+            fuse = threading.Timer(EXIT_DEADLINE_S, os._exit, (1,))
+            fuse.daemon = True
+            fuse.start()
+            stop.set()
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, end)
+        if not os.isatty(0):  # on a terminal a hang-up means that it was closed
+            loop.add_signal_handler(signal.SIGHUP, daemon.ask_for_reload)
+        return await daemon.run(stop)
+
+    if not asyncio.run(main()):
+        # All that is ours is written. A neighbour that does not read must not make an orderly end a failed one.
+        log.warning("zenoh did not close within %g s: a neighbour does not read; left it", CLOSE_DEADLINE_S)
+        with contextlib.suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(0)
+    return 0

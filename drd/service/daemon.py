@@ -1,14 +1,9 @@
 """The daemon's wiring: ports, pipeline, publishers and systemd around one event loop."""
 
 import asyncio
-import contextlib
 import dataclasses
 import logging
 import math
-import os
-import signal
-import sys
-import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,11 +14,13 @@ from drd.config.keys import Config
 from drd.config.schema import ConfigError, Loaded
 from drd.estimation.applied import Constant
 from drd.output.messages import Refused, pose_dict
+from drd.output.queries import Handler
 from drd.output.zenoh_link import ZenohLink
-from drd.pipeline import LARGEST_COMMANDED, Pipeline
+from drd.pipeline import Pipeline
 from drd.ports.clock import TICK_S, read_both
 from drd.samples import Pose
 from drd.service import realtime
+from drd.service.commands import Commands
 from drd.service.inputs import Inputs
 from drd.service.losses import Losses
 from drd.service.monitoring import Monitoring
@@ -44,7 +41,6 @@ log = logging.getLogger("drd")
 CLOSE_DEADLINE_S = 3.0
 RECORDER_DEADLINE_S = 2.0
 STATE_DEADLINE_S = 1.0
-EXIT_DEADLINE_S = 8.0
 
 
 class Daemon:
@@ -78,16 +74,7 @@ class Daemon:
     async def run(self, stop: asyncio.Event) -> bool:
         """Work until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
         loop = asyncio.get_running_loop()
-        handlers = {
-            "pose": self._answer_pose,
-            "health": lambda _: self._health(),
-            "findings": self._answer_findings,
-            "config": self._answer_config,
-            "set_pose": self._set_pose,
-            "reset": self._reset,
-            "calibrate_bias": self._calibrate_bias,
-        }
-        self._link = ZenohLink(self._config.output.beside(self._base), handlers, loop)
+        self._link = ZenohLink(self._config.output.beside(self._base), self._handlers(), loop)
         if self._recorder is not None:
             self._recorder.start()
         self._state.begin(time.monotonic_ns())
@@ -268,6 +255,15 @@ class Daemon:
 
     # ---- queries -----------------------------------------------------------------------------------------------
 
+    def _handlers(self) -> dict[str, Handler]:
+        return {
+            "pose": self._answer_pose,
+            "health": lambda _: self._health(),
+            "findings": self._answer_findings,
+            "config": self._answer_config,
+            **Commands(self.pipeline).handlers,
+        }
+
     def _answer_pose(self, _: dict[str, Any]) -> dict[str, Any]:
         if self._pose is None:
             raise Refused("no pose yet")
@@ -287,33 +283,6 @@ class Daemon:
             "version": __version__,
         }
 
-    def _set_pose(self, request: dict[str, Any]) -> dict[str, Any]:
-        known = {"x_m": None, "y_m": None, "heading_rad": None, "sigma_m": 0.0, "sigma_rad": 0.0}
-        unknown = sorted(set(request) - set(known))
-        if unknown:
-            raise Refused(f"{unknown[0]}: expected one of {', '.join(known)}, got an unknown key")
-        values = {}
-        for name, default in known.items():
-            value = request.get(name, default)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-                raise Refused(f"{name}: expected a finite number, got {value!r}")
-            if name.startswith("sigma") and value < 0:
-                raise Refused(f"{name}: expected a number from 0, got {value!r}")
-            if abs(value) > LARGEST_COMMANDED:
-                raise Refused(f"{name}: expected at most {LARGEST_COMMANDED:g}, got {value!r}")
-            values[name] = float(value)
-        self.pipeline.set_pose(time.monotonic_ns(), **values)
-        return values
-
-    def _reset(self, _: dict[str, Any]) -> dict[str, Any]:
-        self.pipeline.reset(time.monotonic_ns())
-        return {"reset": True}
-
-    def _calibrate_bias(self, _: dict[str, Any]) -> dict[str, Any]:
-        if (refusal := self.pipeline.calibrate_bias(time.monotonic_ns())) is not None:
-            raise Refused(refusal)
-        return {"measuring_s": self.pipeline.estimator.bias.duration_s}
-
 
 def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
     """The recorder, not yet started; None where the configuration wants none. Raises ConfigError."""
@@ -322,35 +291,3 @@ def make_recorder(loaded: Loaded[Config], base: Path) -> "Recorder | None":
     from drd.recording.recorder import Recorder  # noqa: PLC0415  # MCAP is loaded only where it is used
 
     return Recorder(loaded, base)
-
-
-def run(loaded: Loaded[Config], base: Path) -> int:
-    """Run the daemon until SIGINT or SIGTERM; returns the exit code. Raises ConfigError before the start.
-
-    SIGHUP has the configuration read again, unless a terminal's closing sends it.
-    """
-    daemon = Daemon(loaded, base)
-
-    async def main() -> bool:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-
-        def end() -> None:
-            # Whatever hangs after this (a driver, Zenoh) must not keep the process.
-            fuse = threading.Timer(EXIT_DEADLINE_S, os._exit, (1,))
-            fuse.daemon = True
-            fuse.start()
-            stop.set()
-
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, end)
-        if not os.isatty(0):  # on a terminal a hang-up means that it was closed
-            loop.add_signal_handler(signal.SIGHUP, daemon.ask_for_reload)
-        return await daemon.run(stop)
-
-    if not asyncio.run(main()):
-        # All that is ours is written. A neighbour that does not read must not make an orderly end a failed one.
-        log.warning("zenoh did not close within %g s: a neighbour does not read; left it", CLOSE_DEADLINE_S)
-        with contextlib.suppress(OSError, ValueError):
-            sys.stderr.flush()
-        os._exit(0)
-    return 0

@@ -80,11 +80,8 @@ def _desk() -> QueryDesk:
     loaded: Loaded[Config] = loads(CONFIG, Config)
     daemon: Any = Daemon(loaded, Path())
     daemon._link, daemon._inputs, daemon._pose = _Link(), SimpleNamespace(counters=dict), POSE
-    handlers = {"pose": daemon._answer_pose, "health": lambda _: daemon._health(), "findings": daemon._answer_findings,
-                "config": daemon._answer_config, "set_pose": daemon._set_pose, "reset": daemon._reset,
-                "calibrate_bias": daemon._calibrate_bias}  # fmt: skip
     now: Any = _AtOnce()
-    desk = QueryDesk(handlers, True, now, {})
+    desk = QueryDesk(daemon._handlers(), True, now, {})
     desk.close()  # its thread ends; answers go out at once instead
     desk._closed, desk._outbox = False, now
     desk._allowance = Allowance(1e12, 1e12)
