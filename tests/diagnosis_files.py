@@ -83,6 +83,7 @@ def two_and_unknown() -> Made:
     both = np.concatenate([times, times])
     twice = {"time_s": both.tolist(), "nats": np.linspace(0.0, 21.4, both.size).tolist()}
     bump = lambda x: 0.08 * np.exp(-(((x - 110.0) / 25.0) ** 2))  # noqa: E731
+    knots = np.linspace(0.0, 230.0, 5)
     series["findings"] = [
         {"effect": "surface_slip", "curve": None, "evidence": _evidence(rng, 142.7, 301.2, 358.8)},
         {
@@ -94,7 +95,8 @@ def two_and_unknown() -> Made:
         },
         {
             "effect": "unknown",
-            "curve": _curve(rng, np.linspace(0, 230, 18), bump, 0.01, "place", "m", "deg/s", "gyro"),
+            "curve": _curve(rng, np.repeat(knots, 5), bump, 0.01, "place", "m", "deg/s", "gyro")
+            | {"y": np.tile(knots, 5).tolist()},
             "evidence": twice,
         },
     ]  # fmt: skip

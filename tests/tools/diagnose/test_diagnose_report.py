@@ -95,6 +95,7 @@ def test_several_findings_of_two_recordings(tmp_path: Path) -> None:
         "30 s of standing still; then two manoeuvres.",
         "gyro_warmup or gyro_bias_temperature_rate",
         "the 2 that it is for",
+        "What the nominal model does not explain, by place",
     ):
         assert text in page.text
 
@@ -138,7 +139,7 @@ def test_an_unknown_cause_with_a_curve_of_its_own_and_no_evidence_over_time(tmp_
     diagnosis, series = diagnosis_files.two_and_unknown()
     for finding in series["findings"]:
         finding["evidence"] = {"time_s": [], "nats": []}
-    series["findings"][2]["curve"] |= {key: [] for key in ("fit_x", "fit", "low", "high")}
+    series["findings"][2]["curve"] |= {key: [] for key in ("fit_x", "fit", "low", "high", "y")}
     page, files = report(tmp_path, (diagnosis, series))
     assert "finding_1.png" not in files
     assert "finding_3.png" in files

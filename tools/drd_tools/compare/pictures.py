@@ -9,9 +9,8 @@ from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 from drd.arrays import Array
 from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 from drd_tools.compare.text import COVARIATES, P_SHOWN, rate
-from drd_tools.report.style import BLUE, BOUND, GREY, INK, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
+from drd_tools.report.style import BLUE, BOUND, GREY, INK, MAP, SKY, TRUE_GREY, VERMILION, legend_below, picture, tidy
 
-MAP: Final = LinearSegmentedColormap.from_list("mismatch", (BLUE, "#E4E4E4", VERMILION))
 SHARES: Final = LinearSegmentedColormap.from_list("share", ("white", SKY, BLUE))
 COLUMNS: Final = 4
 ROBUST: Final = (2.0, 98.0)  # percentiles that a picture must hold: a jump of the reference would flatten all else

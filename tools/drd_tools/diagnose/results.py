@@ -298,7 +298,10 @@ class Drive(Struct, frozen=True):
 
 
 class Mismatch(Struct, frozen=True, eq=False):
-    """The error of a channel against its covariate, with sigmas, and the fitted effect with its 95 % band."""
+    """The error of a channel against its covariate, with sigmas, and the fitted effect with its 95 % band.
+
+    Where the covariate is the place: `x` and `y` (m) of the knots of a square grid, column by column.
+    """
 
     covariate: str = field(name="driver")
     covariate_unit: str = field(name="driver_unit")
@@ -311,9 +314,12 @@ class Mismatch(Struct, frozen=True, eq=False):
     fit: Array
     low: Array
     high: Array
+    y: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        _alike(self, "x", "mismatch", "sigma")
+        _alike(self, "x", "mismatch", "sigma", *(("y",) if len(self.y) else ()))
+        if len(self.y) and (len(self.y) < 4 or math.isqrt(len(self.y)) ** 2 != len(self.y)):
+            raise ValueError(f"y of a square grid; {len(self.y)} values")
         _alike(self, "fit_x", "fit", "low", "high")
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -26,6 +27,7 @@ GREY: Final = "#808080"
 TRUE_GREY: Final = "#B4B4B4"
 GRID: Final = "#E6E6E6"
 BOUND: Final = "#DCEFFA"
+MAP: Final = LinearSegmentedColormap.from_list("mismatch", (BLUE, "#E4E4E4", VERMILION))
 
 DPI: Final = 150
 STYLE: Final[Any] = {

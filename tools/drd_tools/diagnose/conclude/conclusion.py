@@ -317,7 +317,7 @@ def _unknown(
 ) -> Cause:
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
-        f"in one of {len(curve.knots)} places"
+        "around x = {:.3g} m, y = {:.3g} m".format(*curve.knots[peak])
         if curve.covariate == PLACE
         else f"at {curve.knots[peak]:.3g} {curve.covariate_unit}"
     )

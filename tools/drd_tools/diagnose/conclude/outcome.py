@@ -16,6 +16,7 @@ from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
 from drd_tools.diagnose.select.orders import Ripple
+from drd_tools.diagnose.select.splines import PLACE
 from drd_tools.diagnose.selected import SCALE, Selected
 from drd_tools.recordings.folder import Recording
 
@@ -132,21 +133,23 @@ def course_of(cause: Cause) -> Course:
     curve, fitted, nothing = cause.curve, cause.fitted, np.zeros(0)
     if curve is None:
         return Course(cause.effect, None, cause.gain)
-    x, fit, band = nothing, nothing, nothing
+    x, y = curve.knots.T if curve.covariate == PLACE else (curve.knots, nothing)
+    fit_x, fit, band = nothing, nothing, nothing
     if fitted is not None and cause.selected is not None:
-        x, fit, band = curve.knots, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
+        fit_x, fit, band = x, fitted, BAND_SIGMAS * _relative_sigma(cause.selected) * np.abs(fitted)
     mismatch = Mismatch(
         covariate=curve.covariate,
         covariate_unit=curve.covariate_unit,
         error_unit=curve.unit,
         channel=curve.channel,
-        x=curve.knots,
+        x=x,
         mismatch=curve.value,
         sigma=curve.sigma,
-        fit_x=x,
+        fit_x=fit_x,
         fit=fit,
         low=fit - band,
         high=fit + band,
+        y=y,
     )
     return Course(cause.effect, mismatch, cause.gain)
 

@@ -76,8 +76,10 @@ def _findings(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path])
         if curve is None and not evidence.time_s.size:
             continue
         drawn.append(folder / f"finding_{k}.png")
-        windows = report_text.windows(finding, _duration_s(s)) if len(s.recordings) == 1 else []
-        pictures.finding_picture(drawn[-1], curve, evidence, windows)
+        alone = s.recordings[0].path if len(s.recordings) == 1 else None
+        windows = report_text.windows(finding, _duration_s(s)) if alone else []
+        path = (alone.reference or alone.nominal) if alone else None
+        pictures.finding_picture(drawn[-1], curve, evidence, windows, path)
         page.picture(drawn[-1], report_text.picture_caption(curve, evidence, bool(windows)))
 
 

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd_tools.diagnose.report.place_map import place_map
 from drd_tools.diagnose.report.text import named_quantity, pretty
 from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual, Scatter, Spread
 from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
@@ -98,12 +99,19 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
     tidy(axes, "Distance from the reference", 6)
 
 
-def finding_picture(file: Path, curve: Mismatch | None, evidence: Gain, windows: Windows = ()) -> None:
-    """Draw the mismatch against its covariate, fitted curve and gain over time, where known. Raises OSError."""
+def finding_picture(
+    file: Path, curve: Mismatch | None, evidence: Gain, windows: Windows = (), path: Line | None = None
+) -> None:
+    """Draw the mismatch against its covariate, fitted curve and gain over time, where known. Raises OSError.
+
+    `path`: the drive's, for a map of the mismatch by place.
+    """
     has_evidence = bool(evidence.time_s.size)
     with picture(file, WIDTH_IN, 4.0 if curve else 3.0) as figure:
         panels: Any = figure.subplots(1, 2 if curve and has_evidence else 1, squeeze=False)[0]
-        if curve:
+        if curve and curve.y.size:
+            place_map(figure, panels[0], curve, path, quantity("mismatch", curve.error_unit))
+        elif curve:
             _curve(panels[0], curve)
             figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         if has_evidence:

@@ -213,7 +213,9 @@ def settled_rows(drive: NextDrive) -> list[tuple[str, str, str]]:
 def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> str:
     """Caption of a finding's picture."""
     parts = []
-    if curve is not None:
+    if curve is not None and curve.y.size:
+        parts.append("What the nominal model does not explain, by place: the paler, the less sure; grey, the path.")
+    elif curve is not None:
         fitted = ", and the effect as fitted" if curve.fit_x.size else ", as a smooth curve"
         parts.append(f"What the nominal model does not explain, against what it goes with{fitted}.")
     if evidence.time_s.size:

@@ -69,7 +69,10 @@ def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
 
 @dataclass(frozen=True)
 class Curve:
-    """A smooth error of a channel against a covariate: at `knots` (k,), `value` and `sigma` (k,) in public units."""
+    """A smooth error of a channel against a covariate: at `knots` (k,), `value` and `sigma` (k,) in public units.
+
+    The knots of a place are (k, 2): x and y in m.
+    """
 
     channel: str
     covariate: str
@@ -115,7 +118,7 @@ class SplineTerms:
         if e.has_wheels and len(e.fix):
             fine = np.linspace(0.0, len(e.time_s), SUB * len(e.time_s), endpoint=False)
             x, y = (np.interp(fine, np.arange(len(e.time_s) + 1), self._problem.path.pose[:, i]) for i in (0, 1))
-            yield PLACE, _cells(x, y), np.arange(CELLS * CELLS, dtype=float)
+            yield PLACE, *_cells(x, y)
 
     def best(
         self, selection: Sequence[Selected], beside: Selected | None = None, wanted: tuple[str, str] | None = None
@@ -201,11 +204,11 @@ def _evidence(G: Array, b: Array, R: Array) -> tuple[float, Array, Array, float]
     return best
 
 
-def _cells(x: Array, y: Array) -> list[Array]:
-    """Bilinear hats of a grid of CELLS by CELLS knots over the places."""
-    along = [_hat(x, np.linspace(x.min(), x.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
-    across = [_hat(y, np.linspace(y.min(), y.max() + 1e-9, CELLS), i, False) for i in range(CELLS)]
-    return [a * b for a in along for b in across]
+def _cells(x: Array, y: Array) -> tuple[list[Array], Array]:
+    """Bilinear hats of a grid of CELLS by CELLS knots over the places, and the knots, (k, 2)."""
+    knots = [np.linspace(v.min(), v.max() + 1e-9, CELLS) for v in (x, y)]
+    along, across = ([_hat(v, at, i, False) for i in range(CELLS)] for v, at in zip((x, y), knots, strict=True))
+    return [a * b for a in along for b in across], np.array([(a, b) for a in knots[0] for b in knots[1]])
 
 
 def _hat(x: Array, knots: Array, i: int, periodic: bool) -> Array:
@@ -228,7 +231,7 @@ COVARIATE_UNITS: Final = {
     "left_wheel_phase": ("deg", 180.0 / np.pi),
     "right_wheel_phase": ("deg", 180.0 / np.pi),
     "lateral_acceleration": ("m/s^2", 1.0),
-    PLACE: (f"number of the cell of {CELLS} x {CELLS}", 1.0),
+    PLACE: ("m", 1.0),
 }
 
 
