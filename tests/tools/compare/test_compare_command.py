@@ -5,9 +5,11 @@ import json
 import shutil
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from replay_folders import STANDING, write_perfect
@@ -17,6 +19,7 @@ from drd.config.schema import ConfigError
 from drd_tools.compare.analysis import compare
 from drd_tools.compare.command import main
 from drd_tools.compare.results import Comparison
+from drd_tools.compare.text import lead, sentence
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.nominal import with_model
 
@@ -84,6 +87,19 @@ def test_a_wrong_tread_shows_as_a_turn_that_goes_with_the_yaw_rate(compared: tup
     assert "Gyro: nothing beyond noise" in told
     for name in ("report.html", "overview.png", *(f"{channel}.png" for channel in found)):
         assert (folder / name).stat().st_size > 10_000
+
+
+def test_what_no_covariate_explains_is_said_of_all_channels_at_once(compared: tuple[Path, str]) -> None:
+    c = Comparison.load(compared[0])
+    channels = [msgspec.structs.replace(ch, verdict="more", named=[], ratio=3.0) for ch in c.channels]
+    told = "\n".join([*lead(replace(c, channels=channels)), *map(sentence, channels)])
+    titles = ", ".join(ch.title for ch in channels)
+    assert f"Beyond noise, but no covariate explains it with certainty: {titles}." in told
+    assert told.count("certainty") == 1
+    channels = [msgspec.structs.replace(ch, covariates=[]) for ch in channels]
+    assert f"Beyond noise, in too few blocks to say with what it goes: {titles}." in [
+        *lead(replace(c, channels=channels))
+    ]
 
 
 @pytest.mark.parametrize("text", ["effects: [{effect: tread_error, parameters: {k: -0.0196078}}]", "tread_m: 0.5"])

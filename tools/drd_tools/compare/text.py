@@ -61,12 +61,16 @@ def lead(c: Comparison) -> Iterator[str]:
         where = "the only channel" if len(c.channels) == 1 else f"all {len(c.channels)} channels"
         yield f"Nothing beyond noise in {where}: the nominal model explains what was recorded."
         return
+    named, unnamed = ([ch for ch in beyond if bool(ch.named) is is_named] for is_named in (True, False))
     for begin, group in (
-        ("Beyond noise", [ch for ch in beyond if not is_small(ch)]),
-        ("No larger than noise, but not at random", [ch for ch in beyond if is_small(ch)]),
+        ("Beyond noise", [ch for ch in named if not is_small(ch)]),
+        ("No larger than noise, but not at random", [ch for ch in named if is_small(ch)]),
+        ("Beyond noise, but no covariate explains it with certainty", [ch for ch in unnamed if ch.covariates]),
+        ("Beyond noise, in too few blocks to say with what it goes", [ch for ch in unnamed if not ch.covariates]),
     ):
         if group:
-            yield f"{begin}: {'; '.join(map(_named, group))}."
+            told = (ch.title + (f" (with {' or '.join(ch.named)})" if ch.named else "") for ch in group)
+            yield f"{begin}: {', '.join(told)}."
     rest = [ch.title for ch in c.channels if ch.verdict == "nothing"]
     if rest:
         yield f"Nothing beyond noise: {', '.join(rest)}."
@@ -77,13 +81,6 @@ def is_small(ch: ChannelResult) -> bool:
     return ch.verdict == "driver" and ch.ratio < SMALL
 
 
-def _named(ch: ChannelResult) -> str:
-    with_what = " or ".join(ch.named) or (
-        "no covariate for sure" if ch.covariates else "too few blocks to say with what"
-    )
-    return f"{ch.title} ({'' if not ch.covariates else 'with '}{with_what})"
-
-
 def sentence(ch: ChannelResult) -> str:
     """What is to be said of one channel, without a cause."""
     begin = ch.title[0].upper() + ch.title[1:]
@@ -92,13 +89,11 @@ def sentence(ch: ChannelResult) -> str:
         return f"{begin}: nothing beyond noise ({ch.ratio:.1f} sigmas rms). {end}"
     mean = f" Its mean is {_pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1])}."
     if ch.verdict == "more":
-        what = "with too few blocks to say with what it goes"
-        if ch.covariates:
-            what = "but no covariate surely predicts it in blocks that were left out of the fit"
-            nearest = ch.covariates[0]
-            if nearest.share > WORTH_A_WORD:
-                what += f" (nearest: {nearest.name}, share {nearest.share:.2f}, p {nearest.p:.2g})"
-        return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise, {what}.{mean} {end}"
+        nearest = ch.covariates[0] if ch.covariates else None
+        what = "."
+        if nearest is not None and nearest.share > WORTH_A_WORD:
+            what = f"; nearest, but not certain, is {nearest.name} (share {nearest.share:.2f}, p {nearest.p:.2g})."
+        return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise{what}{mean} {end}"
     best = ch.covariate(ch.named[0])
     others = "".join(f", or as well with {name} ({ch.covariate(name).share:.2f})" for name in ch.named[1:])
     left = f"The curve leaves {best.left:.1f} of {ch.ratio:.1f} sigmas rms."
