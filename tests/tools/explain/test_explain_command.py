@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -18,9 +19,10 @@ from drd_tools.evaluate.trajectory import read_reference
 from drd_tools.explain.analysis import explain
 from drd_tools.explain.command import main
 from drd_tools.explain.interval import Interval
+from drd_tools.explain.results import Explanation
 from drd_tools.explain.source import open_source
 from drd_tools.explain.tap import tapped_track
-from drd_tools.explain.text import fits
+from drd_tools.explain.text import fits, lead
 from drd_tools.limit import causes
 from drd_tools.limit.causes import GROUPS
 from drd_tools.recordings.folder import read_recording
@@ -221,11 +223,17 @@ def test_mcap_with_commands_and_a_lost_port(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_no_gyro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(write_perfect(tmp_path / "drive", gyro=False))]) == 0
+    assert main([str(write_perfect(tmp_path / "drive", gyro=False)), "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     nothing = "gyro noise, gyro bias, gyro scale, calibration, wheel lag, sideways slip, start pose"
     assert f"No part in it: {nothing}" in told
     assert "If the gyro were" not in told
+    e = Explanation.load(tmp_path / "out")
+    for line in (line for line in e.groups if line.position_m):
+        groups = [replace(g, position_share=float(g is line), heading_share=float(g is line)) for g in e.groups]
+        [advice] = [s for s in lead(replace(e, groups=groups)) if "would help" in s]
+        assert advice.startswith(f"What would help against {line.group}: ")
+        assert not {"gyro", "serial"} & set(re.findall(r"\w+", advice))
 
 
 def test_a_robot_that_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

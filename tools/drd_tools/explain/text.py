@@ -7,7 +7,7 @@ from typing import Final
 from drd_tools.evaluate.lag import in_words
 from drd_tools.explain.results import Actual, Explanation, Line
 from drd_tools.limit import text as limit_text
-from drd_tools.limit.causes import HELP
+from drd_tools.limit.causes import HELP, HELP_WITHOUT_GYRO
 from drd_tools.report.terminal import metres
 
 HEADER: Final = (
@@ -66,8 +66,9 @@ def _named(e: Explanation, group: Line, what: str) -> str:
 
 def _help(e: Explanation) -> Iterator[str]:
     names = [max(e.groups, key=lambda line: line.position_share), max(e.groups, key=lambda line: line.heading_share)]
+    known = HELP if e.has_gyro else HELP | HELP_WITHOUT_GYRO
     for name in dict.fromkeys(line.group for line in names if line.position_share + line.heading_share > 0.0):
-        yield f"What would help against {name}: {HELP[name]}."
+        yield f"What would help against {name}: {known[name]}."
 
 
 def _verdict(a: Actual) -> Iterator[str]:
