@@ -111,8 +111,3 @@ class Explanation(Saved):
         shape = {len(row) for rows in (self.position_m2, self.heading_deg2) for row in rows}
         if shape != {len(self.groups)} or not len(self.position_m2) == len(self.heading_deg2) == len(self.time_s):
             raise ValueError("series of other lengths")
-
-    @property
-    def has_gyro(self) -> bool:
-        """Whether the robot has one, which may be late."""
-        return self.delay is not None

@@ -66,7 +66,8 @@ def _named(e: Explanation, group: Line, what: str) -> str:
 
 def _help(e: Explanation) -> Iterator[str]:
     names = [max(e.groups, key=lambda line: line.position_share), max(e.groups, key=lambda line: line.heading_share)]
-    known = HELP if e.has_gyro else HELP | HELP_WITHOUT_GYRO
+    has_gyro = e.delay is not None
+    known = HELP if has_gyro else HELP | HELP_WITHOUT_GYRO
     for name in dict.fromkeys(line.group for line in names if line.position_share + line.heading_share > 0.0):
         yield f"What would help against {name}: {known[name]}."
 
