@@ -1,5 +1,7 @@
 """Samples into the track: how far it may go on, where it leads to, and a pose from outside on the way."""
 
+import math
+
 import numpy as np
 
 from drd.config.keys import Config
@@ -11,6 +13,7 @@ from drd.estimation.standstill import BiasMeasurement
 from drd.estimation.state import Six
 from drd.estimation.timeline import Stream
 from drd.estimation.track import Track
+from drd.estimation.uncertainty import lead_moments
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 
@@ -176,8 +179,13 @@ class Progress:
         # The filter's pose is older: its error has the wheels' travel and turn since then, too.
         between = self._covariance_from_now()
         covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
-        kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad, covariance)
-        kf.lead_to_pose(track.speed_m_s, track.rate_rad_s)
+        # And the lead's: a share of the lag's, and by itself what else its mean square has. (30)
+        share, lead_s2 = lead_moments(kf.nominal.wheel_lag_s, lag_s2 := kf.lag_covariance()[3])
+        v, heading_rad, w = track.speed_m_s, kf.heading_rad, track.rate_rad_s
+        a = np.array([v * math.cos(heading_rad), v * math.sin(heading_rad), w])
+        covariance += (lead_s2 - share * share * lag_s2) * np.outer(a, a)
+        kf.set_pose(kf.nominal.x_m, kf.nominal.y_m, heading_rad, covariance)
+        kf.lead_to_pose(share * v, share * w)
         track.unseen_s = track.blind_s = track.rejected_rad = 0.0
 
     def _covariance_from_now(self) -> Six:

@@ -25,7 +25,7 @@ from cmath import rect
 from collections import deque
 from collections.abc import Sequence
 from itertools import accumulate
-from math import floor, tau
+from math import floor, sqrt, tau
 from statistics import median
 from typing import Final, NamedTuple
 
@@ -36,6 +36,8 @@ from drd.units import NS_PER_S, S_PER_NS
 LATE_S: Final = 0.01
 EARLY_S: Final = 0.001
 MAX_DELAY_S: Final = 0.03
+# No packet of a beat with a loss less is that early; half a period is as far from the one as from the other.
+EARLY_SIGMAS: Final = 5.0
 # Standard deviation of the sensor's clock against its nominal rate.
 NOMINAL_TOLERANCE: Final = 0.03
 # Random walk of the relative period per sqrt(s). DSP-3000: 0.2 % over temperature; some 0.01 % in a minute.
@@ -236,8 +238,8 @@ class SampleClock:
             lost = self._periods(late_s - limit_s + LOSS_PART * self.period_s)
         elif len(recent_s) == evidence and self._shows_loss(recent_s):
             lost = self._periods(min(recent_s))
-        elif late_s < -self.period_s / 2:
-            lost = -min(inferred - self._counted, round(-late_s / self.period_s))
+        elif late_s < -min(self.period_s / 2, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)):
+            lost = -min(inferred - self._counted, max(1, round(-late_s / self.period_s)))
         if lost:
             self._lates_s = deque((late - lost * self.period_s for late in self._lates_s), SCATTER)
         self._inferred.append(inferred + lost)

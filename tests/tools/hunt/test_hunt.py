@@ -72,6 +72,19 @@ MENDED = {
     "turned by hand while the bias is measured (109)": (
         Genome(794017818, {}, (Leg(6.0, 0.0, 0.0), Leg(4.0, 0.0, 0.0), Leg(3.0, 1.1, -0.64)),
                (Event("turned by hand", 7.2, 7.4, -21.0), Event("calibrate_bias", 7.3, 0.0))), 1.0),
+    "the gyro's packets in bunches of two intervals, the first one late (2.5)": (
+        Genome(4248836032, {"noise": 0.0}, (Leg(3.4, 0.81, 0.0), Leg(6.1, 0.39, -0.56), Leg(3.1, 0.72, 0.88),
+               Leg(8.2, 0.8, 0.04), Leg(3.6, 0.0, 0.0)), (Event("gyro in bunches", 12.6, 6.8, 0.189),)), 1.0),
+    "the gyro's packets in bunches of 0.9 intervals, then set_pose (3.3)": (
+        Genome(2536574719, {}, (Leg(3.4, 0.07, -0.16), Leg(6.9, 0.0, 0.0), Leg(6.4, 1.32, -0.34), Leg(3.7, 0.0, 0.0)),
+               (Event("gyro in bunches", 1.7, 3.1, 0.0893), Event("set_pose", 16.4, 0.0, 0.005))), 1.0),
+    "the gyro is 0.03 s late, heading: gyro, set_pose in a turn (1.7)": (
+        Genome(3599157789, {"wheel_lag_s": -0.03, "estimation.heading": "gyro"}, (Leg(6.5, 1.26, -0.56),
+               Leg(2.5, 0.02, 0.64), Leg(2.5, 0.06, 0.51), Leg(4.0, 0.0, 0.0)),
+               (Event("set_pose", 11.2, 0.0, 0.0197),)), 1.0),
+    "the gyro is 0.05 s late, reset in a turn (1.9)": (
+        Genome(7, {"wheel_lag_s": -0.05}, (Leg(2.0, 0.5, 0.0), Leg(4.0, 0.6, 0.8), Leg(6.0, 0.5, 0.0)),
+               (Event("reset", 4.0, 0.0),)), 1.0),
     "the gyro's packets in bunches, their turn as angles (6.5)": (
         Genome(1816523911, {"fog.protocol": "dsp17xx"}, (Leg(4.0, 0.3, 0.43), Leg(4.0, 0.4, 0.0), Leg(8.0, 0.8, -0.88),
                Leg(4.0, 0.4, 0.44)), (Event("gyro in bunches", 8.8, 9.2, 0.242),)), 1.0),
