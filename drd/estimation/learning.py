@@ -211,11 +211,12 @@ class WheelNoise:
         """After a comparison that was accepted. Where one is not `is_usual`, those just before teach nothing either."""
         if not self.is_learned:
             return
+        added = kf.process_noise
         if is_usual:
-            self._waiting.append((kf.distance_rad2, kf.turn_rad2, kf.jitter_rad2, kf.z, kf.S))
+            self._waiting.append((added.distance_rad2, added.turn_rad2, added.jitter_rad2, kf.z, kf.S))
         else:
             self._waiting.clear()
-        kf.distance_rad2 = kf.turn_rad2 = kf.jitter_rad2 = 0.0
+        added.distance_rad2 = added.turn_rad2 = added.jitter_rad2 = 0.0
         if len(self._waiting) < WAITING:
             return
         *shares, z, S = self._waiting.popleft()

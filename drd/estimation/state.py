@@ -32,6 +32,7 @@ HEADING_UNKNOWN_RAD2: Final = (2.0 * math.pi) ** 2
 POSITION_UNKNOWN_M2: Final = 1e8
 
 Matrix = npt.NDArray[np.float64]
+Two = tuple[float, float]
 Four = tuple[float, float, float, float]
 Six = tuple[float, float, float, float, float, float]
 
