@@ -18,6 +18,7 @@ from drd_tools.diagnose.conclude.confirm import (
     gain_over_time,
 )
 from drd_tools.diagnose.conclude.identify import Identifiability
+from drd_tools.diagnose.conclude.judgement import FAMILY_WISE, status_of
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.results import Status
@@ -166,6 +167,6 @@ def test_what_is_detectable_would_gain_just_its_cost() -> None:
 
 
 def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:
-    assert conclusion._status(2.0 * conclusion.FAMILY_WISE, 1e9) is Status.SUSPECTED
-    assert conclusion._status(conclusion.FAMILY_WISE, 1e9) is Status.CONFIRMED
-    assert conclusion._status(conclusion.FAMILY_WISE, 1.0) is Status.SUPPORTED
+    assert status_of(2.0 * FAMILY_WISE, 1e9) is Status.SUSPECTED
+    assert status_of(FAMILY_WISE, 1e9) is Status.CONFIRMED
+    assert status_of(FAMILY_WISE, 1.0) is Status.SUPPORTED

@@ -20,7 +20,7 @@ STAGES = (
     "advise",
     "report",
 )
-WORDS = ("results", "selected", "files")  # what all stages speak of
+WORDS = ("results", "series", "selected", "files")  # what all stages speak of
 MOST_PARAMETERS = 9
 
 

@@ -15,10 +15,11 @@ from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import reference_drift, refine
-from drd_tools.diagnose.results import Amount, Array, Figures, Scatter, Spread
+from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
 from drd_tools.diagnose.select.start import Start, started
+from drd_tools.diagnose.series import Spread
 from drd_tools.recordings.folder import Recording
 
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for

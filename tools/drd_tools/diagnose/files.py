@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 
 from drd.config.schema import ConfigError
-from drd_tools.diagnose.results import Result, Series, Status, Verdict
+from drd_tools.diagnose.results import Result, Status, Verdict
+from drd_tools.diagnose.series import Series
 from drd_tools.report.json_file import converted, read_json
 
 T = TypeVar("T")

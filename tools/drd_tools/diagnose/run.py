@@ -24,20 +24,8 @@ from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
-from drd_tools.diagnose.results import (
-    Bar,
-    Course,
-    Drive,
-    Figures,
-    Fit,
-    Result,
-    Scatter,
-    Series,
-    Spread,
-    Status,
-    Train,
-    Unexplained,
-)
+from drd_tools.diagnose.results import Figures, Fit, Result, Scatter, Status, Train, Unexplained
+from drd_tools.diagnose.series import Bar, Course, Drive, Series, Spread
 from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
 from drd_tools.diagnose.validate.trajectory import checked, judged, paths
 from drd_tools.diagnose.validate.validation import Validated, figures_of, validate

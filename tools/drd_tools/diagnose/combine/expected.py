@@ -11,8 +11,8 @@ from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.means import scatter, weighted
 from drd_tools.diagnose.combine.pool import would_show
-from drd_tools.diagnose.conclude.cause import Cause
-from drd_tools.diagnose.conclude.conclusion import Conclusion, sentence
+from drd_tools.diagnose.conclude.cause import Cause, sentence
+from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import NOTHING, Array, Finding, Result, Status, Support

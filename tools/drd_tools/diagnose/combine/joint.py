@@ -14,8 +14,10 @@ from scipy.special import chdtrc
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Effect
-from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E, FAMILY_WISE, LEAST_NATS, sentence
+from drd_tools.diagnose.conclude.cause import sentence
+from drd_tools.diagnose.conclude.conclusion import LEAST_NATS
 from drd_tools.diagnose.conclude.confirm import e_value
+from drd_tools.diagnose.conclude.judgement import CONFIRMING_E, FAMILY_WISE
 from drd_tools.diagnose.conclude.outcome import parameters_of
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.regression.marginal import Marginal

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
 from drd_tools.diagnose.combine.means import contradict, scatter, sigmas, weighted
-from drd_tools.diagnose.conclude.conclusion import rounded
+from drd_tools.diagnose.conclude.cause import rounded
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
 from drd_tools.diagnose.results import (

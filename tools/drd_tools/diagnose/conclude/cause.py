@@ -1,13 +1,15 @@
-"""One cause as the regression knows it, before it is written down as a `results.Finding`."""
+"""One cause as the regression knows it, before it is written down as a `results.Finding`, and in words."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drd.effects.effect import ActsOn
-from drd_tools.diagnose.results import NO_GAIN, UNNAMED, Array, Gain, Status, Support, Window
+from drd_tools.diagnose.results import UNNAMED, Array, Status, Support, Window
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import CHANNELS, Curve
 from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.series import NO_GAIN, Gain
 
 
 @dataclass(frozen=True)
@@ -71,3 +73,28 @@ class Cause:
 def named(causes: Sequence[Cause]) -> list[Selected]:
     """The causes that have a name."""
     return [c.selected for c in causes if c.selected is not None]
+
+
+def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str]) -> str:
+    """A finding in words; `explains`: its share of the mismatch, where that is known."""
+    shown = []
+    for q in selected.effect.parameters:
+        if q.choices:
+            shown.append(f"{q.name} {selected.values[q.name]}")
+        elif not (q.fixed or (q.linear and q.name not in selected.free)):
+            unit = "" if q.unit == "1" else f" {q.unit}"
+            value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
+            shown.append(f"{q.name} = {rounded(value, sigma)}{unit}")
+    share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
+    text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
+    if also_fits:
+        text += f" This recording cannot tell it from {', '.join(also_fits)}."
+    return f"{text} {selected.effect.caveat}".rstrip()
+
+
+def rounded(value: float, sigma: float) -> str:
+    """A value with its deviation, with as many digits as that warrants."""
+    if sigma <= 0.0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(sigma)))
+    return f"{value:.{digits}f} +- {sigma:.{digits}f}" if digits < 7 else f"{value:.3g} +- {sigma:.2g}"

@@ -14,10 +14,11 @@ from drd_tools.diagnose.conclude.scatter import is_loud
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Amount, Array, Course, Finding, Mismatch, Residual, Term, Verdict
+from drd_tools.diagnose.results import Amount, Array, Finding, Term, Verdict
 from drd_tools.diagnose.select.orders import Ripple
 from drd_tools.diagnose.select.splines import PLACE
 from drd_tools.diagnose.selected import SCALE, Selected
+from drd_tools.diagnose.series import Course, Mismatch, Residual
 from drd_tools.recordings.folder import Recording
 
 WHOLE_SHARE: Final = 0.1  # of the mismatch: so little may be left of what is called explained

@@ -18,7 +18,8 @@ from drd.config.robot import Robot, data_sheet
 from drd.units import DEG_PER_RAD
 from drd_tools.diagnose.regression.noise_fit import not_inflated, ratios
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array, Level, Scatter, Spread, Window
+from drd_tools.diagnose.results import Array, Level, Scatter, Window
+from drd_tools.diagnose.series import Spread
 
 MOST_NOISE: Final = 2.0  # times what is stated: data sheets are right within a factor of 1.5
 BLOCK_S: Final = 2.0  # real slip hangs together for about so long

@@ -214,11 +214,7 @@ def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
     )
 
 
-def gather(
-    recording: Recording,
-    robot: Calibrated = NOMINAL,
-    reference_lag_s: float = 0.0,
-) -> Evidence:
+def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: float = 0.0) -> Evidence:
     """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.
 
     `robot`: its constants, as far as something has measured them; `reference_lag_s`: what its reference's stamps have
@@ -226,36 +222,24 @@ def gather(
 
     Raises ConfigError where there is nothing to compare, or nothing of the same time.
     """
-    fog, log, reference = recording.fog, recording.wheels, recording.reference
     check_comparable(recording)
-    if fog is not None:
-        grid = grids.gyro_grid(recording, fog)
-    else:
-        assert log is not None
-        grid = grids.even_grid(log, reference)
-    if len(grid.time_s) < FEWEST_STEPS:
-        what = "of all sensors together" if fog is not None and log is not None else "of the recording"
-        got = f"{len(grid.time_s)}"
-        raise ConfigError(str(recording.folder), "", f"at least {FEWEST_STEPS} steps {what}", got)
+    grid, log, nominal = _grid(recording), recording.wheels, recording.nominal
     time_s, step_s, gyro, temperature_c, _ = grid
     edges = np.concatenate([[time_s[0] - step_s[0]], time_s])
-    nominal = recording.nominal
     fix_step, fix_share, fix = grids.fixes(recording, edges, step_s)
     if log is None:
         assert gyro is not None
-        left_m = right_m = grids.travel(reference, edges)
-        travel_m, lost_m2 = 2.0 * np.abs(left_m), np.zeros(len(time_s))
-        still = grids.still_by_gyro(grid, gyro, nominal.standstill_at_start_s)
         tread_m, radius_m = 1.0, 1.0  # they stand for nothing
+        left_m = right_m = grids.travel(recording.reference, edges)
+        lost_m2, still = np.zeros(len(time_s)), grids.still_by_gyro(grid, gyro, nominal.standstill_at_start_s)
     else:
         tread_m, radius_m = nominal.tread_m, nominal.wheel_radius_m
         left_m, right_m = (
             np.diff(np.interp(edges, log.time_s, radius_m * angle)) for angle in recording.wheel_angles_rad()
         )
-        travel_m = np.abs(left_m) + np.abs(right_m)
         lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
-        still_steps = max(1, round(grids.STILL_S / float(np.median(step_s))))
-        still = (maximum_filter1d(travel_m, 2 * still_steps + 1) == 0.0) & (lost_m2 == 0.0)
+        still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
+    travel_m = np.abs(left_m) + np.abs(right_m)
     wheels_rad = (right_m - left_m) / tread_m if log is not None else None
     gyro, inflation_rad2 = grids.without_holes(grid, wheels_rad, (lost_m2 > 0.0) | (log is None))
     return Evidence(
@@ -285,6 +269,21 @@ def gather(
         robot=robot,
         reference_lag_s=reference_lag_s,
     )
+
+
+def _grid(recording: Recording) -> grids.Grid:
+    """The steps. Raises ConfigError where there are too few."""
+    fog, log = recording.fog, recording.wheels
+    if fog is not None:
+        grid = grids.gyro_grid(recording, fog)
+    else:
+        assert log is not None
+        grid = grids.even_grid(log, recording.reference)
+    if len(grid.time_s) < FEWEST_STEPS:
+        what = "of all sensors together" if fog is not None and log is not None else "of the recording"
+        got = f"{len(grid.time_s)}"
+        raise ConfigError(str(recording.folder), "", f"at least {FEWEST_STEPS} steps {what}", got)
+    return grid
 
 
 def check_comparable(recording: Recording) -> None:

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import MISSING_ROWS
@@ -142,6 +142,13 @@ def still_by_gyro(grid: Grid, gyro_rad: Array, standstill_s: float) -> npt.NDArr
         return np.zeros(len(grid.time_s), np.bool_)
     rate = uniform_filter1d(gyro_rad / grid.step_s, max(1, round(STILL_S / float(np.median(grid.step_s)))))
     still: npt.NDArray[np.bool_] = believed & (np.abs(rate - np.median(rate[believed])) < TURNING_RAD_S)
+    return still
+
+
+def still_by_wheels(left_m: Array, right_m: Array, step_s: Array) -> npt.NDArray[np.bool_]:
+    """Steps in and around which no wheel has counted, (n,)."""
+    steps = max(1, round(STILL_S / float(np.median(step_s))))
+    still: npt.NDArray[np.bool_] = maximum_filter1d(np.abs(left_m) + np.abs(right_m), 2 * steps + 1) == 0.0
     return still
 
 

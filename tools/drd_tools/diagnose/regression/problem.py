@@ -10,16 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Delays, Effect, Errors
+from drd.effects.effect import Effect
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
+from drd_tools.diagnose.regression.chain import beside, chain_of, delays_s, errors_of, with_chain
 from drd_tools.diagnose.regression.gram import Gram
 from drd_tools.diagnose.results import Array
-from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names, parameter, shape_of
+from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
 
 Key = tuple[str, str, tuple[tuple[str, float | str], ...]]
 # An effect, its shape (the parameters that are not linear), and the name of a linear one, "" or a form. Or an effect,
@@ -113,7 +114,7 @@ class Problem:
     @property
     def readings(self) -> Motion:
         """The motion, with the wheels' speeds as counters of the selected geometry tell them."""
-        return _with_chain(self.sensitivities.motion, [c for c in self._chain if c.effect.geometry])
+        return with_chain(self.sensitivities.motion, [c for c in self._chain if c.effect.geometry])
 
     def along(self, motion: Motion) -> "Problem":
         """A problem with the effects' sensitivities along another motion."""
@@ -155,7 +156,7 @@ class Problem:
     def _cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
-        gyro_s, wheels_s = _delays_s(selection, raw.edges_s)
+        gyro_s, wheels_s = delays_s(selection, raw.edges_s)
         clear = replace(
             raw,
             gyro_rad=None if raw.gyro_rad is None else np.zeros_like(raw.gyro_rad),
@@ -176,7 +177,7 @@ class Problem:
             added = Sensitivity()
             chain = chain_of(selection)
             for selected in selection:
-                added = added + sensitivities.of(_errors(sensitivities, chain, selected.effect, selected.values))
+                added = added + sensitivities.of(errors_of(sensitivities, chain, selected.effect, selected.values))
         return clear
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
@@ -213,12 +214,12 @@ class Problem:
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """Sensitivity to an effect with these parameters."""
-        return self.sensitivities.of(_errors(self.sensitivities, self._chain, effect, values))
+        return self.sensitivities.of(errors_of(self.sensitivities, self._chain, effect, values))
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
         """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
-            return self.sensitivities.of(_beside(effect, self.sensitivities.motion, 1.0))
+            return self.sensitivities.of(beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
             shapes = effect.other_shapes(self.sensitivities.motion, {**ones, **shape})
@@ -323,55 +324,6 @@ class Problem:
 
 def _keys(wanted: Sequence[Wanted]) -> list[Key]:
     return [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
-
-
-def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
-    """The selected effects on whose outcome others act, in the order in which they act: geometry, and delays."""
-    order = list(catalogue())
-    chained = (c for c in selection if c.effect.geometry or _is_delay(c.effect))
-    return tuple(sorted(chained, key=lambda c: order.index(c.id)))
-
-
-def _is_delay(effect: Effect) -> bool:
-    return effect.acts_on is ActsOn.TIMING and effect.channel == "wheels"
-
-
-def _errors(sensitivities: Sensitivities, chain: Sequence[Selected], effect: Effect, values: Values) -> Errors:
-    """Errors of an effect: along the readings that those of the chain make which come before it."""
-    motion = sensitivities.motion
-    if effect.channel == "wheels":
-        order = list(catalogue())
-        motion = _with_chain(motion, [c for c in chain if order.index(c.id) < order.index(effect.id)])
-    if effect.acts_on is ActsOn.READOUT:
-        motion = replace(motion, rate_rad_s=sensitivities.calm_rate_rad_s + float(values.get(BIAS.name, 0.0)))
-    errors = effect.error(motion, values)
-    if SCALE.name in values:
-        beside = _beside(effect, motion, float(values[SCALE.name]))
-        errors = errors._replace(gyro_rad_s=errors.gyro_rad_s + beside.gyro_rad_s)
-    return errors
-
-
-def _delays_s(selection: Sequence[Selected], at_s: Array) -> tuple[Array, Array]:
-    """How late the gyro and the wheels are at these times, (n,) each: clocks drift along a line."""
-    ends_s = at_s[[0, -1]]
-    of_ends = [[c.effect.delays(float(t), c.values) for c in selection] for t in ends_s]
-    gyro, wheels = ([sum(getattr(d, name) for d in delays) for delays in of_ends] for name in Delays._fields)
-    return np.interp(at_s, ends_s, gyro), np.interp(at_s, ends_s, wheels)
-
-
-def _with_chain(motion: Motion, chain: Sequence[Selected]) -> Motion:
-    """The motion, with the wheels' speeds as counters tell them that these effects act on, one after the other. (73)"""
-    for c in chain:
-        error = c.effect.error(motion, c.values)
-        left, right = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
-        motion = replace(motion, left_m_s=left, right_m_s=right)
-    return motion
-
-
-def _beside(effect: Effect, motion: Motion, size: float) -> Errors:
-    """Errors, at a size, of the effect beside which alone another's form is known."""
-    assert effect.beside is not None
-    return effect.beside.error(motion, {effect.beside.parameters[0].name: size})
 
 
 def _columns(rows: Sequence[Array], length: int) -> Array:

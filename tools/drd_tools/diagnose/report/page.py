@@ -9,7 +9,8 @@ from drd_tools.diagnose import files
 from drd_tools.diagnose.report import pictures
 from drd_tools.diagnose.report import text as report_text
 from drd_tools.diagnose.report.verdict import lead, title
-from drd_tools.diagnose.results import Result, Series
+from drd_tools.diagnose.results import Result
+from drd_tools.diagnose.series import Series
 from drd_tools.report.page import Page
 
 PICTURES: Final = ("finding_*.png", "scatter_*.png", "residual.png", "held_out.png")  # which a diagnosis may lack

@@ -8,7 +8,8 @@ import numpy as np
 
 from drd_tools.diagnose.report.place_map import place_map
 from drd_tools.diagnose.report.text import named_quantity, pretty
-from drd_tools.diagnose.results import Array, Bar, Drive, Gain, Line, Mismatch, Paths, Residual, Scatter, Spread
+from drd_tools.diagnose.results import Array, Scatter
+from drd_tools.diagnose.series import Bar, Drive, Gain, Line, Mismatch, Paths, Residual, Spread
 from drd_tools.report.style import BLUE, BOUND, GREEN, GREY, INK, ORANGE, TRUE_GREY, VERMILION, picture, short, tidy
 
 WIDTH_IN: Final = 10.0  # a page's, inches

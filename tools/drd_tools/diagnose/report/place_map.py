@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from drd_tools.diagnose.results import Line, Mismatch
+from drd_tools.diagnose.series import Line, Mismatch
 from drd_tools.report.style import GREY, INK, MAP, tidy
 
 FULL_SIGMAS: Final = 2.0  # beyond which a colour is not paler

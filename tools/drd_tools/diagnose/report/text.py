@@ -7,7 +7,8 @@ from typing import Final
 from msgspec import UnsetType
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Bar, Finding, Gain, HeldOut, Mismatch, NextDrive, Result, Series
+from drd_tools.diagnose.results import Array, Finding, HeldOut, NextDrive, Result
+from drd_tools.diagnose.series import Bar, Gain, Mismatch, Series
 
 WHAT_HEADER: Final = ("found", "what it is", "parameters (± 1 sigma)")
 EVIDENCE_HEADER: Final = (

@@ -15,7 +15,8 @@ from drd_tools.diagnose.report.text import (
     reference_faults,
     rms,
 )
-from drd_tools.diagnose.results import Finding, Result, Series, Verdict
+from drd_tools.diagnose.results import Finding, Result, Verdict
+from drd_tools.diagnose.series import Series
 from drd_tools.diagnose.validate.trajectory import OUTSIDE, is_predicted
 
 MOST_IN_WORDS: Final = 5  # findings; the table has the rest

@@ -8,7 +8,8 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.results import Array, Figures, Finding, Line, Paths, Verdict
+from drd_tools.diagnose.results import Array, Figures, Finding, Verdict
+from drd_tools.diagnose.series import Line, Paths
 from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import consistency

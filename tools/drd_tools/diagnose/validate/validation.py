@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 import msgspec
 
 from drd.effects.model import Model, save_model
-from drd_tools.diagnose.conclude.conclusion import CONFIRMING_E
-from drd_tools.diagnose.results import Bar, Figures, Finding, HeldOut, Status, Term, Validation
+from drd_tools.diagnose.conclude.judgement import CONFIRMING_E
+from drd_tools.diagnose.results import Figures, Finding, HeldOut, Status, Term, Validation
+from drd_tools.diagnose.series import Bar
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Map, Prepared, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
 from drd_tools.recordings.folder import Recording

@@ -1,0 +1,208 @@
+"""The judgement of one effect: how sure it is, what else it could be, and where."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from drd_tools.diagnose.conclude.cause import Cause, sentence
+from drd_tools.diagnose.conclude.confirm import (
+    LARGEST_NATS,
+    OtherHalf,
+    chance_gains,
+    e_value,
+    family_wise_p,
+    gain_over_time,
+)
+from drd_tools.diagnose.conclude.identify import APART_NATS
+from drd_tools.diagnose.conclude.rivals import Near, posterior, rivals_of
+from drd_tools.diagnose.observe.events import Event
+from drd_tools.diagnose.regression.noise_fit import ratios
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.results import NOTHING, UNNAMED, Array, Status, Support, Window
+from drd_tools.diagnose.select.orders import Ripple
+from drd_tools.diagnose.select.search import Found, Search
+from drd_tools.diagnose.select.splines import CHANNELS, PLACE, Curve, SplineTerms
+from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.series import Gain
+
+# A curve without a name must be no mere rest of a name's imperfect form.
+GENERIC_SHARE: Final = 0.01  # of the names' worth, or
+UNLIKE_SHARE: Final = 0.25  # of them where the world is unlike the model, and no name has the exact form, or
+UNLIKE_NOISE: Final = 1.5  # times the noise that is stated: from there on it is
+GENERIC_NATS: Final = 5.0  # by so much a curve without a name must beat a name: found by the trial
+FAMILY_WISE: Final = 0.05  # the usual 5 %, over all of the catalogue
+CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decisive (Jeffreys 1961)
+
+
+def generic_share(problem: Problem) -> float:
+    """Share of a name's worth by which a curve without a name must be better."""
+    slip = ratios(problem).get("slip") or 0.0
+    return UNLIKE_SHARE if problem.evidence.is_far or slip > UNLIKE_NOISE else GENERIC_SHARE
+
+
+def status_of(p: float, e: float) -> Status:
+    """Status of a finding that chance brings with probability p, and that unseen data bear out by odds of e."""
+    if p > FAMILY_WISE:
+        return Status.SUSPECTED
+    return Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED
+
+
+def holds(problem: Problem, unseen: tuple[float, float]) -> bool:
+    """Whether either half of the data bears it out: what only one half of real ground shows is the ground's."""
+    return not problem.evidence.is_far or min(unseen) > -APART_NATS
+
+
+def judge(
+    found: Found,
+    search: Search,
+    splines: SplineTerms,
+    test: OtherHalf,
+    reported: Selected,
+    near: Sequence[Near],
+    chance: Array,
+    explains: float,
+    is_constant: bool,
+) -> Cause:
+    """A selected effect, as `reported`, or in its place a curve without a name, where that is better."""
+    problem, fit, selected = found.problem, found.fit, test.selected
+    rest = refine(problem, [c for c in fit.selection if c is not selected])
+    worth = rest.cost - fit.cost
+    e = e_value(test.nats)
+    # A constant was looked for before all others.
+    by_chance = chance_gains(problem, search.library, fit.left, selected.id) if is_constant else chance
+    p = family_wise_p(worth, by_chance)
+    rivals = rivals_of(found, search, selected, rest, near)
+    rival = splines.best(fit.selection, selected)
+    # A constant that a calibration gives is no curve, whatever varies about it.
+    unnamed = None if is_constant or rival is None else _unnamed_nats(problem, test, rival, worth, splines, rivals.own)
+    probabilities = rivals.probabilities(unnamed)
+    if rival is not None and unnamed is not None and unnamed > rivals.own:
+        surrogate = reported if selected.effect.lasting and e >= CONFIRMING_E else None
+        also = (selected, *rivals.alike)
+        return judge_curve(rival, p, explains, surrogate, also, e, probabilities)
+    curve = _curve(splines, found, selected, rival)
+    return Cause(
+        selected=reported,
+        status=status_of(p, e),
+        rivals=rivals.alike,
+        windows=_windows(selected, problem.evidence.time_s),
+        support=Support(worth, p, e),
+        explains=explains,
+        sentence=sentence(reported, explains, [r.id for r in rivals.alike]),
+        probabilities=probabilities,
+        curve=curve,
+        gain=Gain(*gain_over_time(problem, fit, selected)),
+        fitted=None if curve is None else _at_knots(splines, selected, curve),
+    )
+
+
+def _unnamed_nats(
+    problem: Problem, test: OtherHalf, rival: Curve, worth: float, splines: SplineTerms, own: float
+) -> float:
+    """Nats of a curve without a name, less those by which it must beat an effect of that worth; `own`: the effect's."""
+    nats = rival.gain - max(GENERIC_NATS, generic_share(problem) * worth)
+    if problem.evidence.is_far:
+        # Where the world is unlike the model some curve always fits better: it has to predict either half better, too.
+        unseen = test.curve_nats(splines.columns(rival))
+        nats = min(nats, *(own + u - n for u, n in zip(unseen, test.nats, strict=True)))
+    return nats
+
+
+def _at_knots(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
+    """The selected effect at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
+    values = splines.reported(selected, curve)
+    if curve.channel == "gyro":
+        values = values + float(np.average(curve.value - values, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
+    return values
+
+
+def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:
+    """The mismatch that an effect explains, against the effect's own covariate where that is one of the smooths'."""
+    options = [
+        splines.best(found.fit.selection, selected, (channel, selected.effect.covariate))
+        for channel, where in CHANNELS.items()
+        if where.acts_on == selected.effect.channel
+    ]
+    curves = [c for c in options if c is not None]
+    return max(curves, key=lambda c: c.gain, default=rival)
+
+
+def judge_event(selected: Selected, event: Event, explains: float) -> Cause:
+    """An effect that the readings show by logic."""
+    e = math.exp(min(event.nats, LARGEST_NATS))
+    p = max(min(1.0, 31.0 / e), 1e-6)
+    text = f"{selected.effect.sentence} Seen: {event.seen}."
+    support = Support(float(event.nats), p, e)
+    return Cause(
+        selected=selected,
+        status=Status.CONFIRMED,
+        rivals=(),
+        windows=event.windows,
+        support=support,
+        explains=explains,
+        sentence=text,
+        probabilities=posterior({selected.id: event.nats, NOTHING: 0.0}),
+    )
+
+
+def judge_curve(
+    curve: Curve,
+    p: float,
+    explains: float,
+    surrogate: Selected | None = None,
+    rivals: tuple[Selected, ...] = (),
+    e: float = 1.0,
+    probabilities: dict[str, float] | None = None,
+) -> Cause:
+    """A curve that no name has."""
+    peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
+    where = (
+        "around x = {:.3g} m, y = {:.3g} m".format(*curve.knots[peak])
+        if curve.covariate == PLACE
+        else f"at {curve.knots[peak]:.3g} {curve.covariate_unit}"
+    )
+    text = (
+        f"Something that is in no catalogue acts on the {curve.channel} and depends on "
+        f"{curve.covariate.replace('_', ' ')}: "
+        f"{curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
+    )
+    return Cause(
+        selected=None,
+        status=status_of(p, e),
+        rivals=rivals,
+        windows=(),
+        support=Support(curve.gain, p, e),
+        explains=explains,
+        sentence=text,
+        probabilities=probabilities or posterior({UNNAMED: curve.gain, NOTHING: 0.0}),
+        curve=curve,
+        surrogate=surrogate,
+    )
+
+
+def judge_ripple(ripple: Ripple) -> Cause:
+    """What repeats in each turn of a wheel, without a name."""
+    text = (
+        f"Something that is in no catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
+        f"{ripple.sigma_order:.2g} times in a turn of it, as a gear does: the wheel reads up to "
+        f"{100.0 * ripple.amplitude:.2g} +- {100.0 * ripple.sigma:.1g} % too much, and too little."
+    )
+    return Cause(
+        selected=None,
+        status=Status.SUPPORTED,
+        rivals=(),
+        windows=(),
+        support=Support(ripple.gain, ripple.p, None),
+        explains=0.0,
+        sentence=text,
+        probabilities=posterior({UNNAMED: ripple.gain, NOTHING: 0.0}),
+        ripple=ripple,
+    )
+
+
+def _windows(selected: Selected, time_s: Array) -> tuple[Window, ...]:
+    begin_s, end_s = selected.begin_s, selected.end_s
+    return ((float(time_s[0]) if begin_s is None else begin_s, float(time_s[-1]) if end_s is None else end_s),)
