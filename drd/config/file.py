@@ -1,5 +1,7 @@
-"""Reading the configuration file, and what only several of its keys together can say."""
+"""Reading the configuration file, what only several of its keys together say, and what it makes of files' places."""
 
+import os
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
@@ -106,3 +108,13 @@ def _outputs(c: Config) -> Iterator[Complaint]:
     if set("*$?#") & set(c.output.prefix) or "" in chunks or any(chunk.startswith("@") for chunk in chunks):
         expected = "a Zenoh key without *, $, ?, #, leading @ and outer or double slashes"
         yield "output.prefix", expected, repr(c.output.prefix)
+
+
+def in_state_directory(folder: str) -> Path:
+    """Relative folders start from the service's first state directory under systemd, else from the working one."""
+    return Path(os.environ.get("STATE_DIRECTORY", "").split(":")[0]) / folder
+
+
+def file_name(robot: str) -> str:
+    """A robot's name as names of files have it."""
+    return re.sub(r"[^A-Za-z0-9_.]+", "_", robot)

@@ -1,26 +1,21 @@
 """Where recordings lie: names of a run's parts, and the bound on what all of them take."""
 
 import logging
-import os
 import re
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+from drd.config.file import file_name
 from drd.units import NS_PER_S
 
 log = logging.getLogger(__name__)
 
 
-def recordings_folder(folder: str) -> Path:
-    """Relative paths start from the service's state directory under systemd, else from the working directory."""
-    return Path(os.environ.get("STATE_DIRECTORY", ".").split(":")[0]) / folder
-
-
 def run_name(robot: str, started_wall_ns: int, run: str) -> str:
     """What the names of a run's parts begin with: robot, start in UTC, the run's own random digits."""
     start = datetime.fromtimestamp(started_wall_ns // NS_PER_S, UTC)
-    return f"{_plain(robot)}-{start:%Y%m%dT%H%M%SZ}-{run}"
+    return f"{file_name(robot)}-{start:%Y%m%dT%H%M%SZ}-{run}"
 
 
 def part_file(folder: Path, name: str, part: int) -> Path:
@@ -30,7 +25,7 @@ def part_file(folder: Path, name: str, part: int) -> Path:
 
 def make_room(folder: Path, robot: str, limit_bytes: int) -> None:
     """Delete this robot's oldest recordings until the rest takes at most `limit_bytes`. Raises OSError."""
-    pattern = re.compile(re.escape(_plain(robot)) + r"-\d{8}T\d{6}Z-[0-9a-f]{8}-\d{4,}\.mcap")
+    pattern = re.compile(re.escape(file_name(robot)) + r"-\d{8}T\d{6}Z-[0-9a-f]{8}-\d{4,}\.mcap")
     files = []
     for entry in folder.iterdir():
         if pattern.fullmatch(entry.name):
@@ -44,7 +39,3 @@ def make_room(folder: Path, robot: str, limit_bytes: int) -> None:
         entry.unlink(missing_ok=True)
         total -= size
         log.info("deleted=%s reason=recording.max_total_mb", entry)
-
-
-def _plain(robot: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.]+", "_", robot)

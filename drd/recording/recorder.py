@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from drd import __version__
+from drd.config.file import in_state_directory
 from drd.config.keys import Config
 from drd.config.schema import Loaded
 from drd.pipeline import Observer
 from drd.recording.file import CHUNK_BYTES, RecordingFile
-from drd.recording.folder import make_room, part_file, recordings_folder, run_name
+from drd.recording.folder import make_room, part_file, run_name
 from drd.recording.in_force import files_in_force
 from drd.recording.topics import Encoder
 from drd.samples import CanFrame, GyroSample, Pose, WheelSample
@@ -100,7 +101,7 @@ class Recorder(HandedOver):
         self._encoder = Encoder(config.output, config.recording.viewers)
         self._started_ns, self._started_wall_ns = time.monotonic_ns(), time.time_ns()
         self._run = secrets.token_hex(4)
-        self._folder = recordings_folder(config.recording.folder)
+        self._folder = in_state_directory(config.recording.folder)
         self._name = run_name(self._robot, self._started_wall_ns, self._run)
         self._queue: deque[_Entry] = deque()
         self._number = self._overflowed = 0  # by the event loop only

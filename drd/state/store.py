@@ -5,11 +5,12 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
+from drd.config.file import file_name, in_state_directory
 from drd.config.keys import Config
 from drd.state.saved import LARGEST_BYTES
 from drd.state.sealed import StateError
@@ -24,16 +25,12 @@ KEPT_ASIDE: Final = 5
 SLOW_NS: Final = 10 * NS_PER_S
 
 
-def state_file(config: Config, environment: Mapping[str, str] = os.environ) -> Path | None:
-    """Where a robot's state lies; None: it is not to be kept, or neither the configuration nor systemd names a folder.
-
-    A relative `state.folder` starts from systemd's $STATE_DIRECTORY, of which there may be several.
-    """
-    folder, service = config.state.folder, environment.get("STATE_DIRECTORY", "").split(":")[0]
-    if not config.state.enabled or (folder is None and not service):
+def state_file(config: Config) -> Path | None:
+    """Where a robot's state lies; None: it is not to be kept, or neither configuration nor systemd names a folder."""
+    folder = config.state.folder
+    if not config.state.enabled or (folder is None and not os.environ.get("STATE_DIRECTORY")):
         return None
-    name = re.sub(r"[^A-Za-z0-9_.]+", "_", config.robot.name)
-    return Path(service) / (folder or "") / f"{name}.state"
+    return in_state_directory(folder or "") / f"{file_name(config.robot.name)}.state"
 
 
 class Store(Generic[T]):

@@ -193,10 +193,13 @@ def test_a_file_too_large_to_be_a_state_is_not_read_whole(tmp_path: Path) -> Non
         ("sub", None, "sub/my_robot_1.state"),
     ],
 )
-def test_where_the_state_lies(folder: str | None, service: str | None, expected: str | None) -> None:
+def test_where_the_state_lies(
+    folder: str | None, service: str | None, expected: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     robot = Robot(name="my robot/1", wheel_radius_m=0.1, tread_m=0.5)
-    environment = {} if service is None else {"STATE_DIRECTORY": service}
-    assert state_file(Config(robot=robot, state=State(folder=folder)), environment) == (
-        Path(expected) if expected else None
-    )
-    assert state_file(Config(robot=robot, state=State(folder=folder, enabled=False)), environment) is None
+    if service is None:
+        monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    else:
+        monkeypatch.setenv("STATE_DIRECTORY", service)
+    assert state_file(Config(robot=robot, state=State(folder=folder))) == (Path(expected) if expected else None)
+    assert state_file(Config(robot=robot, state=State(folder=folder, enabled=False))) is None
