@@ -4,7 +4,8 @@ import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final
+from operator import attrgetter
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from drd.units import NS_PER_S
 from drd.wiring.judge import Geometry, judge
 from drd.wiring.table import sentences
 
+T = TypeVar("T")
 TICK_NS: Final = round(TICK_S * NS_PER_S)
 # A recording whose times begin so near to 0 counts them from a moment of its own, such as the gyro's power-on.
 ZERO_WITHIN_S: Final = 60.0
@@ -130,9 +132,9 @@ def run(
     return poses
 
 
-def latest(poses: list[Pose]) -> list[Pose]:
+def latest(poses: list[T], t_ns_of: Callable[[T], int] = attrgetter("t_ns")) -> list[T]:
     """The last of several poses for one time: after a silence the wheels' first sample corrects the one before it."""
-    t_ns = np.array([p.t_ns for p in poses], np.int64)
+    t_ns = np.array([t_ns_of(p) for p in poses], np.int64)
     return [poses[k] for k in np.flatnonzero(np.diff(t_ns, append=np.iinfo(np.int64).max) > 0)]
 
 

@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from itertools import chain, pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from drd.batch.run import latest
 from drd.config.keys import Config, Output
 from drd.config.schema import ConfigError, loads
 from drd.output.cdr import Diagnostic
@@ -82,15 +84,10 @@ def _recorded(parts: Sequence[McapFile]) -> tuple[list[Stamped], list[tuple[int,
         except (KeyError, OverflowError, TypeError, ValueError) as error:
             where = f"{parts[-1].path}, {message.topic}, number {message.number}"
             raise ConfigError(where, "", "what drd writes there", repr(error)) from error
-    return _last_of_each_time(poses), health
+    return latest(poses, attrgetter("pose.t_ns")), health
 
 
 def _of_replay(replayed: Replayed, wall_ns: int, notes: list[str]) -> Exported:
     zero_ns = replayed.zero_ns
-    poses = [Stamped(wall_ns + pose.t_ns - zero_ns, pose) for pose in replayed.poses]
-    return Exported(_last_of_each_time(poses), [], replayed.config.output, zero_ns, notes)
-
-
-def _last_of_each_time(poses: list[Stamped]) -> list[Stamped]:
-    """Keep the last pose of each time: after a silence the wheels' first sample corrects the one before it."""
-    return [a for a, b in pairwise(poses) if b.pose.t_ns > a.pose.t_ns] + poses[-1:]
+    poses = [Stamped(wall_ns + pose.t_ns - zero_ns, pose) for pose in latest(replayed.poses)]
+    return Exported(poses, [], replayed.config.output, zero_ns, notes)

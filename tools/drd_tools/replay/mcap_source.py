@@ -223,7 +223,7 @@ def recorded_pose(value: dict[str, Any]) -> Pose:
     (xx, xy, xh), (_, yy, yh), (_, _, hh) = value["covariance_m_rad"]
     names = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed_sigma_m_s", "rate_sigma_rad_s")
     return Pose(
-        t_ns=value["monotonic_ns"],
+        t_ns=nanoseconds(value["monotonic_ns"]),
         sequence=value["sequence"],
         **{name: _number(value[name]) for name in names},
         covariance=(_number(xx), _number(xy), _number(xh), _number(yy), _number(yh), _number(hh)),

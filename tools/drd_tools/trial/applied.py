@@ -4,6 +4,7 @@
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ from drd.monitor.applying import Applying
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample, Pose
 from drd.units import S_PER_NS
-from drd_tools.evaluate.metrics import rms
+from drd_tools.evaluate.alignment import align
+from drd_tools.evaluate.metrics import absolute_error, rms
+from drd_tools.evaluate.trajectory import Poses, associate, reference_of
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.nominal import configuration
 from drd_tools.report.terminal import columns
@@ -101,15 +104,10 @@ def driven(recording: Recording, is_on: bool) -> Driven:
 
 def position_rms_m(made: Driven, recording: Recording) -> float:
     """The error of the poses against the reference, turned and shifted onto it as fits best."""
-    log = recording.reference
-    assert log is not None
     time_s = np.array([(p.t_ns - made.zero_ns) * S_PER_NS for p in made.poses])
-    inside = (log.time_s >= time_s[0]) & (log.time_s <= time_s[-1])
-    x, y = (np.interp(log.time_s[inside], time_s, [getattr(p, name) for p in made.poses]) for name in ("x_m", "y_m"))
-    a, b = x + 1j * y, (log.x_m + 1j * log.y_m)[inside]
-    a, b = a - a.mean(), b - b.mean()
-    turn = np.vdot(a, b)
-    return rms(np.abs(b - a * turn / abs(turn)))
+    poses = Poses(recording.name, time_s, np.array([(p.x_m, p.y_m, p.heading_rad) for p in made.poses]))
+    pairs = associate(poses, reference_of(recording), math.inf)
+    return absolute_error(align(pairs, "se2")[0]).position_rmse_m
 
 
 def simulated(name: str, seed: int, seconds: float = SECONDS) -> Recording:
