@@ -33,7 +33,7 @@ def test_the_path_is_the_papers(laboratory: Laboratory) -> None:
 
 
 def test_the_variances_do_what_the_paper_says(laboratory: Laboratory) -> None:
-    time_s, sigma = sigmas_over_laps(laboratory, laps=3)
+    time_s, sigma = sigmas_over_laps(laboratory)
     lap_s = time_s[-1] / 3
     start, one, two, three = (int(np.searchsorted(time_s, t)) for t in (15.0, lap_s, 2 * lap_s, time_s[-1]))
     by_name = dict(zip(STATES, sigma.T, strict=True))

@@ -205,11 +205,6 @@ class Emulator:
         with self._lock:
             self._bus.open()
 
-    def send_frame(self, message: can.Message) -> None:
-        """Send any other frame: another node's, a boot-up message."""
-        with self._lock:
-            self._send_can(message)
-
     def _unplug_all(self) -> None:
         self.unplug_fog()
         self.unplug_can()

@@ -9,6 +9,7 @@ from scipy import stats
 from drd.arrays import Array
 from drd_tools.evaluate.consistency import start_jacobian
 
+INSEPARABLE: Final = -0.7  # correlation
 REGULAR: Final = 1e-10  # smaller eigenvalues of a correlation matrix are rounding
 
 
@@ -79,7 +80,7 @@ def reference_joint(xy_m: Array, position_sigma_m: float, heading_sigma_rad: flo
     return np.asarray(np.kron(np.eye(len(xy_m)), R) + J @ R @ J.T)
 
 
-def inseparable(covariance: Array, limit: float = -0.7) -> list[tuple[int, int]]:
+def inseparable(covariance: Array) -> list[tuple[int, int]]:
     """Pairs of parts that the error cannot tell apart: where one is larger, the other is smaller. `covariance` (g, g).
 
     Parts of less than a tenth of the largest one's standard deviation are left out.
@@ -90,5 +91,5 @@ def inseparable(covariance: Array, limit: float = -0.7) -> list[tuple[int, int]]
         (int(i), int(j))
         for n, i in enumerate(matters)
         for j in matters[n + 1 :]
-        if covariance[i, j] < limit * sigma[i] * sigma[j]
+        if covariance[i, j] < INSEPARABLE * sigma[i] * sigma[j]
     ]

@@ -24,14 +24,14 @@ NOTHING: Final = 1e-9  # of the information: what rounding leaves
 MOST_DAYS: Final = 120  # that are tried
 
 
-class Told(NamedTuple):
+class Score(NamedTuple):
     """Score and information of a unit step, for each segment's robot; shape (robots,)."""
 
     score: Array
     information: Array
 
 
-def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Told:
+def scored(log: Log, p: Population, segment: Integers, levels: Integers, left: Array, x: Array) -> Score:
     """Score and information of the regressor `x` (n,) in what is `left` (n,), each segment's level free. (106)"""
     w = 1.0 / p.variance(log)
     own = p.spread**2 + np.where(levels, 0.0, log.constant.jump**2)
@@ -43,7 +43,7 @@ def told(log: Log, p: Population, segment: Integers, levels: Integers, left: Arr
     robot = np.zeros(many, np.int64)
     robot[segment] = log.robot
     robots = len(log.robots)
-    return Told(_sums(robot, score, robots), _sums(robot, information, robots))
+    return Score(_sums(robot, score, robots), _sums(robot, information, robots))
 
 
 def _sums(of: Integers, values: Array, many: int) -> Array:
@@ -55,7 +55,7 @@ def gain(size: float, sigma: float, jump: float) -> float:
     return float(_nats(size / sigma**2, sigma**-2, jump))
 
 
-def pooled(found: Told, jump: float) -> tuple[float, float, int]:
+def pooled(found: Score, jump: float) -> tuple[float, float, int]:
     """Mean step of the robots, its sigma, and their number: random effects, robust against single robots. (106)
 
     The sigma is infinite where they do not show it alike.
@@ -85,7 +85,9 @@ def stays_without_any(
     has seen, or alone has left, says nothing of places; it may as well be the robot.
     """
     one = np.ones(len(x))
-    (of_x, xx), (of_one, ones), (_, both) = (told(log, p, segment, levels, left, shape) for shape in (x, one, x + one))
+    (of_x, xx), (of_one, ones), (_, both) = (
+        scored(log, p, segment, levels, left, shape) for shape in (x, one, x + one)
+    )
     every = np.array([of_x, xx, of_one, ones, (both - xx - ones) / 2.0])
     score, xx, mean, ones, shared = every.sum(1, keepdims=True) - every
     lever = shared / np.maximum(ones, NOTHING * every[3].sum())
@@ -93,7 +95,7 @@ def stays_without_any(
     return bool(np.all(np.sign(off) * (score - lever * mean) > Z_90 * np.sqrt(information)))
 
 
-def explained(found: Told, size: float) -> float:
+def explained(found: Score, size: float) -> float:
     """Nats that one step of `size` explains in the robots, without those that have something of their own. (106)"""
     information = np.maximum(found.information, 1e-300)
     gained = size * found.score - 0.5 * size**2 * information
@@ -124,7 +126,7 @@ def _best_step(
     nats, at = [], []
     for day in days:
         step = Step(kind, which, float(day), 0.0, 0.0, 0.0, 0)
-        seen = told(log, p, segment, levels, left, step.rows(log))
+        seen = scored(log, p, segment, levels, left, step.rows(log))
         size, sigma, robots = pooled(seen, jump)
         nats.append(explained(seen, size) if robots >= LEAST_GROUP else -np.inf)
         at.append((size, sigma, robots))
@@ -149,13 +151,13 @@ def causes(
     the same in all of its robots, and those beside that are not of it have changes of their own.
     """
     jump, mine = log.constant.jump, log.robot == robot
-    each = told(log, p, segment, levels, left, shape)
+    each = scored(log, p, segment, levels, left, shape)
     alone = np.maximum(0.0, _nats(each.score, each.information, jump) - np.log(ROBOT_DAYS)) * beside
     odds = {"robot": float(alone.sum() - alone[robot] + _nats(each.score, each.information, jump)[robot])}
     odds["robot"] -= float(np.log(ROBOT_DAYS))
 
     def of_group(inside: Array, days: float) -> float:
-        found = told(log, p, segment, levels, left, shape * inside)
+        found = scored(log, p, segment, levels, left, shape * inside)
         of_it = np.bincount(log.robot, inside * (shape > 0.0), len(log.robots)) > 0.0
         together = _nats(found.score.sum(), found.information.sum(), jump) - np.log(days)
         return float(together + alone[~of_it].sum())

@@ -18,13 +18,14 @@ from drd_tools.paper import physics as p
 from drd_tools.paper.runs import CELLS, Laboratory, Robot, Samples, calibrate, configured, drive, informed, path
 
 STATES: Final = ("x", "y", "heading", "right scale", "left scale", "tread", "gyro heading", "gyro scale", "gyro bias")
+LAPS, GYROS = 3, 4
 EVERY_NS: Final = 1_000_000_000
 NOTHING_RAD2: Final = 1e9  # a variance beside which every other is nothing
 
 
-def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tuple[Array, Array]:
+def sigmas_over_laps(laboratory: Laboratory) -> tuple[Array, Array]:
     """Time in s, shape (n,), and the nine states' standard deviations, shape (n, 9), without calibration."""
-    robot = Robot(laboratory.config, laboratory.physics, np.random.default_rng([seed, 2002]))
+    robot = Robot(laboratory.config, laboratory.physics, np.random.default_rng([0, 2002]))
     estimator, rows = Estimator(laboratory.config, publish_on="gyro"), []
 
     def watched(samples: list[Any]) -> Iterator[Any]:
@@ -35,17 +36,17 @@ def sigmas_over_laps(laboratory: Laboratory, laps: int = 3, seed: int = 0) -> tu
                 next_ns += EVERY_NS
                 rows.append([(sample.t_ns - samples[0].t_ns) / EVERY_NS, *np.sqrt(np.diag(estimator.filter.P))])
 
-    run(estimator, *robot.samples(path(laboratory.config, "ccw", laps), seed), watched)
+    run(estimator, *robot.samples(path(laboratory.config, "ccw", LAPS), 0), watched)
     table = np.array(rows)
     return table[:, 0], table[:, 1 : 1 + len(STATES)]  # the paper has no lag and no sideways slip
 
 
-def sigmas_with_and_without_comparing(laboratory: Laboratory, gyros: int = 4) -> Array:
-    """Standard deviation of the return position, m, by the filter's own covariance, for calibrated gyros, (gyros, 2):
+def sigmas_with_and_without_comparing(laboratory: Laboratory) -> Array:
+    """Standard deviation of the return position, m, by the filter's own covariance, for calibrated gyros, (GYROS, 2):
     with the wheels' turning, and without. No estimator that is told the truth gains more by it.
     """
     rows = []
-    for seed in range(gyros):
+    for seed in range(GYROS):
         config, random = laboratory.config, np.random.default_rng([seed, 2004])
         robot = Robot(config, laboratory.physics, random)
         calibration = calibrate(robot.gyro, laboratory.physics)[0]

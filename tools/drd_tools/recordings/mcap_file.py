@@ -62,7 +62,6 @@ class McapFile:
     `information` and `attachments` as the daemon wrote them. `end`: the metadata `drd.end`; None: the file was cut.
     `first_ns`, `last_ns`: log times of the readable messages, 0 where there are none. `cut_chunk_s`: how much later
     than `last_ns` the last message of the chunk is in which the file was cut, where its beginning could be read.
-    `dropped_bytes`: at the end, not readable.
     """
 
     path: Path
@@ -72,7 +71,6 @@ class McapFile:
     first_ns: int = 0
     last_ns: int = 0
     cut_chunk_s: float | None = None
-    dropped_bytes: int = 0
     _chunks: list[tuple[int, int]] = field(default_factory=list)
 
     @property
@@ -160,21 +158,21 @@ def open_mcap(path: Path) -> McapFile:
             start = stream.read(len(MAGIC))
             if not MAGIC.startswith(start) and start.strip(b"\0"):
                 raise ConfigError(str(path), "", "an MCAP file", f"one that begins with {start!r}")
-            found.dropped_bytes = size - _scan(found, stream, size)
+            _scan(found, stream, size)
     except OSError as error:
         raise ConfigError(str(path), "", "a readable MCAP file", str(error.strerror)) from error
     return found
 
 
-def _scan(found: McapFile, stream: BinaryIO, size: int) -> int:
-    """Collect what can be read; returns where that ends."""
+def _scan(found: McapFile, stream: BinaryIO, size: int) -> None:
+    """Collect what can be read."""
     good = min(size, len(MAGIC))
     while good + RECORD.size <= size:
         stream.seek(good)
         opcode, length = (int(value) for value in RECORD.unpack(stream.read(RECORD.size)))
         start, end = good + RECORD.size, good + RECORD.size + length
         if opcode == Opcode.FOOTER and end <= size:
-            return min(size, end + len(MAGIC))
+            break
         if opcode not in OPCODES or end > size:
             if opcode == Opcode.CHUNK and start + CHUNK_TIMES.size <= size:
                 found.cut_chunk_s = _cut_chunk_s(found, *CHUNK_TIMES.unpack(stream.read(CHUNK_TIMES.size)))
@@ -184,7 +182,6 @@ def _scan(found: McapFile, stream: BinaryIO, size: int) -> int:
         except Exception:  # a damaged record: the decompressors and the parsers raise what they like
             break
         good = end
-    return good
 
 
 def _cut_chunk_s(found: McapFile, first_ns: int, last_ns: int) -> float | None:

@@ -47,13 +47,6 @@ def licence(package: Package) -> str:
     return SPDX.get(texts[0], texts[0])
 
 
-def is_compatible(expression: str) -> bool:
-    """Whether one of its alternatives is of compatible licences alone. Raises ValueError for parentheses."""
-    if "(" in expression:
-        raise ValueError(f"{expression}: parentheses are not read")
-    return any(all(part in COMPATIBLE for part in choice.split(" AND ")) for choice in expression.split(" OR "))
-
-
 def table(sections: Mapping[str, Iterable[Package]]) -> str:
     """Markdown: a table by section, without versions, so that it changes with a package or its licence only."""
     lines = [
