@@ -84,7 +84,6 @@ class Library:
         self._still_c = math.nan
         self._heading_rad = 0.0
         self.hypotheses: list[Hypothesis] = []
-        self.width = 0
 
     def turns(self, rows: Rows, bias_rad_s: float, share: Array, tread: float) -> tuple[Array, Array]:
         """Turn by the wheels over the nominal tread, and the likeliest turn, (n,) each. (15)
@@ -98,13 +97,12 @@ class Library:
         return by_wheels, np.where(stands, 0.0, turn)
 
     def columns(self, rows: Rows, turn_rad: Array) -> Array:
-        """Sensitivity of the wheels' turn less the gyro's, to each column, in the block's rows: (n, width)."""
+        """Sensitivity of the wheels' turn less the gyro's, to each column, in the block's rows: (n, columns)."""
         m = self._motion(rows, turn_rad)
         first = not self.hypotheses
         found = [self._row_means(rows, x) for x in self._own(m)]
         if first:
             self.hypotheses = list(self._made(m))
-            self.width = max(c for h in self.hypotheses for c in (*h.columns, *h.growth)) + 1
         for hypothesis in self.hypotheses:
             found += self._sensitivities(rows, m, hypothesis)
         self._heading_rad += float(turn_rad[rows.inner].sum())

@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.config.keys import Config
@@ -104,15 +105,10 @@ class Monitor:
         if self._theta is None:
             still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
             self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
-        distances = np.abs(rows.left_m) + np.abs(rows.right_m)
+        distances, gyro_var = np.abs(rows.left_m) + np.abs(rows.right_m), self._walk**2 * h
         # A wheel that creeps may stand by its counts.
         moves = np.convolve(distances > STANDS_M, np.ones(2 * CREEP_ROWS + 1), "same") > 0.5
-        wheel_var = (self._wheel_noise**2 * distances + moves * self._count_m**2 / 3.0) / self._tread_m**2
-        gyro_var = self._walk**2 * h
-        if self._skids:
-            turned, changed = rows.gyro_rad - self._bias_rad_s * h, np.gradient(rows.gyro_rad / h)
-            wheel_var += SKID_WHEEL_M_PER_SQRT_M**2 * distances / self._tread_m**2
-            wheel_var += moves * (SKID_TURN_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
+        wheel_var = self._wheel_variance(rows, distances, moves)
         tread = self._turned[0] / self._turned[1]
         share = gyro_var / (gyro_var + wheel_var + 1e-30)
         by_wheels, turn = self._library.turns(rows, self._bias_rad_s, share, tread)
@@ -148,6 +144,16 @@ class Monitor:
         )
         self._rolled_m += float(rolled.sum())
         self._distance_m += float(0.5 * np.abs(rows.left_m + rows.right_m)[inner].sum())
+
+    def _wheel_variance(self, rows: Rows, distances_m: Array, moves: npt.NDArray[np.bool_]) -> Array:
+        """Variance of the wheels' turn in each row, rad^2, (n,); `distances_m`: both wheels' together. (95)"""
+        h = rows.interval_s
+        variance = (self._wheel_noise**2 * distances_m + moves * self._count_m**2 / 3.0) / self._tread_m**2
+        if self._skids:
+            turned, changed = rows.gyro_rad - self._bias_rad_s * h, np.gradient(rows.gyro_rad / h)
+            variance += SKID_WHEEL_M_PER_SQRT_M**2 * distances_m / self._tread_m**2
+            variance += moves * (SKID_TURN_RAD_PER_SQRT_RAD**2 * np.abs(turned) + (SKID_JITTER_S * changed) ** 2)
+        return variance
 
     def _white(self, products: Array) -> Array:
         return self._noise.scatter.white(products)
