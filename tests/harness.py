@@ -1,13 +1,13 @@
 """The running daemon and its hardware, for tests that need the real thing."""
 
 import json
-import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import zenoh
+from links import free_endpoint
 
 from drd.config.file import load_config
 from drd.config.keys import Config
@@ -37,12 +37,6 @@ def farthest_m(before: dict[str, Any], pose: dict[str, Any]) -> float:
     # them a full queue may have dropped some.
     travelled_s = max(dt_s, 0.05 * int(pose["sequence"] - before["sequence"]))
     return SPEED_M_S * (travelled_s + LATE_S) + 0.03
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
 
 
 class Robot:

@@ -6,7 +6,6 @@ import os
 import pty
 import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -16,6 +15,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from links import free_endpoint
 
 from drd.commands.pose_lines import pose_line
 from drd.commands.watch import View, main
@@ -40,12 +40,6 @@ POSE = Pose(
     Validity.DEGRADED,
     REASONS,
 )
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
 
 
 @contextlib.contextmanager

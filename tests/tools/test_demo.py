@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import free_endpoint
+from links import free_endpoint
 
 from drd.config.file import load_config
 from drd_tools import demo

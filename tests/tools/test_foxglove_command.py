@@ -20,7 +20,7 @@ from typing import Any
 import foxglove
 import pytest
 import zenoh
-from harness import free_endpoint
+from links import free_endpoint
 from protobuf_messages import message_class
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol

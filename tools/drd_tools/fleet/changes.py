@@ -37,14 +37,11 @@ class Prior:
 
 
 class Changes(NamedTuple):
-    """`log_evidence`: of each series, shape (series,). `change`: posterior of a change before each observation, shape
-    (series, n); `creeps`: that, and of a segment that creeps from there on. `segments`: posterior of each segment,
-    shape (series, kinds, n, n).
+    """`change`: posterior of a change before each observation, shape (series, n). `segments`: posterior of each
+    segment, shape (series, kinds, n, n).
     """
 
-    log_evidence: Array
     change: Array
-    creeps: Array
     segments: Array
 
     def any_change(self, series: int, first: int, last: int) -> float:
@@ -135,11 +132,9 @@ def posterior(log: Array, change: Array) -> Changes:
         after[:, s] = _sum(segments[:, :, s, s:] + ends[:, None, s:])
     joint = segments + (before[:, :n] + begins)[:, None, :, None] + ends[:, None, None, :]
     p = np.exp(joint - before[:, n][:, None, None, None])
-    starts = p.sum(3)
-    found = starts.sum(1)
+    found = p.sum(3).sum(1)
     found[:, 0] = 0.0
-    creeps = starts[:, CREEP] if p.shape[1] > 1 else np.zeros_like(found)
-    return Changes(before[:, n], found, creeps, p)
+    return Changes(found, p)
 
 
 def _sum(terms: Array) -> Array:

@@ -168,7 +168,7 @@ def _chances(log: Log, done: list[Maintained]) -> Array:
 def _cut(log: Log, p: Population, change: Array) -> tuple[list[Segments], list[Changes]]:
     """The likeliest segments of each robot, and the posterior."""
     segments: list[Segments] = [[] for _ in log.robots]
-    found: list[Changes] = [Changes(*np.zeros((4, 0)))] * len(log.robots)
+    found: list[Changes] = [Changes(*np.zeros((2, 0)))] * len(log.robots)
     for members, counts, given, h in _given(log, p, change):
         every, best = posterior(given, h), most_likely(given, h)
         for i, (robot, count) in enumerate(zip(members, counts, strict=True)):
