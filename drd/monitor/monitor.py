@@ -24,10 +24,7 @@ from drd.monitor.sums import Sums
 from drd.monitor.symptoms import Symptoms
 from drd.monitor.telling import Known, Teller
 from drd.samples import GyroSample, WheelSample
-from drd.units import (
-    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
-    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
-)
+from drd.units import RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 
 UNFIT_LOOKS: Final = 8  # in a row, half a minute: no name means anything for a robot that is another
 ANEW: Final = 100.0  # times as loose as stated is what has changed

@@ -9,14 +9,7 @@ from diagnosis_drives import SLALOM, problem, selected
 from scipy import stats
 
 from drd_tools.diagnose.conclude import conclusion
-from drd_tools.diagnose.conclude.confirm import (
-    OtherHalf,
-    blocks,
-    chance_gains,
-    e_value,
-    family_wise_p,
-    gain_over_time,
-)
+from drd_tools.diagnose.conclude.confirm import OtherHalf, blocks, chance_gains, e_value, family_wise_p, gain_over_time
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.conclude.judgement import FAMILY_WISE, status_of
 from drd_tools.diagnose.regression.problem import Problem

@@ -9,17 +9,7 @@ import pytest
 import drd_tools.diagnose
 
 ROOT = Path(drd_tools.diagnose.__path__[0])
-STAGES = (
-    "observe",
-    "error_model",
-    "regression",
-    "select",
-    "conclude",
-    "combine",
-    "validate",
-    "advise",
-    "report",
-)
+STAGES = ("observe", "error_model", "regression", "select", "conclude", "combine", "validate", "advise", "report")
 WORDS = ("results", "series", "selected", "files")  # what all stages speak of
 MOST_PARAMETERS = 9
 

@@ -17,11 +17,7 @@ T = TypeVar("T")
 
 DIAGNOSIS: Final = "diagnosis.json"
 SERIES: Final = "series.json"
-WORDS: Final = {
-    "verdict": ", ".join(Verdict),
-    "status": ", ".join(Status),
-    "speaks": "for, against, neither",
-}
+WORDS: Final = {"verdict": ", ".join(Verdict), "status": ", ".join(Status), "speaks": "for, against, neither"}
 
 
 def plain(value: object) -> Any:

@@ -1,4 +1,4 @@
-"""Causes from selected effects: how sure each is, what else it could be, where, and in words."""
+"""The conclusion: which of the selected effects are causes, what has no name, and what is ruled out."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -7,23 +7,16 @@ from typing import Final
 import numpy as np
 
 from drd_tools.diagnose.conclude.cause import Cause
-from drd_tools.diagnose.conclude.confirm import (
-    OtherHalf,
-    chance_gains,
-    curve_nats,
-    e_value,
-    family_wise_p,
-)
+from drd_tools.diagnose.conclude.confirm import OtherHalf, chance_gains, curve_nats, e_value, family_wise_p
 from drd_tools.diagnose.conclude.identify import Identifiability
 from drd_tools.diagnose.conclude.judgement import (
     FAMILY_WISE,
-    GENERIC_NATS,
-    generic_share,
     holds,
     judge,
     judge_curve,
     judge_event,
     judge_ripple,
+    margin,
 )
 from drd_tools.diagnose.conclude.rivals import at_odds, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
@@ -80,17 +73,14 @@ def conclude(
     found, unnamed = _in_place_of_several(found, search, splines, chance, constants)
     if found.fit is not before:
         tests = _tests(found, search)
-    near = near_sets(found, search)
-    unnamed += [judge_ripple(r) for r in ripples(found.problem, found.fit.selection, LEAST_NATS, FAMILY_WISE)]
-    estimates = reported_estimates(
-        found.problem, found.fit, search.known, Sets(found.problem, found.fit.selection).scatter
-    )
-    odds = [odds_over_the_reference(found.problem, reported) for reported in estimates]
+    near, problem, fit = near_sets(found, search), found.problem, found.fit
+    unnamed += [judge_ripple(r) for r in ripples(problem, fit.selection, LEAST_NATS, FAMILY_WISE)]
+    estimates = reported_estimates(problem, fit, search.known, Sets(problem, fit.selection).scatter)
+    odds = [odds_over_the_reference(problem, reported) for reported in estimates]
     of_the_reference = [reported for reported, own in zip(estimates, odds, strict=True) if own < BARELY]
-    taken = search.known.union(one.id for one in of_the_reference)
-    nats = shared_nats(found.problem, found.fit, taken)
+    nats = shared_nats(problem, fit, search.known.union(one.id for one in of_the_reference))
     explained = sum(nats.values()) + sum(c.gain_nats for c in unnamed) + sum(e.nats for e in events)
-    left = splines.best(found.fit.selection)
+    left = splines.best(fit.selection)
     if left is not None and left.gain <= max(LEAST_NATS, UNKNOWN_SHARE * explained):
         left = None
     whole = max(explained + (0.0 if left is None else left.gain), LEAST_NATS)
@@ -109,8 +99,8 @@ def conclude(
         findings += _left_over(found, search, splines, left, findings, unexplained)
     findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
-    bounds = identity.bounds(found.fit.left)
-    ruled_out = [Because(name, text) for name, text in sorted(bounds.items()) if name not in named]
+    bounds = sorted(identity.bounds(fit.left).items())
+    ruled_out = [Because(name, text) for name, text in bounds if name not in named]
     return Conclusion(
         findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained, of_the_reference
     )
@@ -163,10 +153,9 @@ def _in_place_of_several(
         rest = refine(problem, [c for c in fit.selection if c not in group])
         worth = rest.cost - fit.cost
         curve = splines.best(rest.selection)
-        margin = max(GENERIC_NATS, generic_share(problem) * worth)
         if curve is None or CHANNELS[curve.channel].acts_on != acts_on:
             continue
-        if curve.gain < worth - problem.penalty(group) + margin:
+        if curve.gain < worth - problem.penalty(group) + margin(problem, worth):
             continue
         unseen = curve_nats(problem, rest, splines.rows(curve), splines.columns(curve))
         if not holds(problem, unseen):

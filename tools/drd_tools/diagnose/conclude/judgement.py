@@ -37,10 +37,11 @@ FAMILY_WISE: Final = 0.05  # the usual 5 %, over all of the catalogue
 CONFIRMING_E: Final = 100.0  # 100 to 1 in data that the fit has not seen: decisive (Jeffreys 1961)
 
 
-def generic_share(problem: Problem) -> float:
-    """Share of a name's worth by which a curve without a name must be better."""
+def margin(problem: Problem, worth: float) -> float:
+    """Nats by which a curve without a name must beat names of that worth."""
     slip = ratios(problem).get("slip") or 0.0
-    return UNLIKE_SHARE if problem.evidence.is_far or slip > UNLIKE_NOISE else GENERIC_SHARE
+    is_unlike = problem.evidence.is_far or slip > UNLIKE_NOISE
+    return max(GENERIC_NATS, (UNLIKE_SHARE if is_unlike else GENERIC_SHARE) * worth)
 
 
 def status_of(p: float, e: float) -> Status:
@@ -103,7 +104,7 @@ def _unnamed_nats(
     problem: Problem, test: OtherHalf, rival: Curve, worth: float, splines: SplineTerms, own: float
 ) -> float:
     """Nats of a curve without a name, less those by which it must beat an effect of that worth; `own`: the effect's."""
-    nats = rival.gain - max(GENERIC_NATS, generic_share(problem) * worth)
+    nats = rival.gain - margin(problem, worth)
     if problem.evidence.is_far:
         # Where the world is unlike the model some curve always fits better: it has to predict either half better, too.
         unseen = test.curve_nats(splines.columns(rival))

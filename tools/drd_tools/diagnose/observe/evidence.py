@@ -12,11 +12,7 @@ from scipy.ndimage import maximum_filter1d
 from drd.config.robot import Robot, data_sheet
 from drd.config.schema import ConfigError
 from drd.effects.effect import NOMINAL, Calibrated
-from drd.units import (
-    RAD_PER_DEG,
-    RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
-    RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H,
-)
+from drd.units import RAD_PER_DEG, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
 from drd_tools.diagnose.observe import grids
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording
@@ -288,11 +284,7 @@ def _grid(recording: Recording) -> grids.Grid:
 
 def check_comparable(recording: Recording) -> None:
     """Check that there are two sensors at least, whose times overlap. Raises ConfigError."""
-    times = {
-        "encoders.csv": recording.wheels,
-        "fog.csv": recording.fog,
-        "reference.csv": recording.reference,
-    }
+    times = {"encoders.csv": recording.wheels, "fog.csv": recording.fog, "reference.csv": recording.reference}
     known = {name: log.time_s for name, log in times.items() if log is not None and len(log.time_s)}
     if len(known) < 2:
         alone = "wheels alone" if recording.wheels is not None else "a gyro alone"
