@@ -27,6 +27,7 @@ from drd.estimation.state import (
     N,
     Sigmas,
     State,
+    Two,
 )  # fmt: skip
 from drd.estimation.transition import Transition
 
@@ -135,21 +136,12 @@ class Filter(State):
             if along_gyro:
                 middle = n.gyro_heading_rad + self._half * gyro_turn
             n.gyro_heading_rad += gyro_turn  # (11)
-            distance_m = abs(left_m) + abs(right_m)
-            turn = self._fused_turn(dt_s, distance_m, turn, gyro_turn)
-            change = F.fill_gyro(
-                n, dt_s, turn, gyro_turn, distance_m > 0.0, self.rate_rad_s, k.gyro_rad2_per_s, self._p[BB]
-            )
-            self.rate_rad_s += change
+            turn, change = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
         elif F.has_gyro:
             F.clear_gyro()
         c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
-        left_m_s, right_m_s = left_m / dt_s, right_m / dt_s
-        left_jump, right_jump = left_m_s - self._left_m_s, right_m_s - self._right_m_s
-        self._left_m_s, self._right_m_s = left_m_s, right_m_s
-        jumps = left_jump * left_jump + right_jump * right_jump
-        jitter = k.jitter_s2 * (jumps / (D * D) + change * change)  # (25)
+        jitter = self._jitter_rad2(left_m / dt_s, right_m / dt_s, change)
         if self._p[VV]:  # nobody who does not slip pays for it
             drift = U * turn / dt_s  # (33)
             F.fill_slip(-drift * s, drift * c)
@@ -170,19 +162,32 @@ class Filter(State):
         P.dot(self._FT, self._PFT)
         self._F_and_I.dot(self._PFT_and_Q, P)
 
-    def _fused_turn(self, dt_s: float, distance_m: float, wheels_rad: float, gyro_rad: float) -> float:
-        """The step's turn from both sensors, each weighted by its variance: where F is taken. (15)
+    def _fused_turn(self, dt_s: float, distance_m: float, wheels_rad: float, gyro_rad: float) -> Two:
+        """The step's turn from both sensors, each weighted by its variance, and the change of the yaw rate: F is taken
+        there. (15)
 
         Wheels that stand have no noise, so that at rest the turn is theirs: none.
         """
-        if not distance_m:
-            return wheels_rad
-        k, p, D = self.noise, self._p, self.nominal.tread_m
-        D2 = D * D
-        of_wheels = k.wheel_m2_per_m * distance_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
-        of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
-        of_gyro = (k.gyro_rad2_per_s + p[BB] * dt_s) * dt_s
-        return wheels_rad + (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
+        k, p, turn = self.noise, self._p, wheels_rad
+        N2, bias_rad2_s2 = k.gyro_rad2_per_s, p[BB]
+        if distance_m:
+            D2 = self.nominal.tread_m * self.nominal.tread_m
+            of_wheels = k.wheel_m2_per_m * distance_m / D2 + k.turn_rad2_per_rad * abs(wheels_rad)
+            of_wheels += wheels_rad * wheels_rad * p[DD] / D2 + k.turn_rad2_per_s * dt_s + k.comparison_rad2
+            of_gyro = (N2 + bias_rad2_s2 * dt_s) * dt_s
+            turn += (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
+        change = self._transition.fill_gyro(
+            self.nominal, dt_s, turn, gyro_rad, distance_m > 0.0, self.rate_rad_s, N2, bias_rad2_s2
+        )
+        self.rate_rad_s += change
+        return turn, change
+
+    def _jitter_rad2(self, left_m_s: float, right_m_s: float, change: float) -> float:
+        """What changes of the speeds and of the yaw rate add to the variance of the wheels' heading. (25)"""
+        left_jump, right_jump, D = left_m_s - self._left_m_s, right_m_s - self._right_m_s, self.nominal.tread_m
+        self._left_m_s, self._right_m_s = left_m_s, right_m_s
+        jumps = left_jump * left_jump + right_jump * right_jump
+        return self.noise.jitter_s2 * (jumps / (D * D) + change * change)
 
     def update(self, rate_rad_s: float) -> Outcome:
         """Compare the two headings, gate, correct all states and feed the correction back.
