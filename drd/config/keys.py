@@ -280,7 +280,7 @@ class Estimation:
 
     heading: Literal["filter", "gyro"] = "filter"
     """Where the heading comes from: filter = gyro and wheels, compared by the Kalman filter; gyro = the gyro alone, the
-    wheels only measure the way (the paper's runs without filter). Change it where the wheels skid so much that their
+    wheels only tell the distance (the paper's runs without filter). Change it where the wheels skid so much that their
     turning says nothing"""
     profile: Literal["physical", "paper"] = "physical"
     """Noise: physical (per metre, radian and second) or paper (its printed Q and R)"""
@@ -412,7 +412,7 @@ class State:
     working directory. null = that directory under systemd, else no state is kept"""
     period_s: Annotated[float, "s", Meta(ge=0.5, le=3600)] = 4.0
     """How often it is written, beside each time that the robot starts to move or drd ends; longer spares flash, and
-    leaves more unseen way when drd is killed on the move"""
+    leaves more unseen motion when drd is killed on the move"""
     pose: Literal["continue", "origin"] = "continue"
     """Where the robot is at the start: continue = where it was, origin = back at the origin with the uncertainty of
     estimation.initial, for robots that restart at their dock; what was learned is kept either way"""

@@ -10,7 +10,7 @@ class BumpCounts(Effect):
     id = "bump_counts"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel (1 + travel_per_m)"
-    source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer way"
+    source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer path"
     parameters = (Parameter("travel_per_m", "m/m", "mean added travel", 1e-5, 0.05, signed=False),)
     covariate = "speed"
     needs_position = "it is the same in both wheels, so that it shows in the distance only"

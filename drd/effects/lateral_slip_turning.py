@@ -15,7 +15,7 @@ class LateralSlipTurning(Effect):
         Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False, initial="slip_s"),
     )
     covariate = "lateral_acceleration"
-    needs_position = "no sensor of the robot tells its way to the side"
+    needs_position = "no sensor of the robot tells its motion to the side"
     manoeuvre = "a slalom at speed, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -14,7 +14,7 @@ class RotationCentreOffset(Effect):
     parameters = (Parameter("a", "m", "how far the reported centre is ahead of the turn's", 1e-4, 1.0),)
     covariate = "yaw_rate"
     proportional = True
-    needs_position = "no sensor of the robot tells its way to the side"
+    needs_position = "no sensor of the robot tells its motion to the side"
     manoeuvre = "turns on the spot, with a position reference; a lengthwise lever arm of the reference looks the same"
     caveat = "A reference that is mounted so much ahead of the believed point looks the same."
 

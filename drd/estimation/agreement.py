@@ -96,7 +96,7 @@ class Agreement:
     def slip(self, track: Track, t_ns: int, parted_rad: float) -> None:
         """The wheels' heading is worth no more than this, and what it has taught is not believed. (18)
 
-        If it was one wheel, the middle's way is wrong by half of it; while it lasts always to the same side.
+        If it was one wheel, the middle's travel is wrong by half of it; while it lasts always to the same side.
         """
         kf, slipped_m = track.kf, track.hindsight.slipped_m
         kf.return_variance(*track.hindsight.corrected(kf))

@@ -78,7 +78,7 @@ class Drift:
         self._found_ns = t_ns
 
     def _cover(self, track: Track, before: Memory, t_ns: int) -> None:
-        """The gyro may be wrong by what both have parted since, or the middle by half of one wheel's way of it."""
+        """The gyro may be wrong by what both have parted since, or the middle by half of one wheel's travel of it."""
         parted_rad = track.hindsight.apart_rad(before)
         growth_rad2 = self._covered_rad.growth_to(parted_rad)
         if growth_rad2 > 0.0:

@@ -15,7 +15,7 @@ FADES: Final = 0.5  # of the oldest, each time that it takes one in: what was an
 class Segment:
     """Products of the rows `(X y)` in it, (width + 1, width + 1). `level`: log2 of its length in blocks.
 
-    `rolled_m`: the way of both wheels, mean, when it began; `turning_m`: in its turns.
+    `rolled_m`: the travel of both wheels, mean, when it began; `turning_m`: in its turns.
 
     `is_white`: the scatter of the robot's constants is in their noise.
     """

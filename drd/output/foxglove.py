@@ -68,7 +68,7 @@ MOST_POINTS: Final = 1024
 FIRST_STEP_M: Final = 0.05
 # Points lie on a grid of a millimetre or so: the zeros at the end of each double vanish when a file is packed.
 GRID_M: Final = 1.0 / 1024.0
-# A longer step than the speed explains, by so much, is no way driven: set_pose, reset, another run.
+# A longer step than the speed explains, by so much, was not driven: set_pose, reset, another run.
 JUMP_M: Final = 1.0
 PATH_PIXELS: Final = 3.0
 DISC_M: Final = 0.01

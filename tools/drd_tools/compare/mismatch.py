@@ -37,10 +37,10 @@ KINDS: Final = (
     Kind("gyro", "gyro", True, True, True, "the gyro's turn less the reference's"),
     Kind("wheels_gyro", "wheels' turn against gyro", True, False, True, "the turn by the wheels less the gyro's"),
     Kind("wheels_turn", "wheels' turn", True, True, False, "the turn by the wheels less the reference's"),
-    Kind("distance", "distance", False, True, False, "mean travel of both wheels less the reference's way ahead"),
+    Kind("distance", "distance", False, True, False, "mean travel of both wheels less the reference's travel ahead"),
     Kind("left", "left wheel", False, True, False, "travel that the left counter told less what the path asks for"),
     Kind("right", "right wheel", False, True, False, "travel that the right counter told less what the path asks for"),
-    Kind("sideways", "sideways", False, True, False, "the reference's way to the left, which the model says is none"),
+    Kind("sideways", "sideways", False, True, False, "the reference's travel to the left, none by the model"),
 )
 
 
@@ -146,7 +146,7 @@ def reference_errors(e: Evidence, path: Path) -> dict[str, list[tuple[ReferenceE
     if not len(e.fix):
         return {}
     forward, _, turn = path.steps()
-    late_turn, late_m = (LATENCY_S * _change(way, e.step_s) for way in (turn, forward))
+    late_turn, late_m = (LATENCY_S * _change(travel, e.step_s) for travel in (turn, forward))
     half = 0.5 * e.tread_m
     lever = (DISPLACED, SIDEWAYS_M * turn)
     return {
@@ -159,8 +159,8 @@ def reference_errors(e: Evidence, path: Path) -> dict[str, list[tuple[ReferenceE
     }
 
 
-def _change(way: Array, step_s: Array) -> Array:
+def _change(travel: Array, step_s: Array) -> Array:
     """Change of the rate over each step, (n,), the rate at an edge being the mean of both neighbours'."""
-    rate = way / step_s
+    rate = travel / step_s
     edges = np.concatenate([rate[:1], 0.5 * (rate[1:] + rate[:-1]), rate[-1:]])
     return np.diff(edges)

@@ -88,12 +88,12 @@ def draw(e: Evidence, path: Path, rng: np.random.Generator) -> Evidence:
     pose = np.column_stack([x, y, heading])
     half = 0.5 * e.tread_m
     wheels = []
-    for way, recorded in ((forward - half * turn, e.left_m), (forward + half * turn, e.right_m)):
+    for travel, recorded in ((forward - half * turn, e.left_m), (forward + half * turn, e.right_m)):
         slip = sheet.slip_m_per_sqrt_m * np.sqrt(np.abs(recorded)) * rng.standard_normal(n)
         # A counter's reading is off by up to half a count, until it moves again.
         off = sheet.count_m * rng.uniform(-0.5, 0.5, n + 1)
         newest = np.concatenate([[0], np.maximum.accumulate(np.where(moves, np.arange(1, n + 1), 0))])
-        wheels.append(way + slip + np.diff(off[newest]))
+        wheels.append(travel + slip + np.diff(off[newest]))
     after = pose[e.fix_step + 1]
     fix = after + e.fix_share[:, None] * (pose[e.fix_step] - after)
     fix = fix + rng.standard_normal(fix.shape) * (sheet.position_m, sheet.position_m, sheet.heading_rad)

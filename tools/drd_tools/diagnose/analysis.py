@@ -1,4 +1,4 @@
-"""The way of one recording from evidence to conclusion."""
+"""One recording, from evidence to conclusion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

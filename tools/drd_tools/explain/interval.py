@@ -25,7 +25,7 @@ XY: Final = (0, 1)
 
 
 class Snapshot(NamedTuple):
-    """Time and way since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
+    """Time and travel since the interval began, heading, covariance by cause (causes, 3, 3), the delay's share (3,)."""
 
     time_s: float
     distance_m: float
@@ -78,7 +78,7 @@ class Interval:
         time_s = (t_ns - self._zero_ns) * S_PER_NS
         velocity, lag_s = self._velocity(kf), self._lag_s
         turn_rad = velocity[2] * lag_s
-        c, s = math.cos(-0.5 * turn_rad), math.sin(-0.5 * turn_rad)  # the way goes along the middle of the turn
+        c, s = math.cos(-0.5 * turn_rad), math.sin(-0.5 * turn_rad)  # the travel goes along the middle of the turn
         lead = lag_s * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ velocity
         pose = np.array((kf.nominal.x_m, kf.nominal.y_m, kf.heading_rad)) + lead
         self.poses.extend((time_s, *pose.tolist()))
@@ -110,7 +110,7 @@ class Interval:
                 self._keep(kf, self._velocity(kf))
 
     def moved(self, dx_m: float, dy_m: float) -> None:
-        """Add the way of one step, without the filter's corrections."""
+        """Add the travel of one step, without the filter's corrections."""
         self._distance_m += math.hypot(dx_m, dy_m)
 
     def pose_was_set(self) -> None:
@@ -153,14 +153,14 @@ class Interval:
         self._kept += 1
 
     def _snapshot(self, time_s: float, kf: Filter, velocity: Matrix) -> None:
-        J, way = published(kf, velocity), self._unknown_way(kf)
+        J, travel = published(kf, velocity), self._unknown_way(kf)
         covariance = J @ self.budget.P @ J.T
         readings = 1.0 if self._from_ns is None else 2.0  # (37)
         unseen_m = 0.5 * UNSEEN_ACCELERATION_M_S2 * self._lag_s**2
         covariance[COUNTS, XY, XY] += self.reading_m2 * readings
         covariance[NOT_SEEN, XY, XY] += unseen_m**2 * readings
         covariance[JITTER] += kf.noise.jitter_s2 * np.outer(velocity, velocity) * readings
-        covariance[SKID_SCALE] += np.outer(way, way)
+        covariance[SKID_SCALE] += np.outer(travel, travel)
         covariance[SKID_SCALE, XY, XY] += self._wander_m2 - min(self._from_wander_m2, self._wander_m2)
         covariance[SLIP_FOUND, XY, XY] += self._slipped_m2 - min(self._from_slipped_m2, self._slipped_m2)
         if self._from_ns is None:  # else it is in both poses alike

@@ -1,6 +1,6 @@
 """What simpler estimators make of a recording, with the nominal geometry.
 
-(a) the wheels alone; (b) the gyro's heading and the wheels' way; (c) as (b), with the gyro's bias measured again at
+(a) the wheels alone; (b) the gyro's heading and the wheels' travel; (c) as (b), with the gyro's bias measured again at
 every stop.
 """
 
@@ -51,7 +51,7 @@ def travels(recording: Recording) -> tuple[Array, Array, Array]:
 
 
 def path(name: str, time_s: Array, distance_m: Array, heading_rad: Array) -> Poses:
-    """Poses from the way between rows, along the heading in the middle of each; it starts at the origin."""
+    """Poses from the travel between rows, along the heading in the middle of each; it starts at the origin."""
     middle = 0.5 * (heading_rad[1:] + heading_rad[:-1])
     x_m, y_m = (np.concatenate([[0.0], np.cumsum(distance_m * part)]) for part in (np.cos(middle), np.sin(middle)))
     return Poses(name, time_s, np.column_stack([x_m, y_m, heading_rad]))

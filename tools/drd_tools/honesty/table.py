@@ -31,11 +31,11 @@ UNKNOWN: Final = "-"
 ALLOWED: Final = ", ".join(f"{robot.allowed_m:g} m ({name})" for name, robot in ROBOTS.items())
 HEAD: Final = f"""\
 Each drive by each configuration. pos, head: root mean square errors over the drive; drift: KITTI's, in per cent of the
-way; inside: share of the moving and valid rows whose error is inside the 99 % bound ({ALLOWED}
+travel; inside: share of the moving and valid rows whose error is inside the 99 % bound ({ALLOWED}
 allowed to the reference); bound: median; bound/err: that over the median error; valid: share of the rows.
 default: the nominal geometry of robot.yaml and nothing else. calibrated: the wheels that four fifths of the robot's
 other drives give (each {FOLDS}th drive is judged by the others). paper: the paper's Q and R. {WHEELS}: odometry;
-b: gyro's heading, wheels' way; c: the same, the bias taken at every stop. limit: what the sensors' noise allows
+b: gyro's heading, wheels' travel; c: the same, the bias taken at every stop. limit: what the sensors' noise allows
 where the geometry is known; limit, nominal: where it is not, of a robot drawn as estimation.initial states.
 Real drives: the estimate is put on the reference's first row; the reference's own lag, and where it sits on the robot
 by the other drives, are taken off; groups of n drives show medians. Simulated ones ({SECONDS:g} s): root mean squares

@@ -45,7 +45,7 @@ class Drive:
 
     @property
     def distance_m(self) -> float:
-        """The length of the way."""
+        """The length of the path."""
         return sum(0.5 * abs(b.left_m + b.right_m) for b in self.blocks)
 
 

@@ -17,7 +17,7 @@ from drd_tools.simulate.files import TRUTH, read_truth
 
 # A comparison without any noise would leave S at 0.
 FINEST_RAD2: Final = 1e-14
-# A window's way: long enough for slip to be seen beside the reference's noise, short enough for many of them.
+# A window's travel: long enough for slip to be seen beside the reference's noise, short enough for many of them.
 WINDOW_TREADS: Final = 5.0
 LEAST_WINDOWS: Final = 8
 LEAST_FACTOR: Final = 1e-3  # what is smaller is not told from none
@@ -109,10 +109,11 @@ def slip_factor(recording: Recording, drive: Drive, noise: NoiseProfile) -> floa
     if not driven_m.size or driven_m[-1] < LEAST_WINDOWS * WINDOW_TREADS * drive.tread_m:
         return None
     ends = np.searchsorted(driven_m, np.arange(0.0, driven_m[-1], WINDOW_TREADS * drive.tread_m))
-    turn, way = np.diff(heading_rad[ends]), np.diff(ways[ends], axis=0)
-    rest = turn - way @ np.linalg.lstsq(way, turn, rcond=None)[0]
+    turn, travel = np.diff(heading_rad[ends]), np.diff(ways[ends], axis=0)
+    rest = turn - travel @ np.linalg.lstsq(travel, turn, rcond=None)[0]
     own = 2.0 * ((recording.nominal.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG) ** 2
-    stated = noise.wheel_m2_per_m * np.abs(way).sum(axis=1) / drive.tread_m**2 + noise.turn_rad2_per_rad * np.abs(turn)
+    stated = noise.wheel_m2_per_m * np.abs(travel).sum(axis=1) / drive.tread_m**2
+    stated = stated + noise.turn_rad2_per_rad * np.abs(turn)
     degrees = (len(turn) - 2) / len(turn)
     found = float(np.median(rest * rest)) / MEDIAN_PER_VARIANCE / degrees - own
     return max(found / float(np.median(stated)), LEAST_FACTOR)

@@ -38,7 +38,7 @@ from drd_tools.replay.nominal import configuration
 LONGER_S: Final = 60  # a standstill that an operator would wait for
 HALF: Final = 0.25  # of a standard deviation, as a weight of the variance
 WORTH: Final = 0.02  # a smaller part of the error is not worth a sentence
-SHORTEST_M: Final = 0.1  # a shorter way is none
+SHORTEST_M: Final = 0.1  # a shorter path is none
 STATES: Final = {
     "wheel scales": (SCALE_R, SCALE_L),
     "tread": (TREAD,),
@@ -77,8 +77,8 @@ class Change:
 class Limit(Struct, frozen=True):
     """The bound: one standard deviation of position (both coordinates together) and heading.
 
-    `position_rms_m`, `heading_rms_deg` over time; `end_m`, `end_deg` at the end; `drift_percent` of the way, over the
-    segments that KITTI's drift has; `by_length_percent` of those of 10, 20 to 80 % of the way. `basis` says which noise
+    `position_rms_m`, `heading_rms_deg` over time; `end_m`, `end_deg` at the end; `drift_percent` of the path, over the
+    segments that KITTI's drift has; `by_length_percent` of those of 10, 20 to 80 % of it. `basis` says which noise
     and geometry were taken as true.
     """
 
@@ -194,13 +194,13 @@ def _deg(variance_rad2: float) -> float:
 def advice(limit: Limit) -> str:
     """Sentence on what would lower the bound most."""
     if limit.distance_m < SHORTEST_M:
-        return "The way is too short to say what would help."
+        return "The path is too short to say what would help."
     best = limit.changes[0]
     gain = 1.0 - best.drift_percent / limit.drift_percent if limit.drift_percent else 0.0
     if gain < WORTH:
         return "No single change would lower it by more than 2 %."
     return (
         f"{best.what[0].upper()}{best.what[1:]} would lower it most: the drift from {limit.drift_percent:.2g} to "
-        f"{best.drift_percent:.2g} % of the way ({100.0 * gain:.0f} % less), the position's rms from "
+        f"{best.drift_percent:.2g} % of the path ({100.0 * gain:.0f} % less), the position's rms from "
         f"{limit.position_rms_m:.2g} to {best.position_rms_m:.2g} m."
     )

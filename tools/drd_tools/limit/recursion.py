@@ -17,7 +17,7 @@ from drd_tools.limit.causes import CAUSES
 from drd_tools.limit.drive import Block, Drive
 from drd_tools.limit.process_noise import FilterByCause
 
-# KITTI's segments: of a tenth to eight tenths of the way, from starts a tenth apart.
+# KITTI's segments: of a tenth to eight tenths of the path, from starts a tenth apart.
 TENTHS: Final = 10
 LONGEST: Final = 8
 KNOWN: Final = Sigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -67,7 +67,7 @@ class Spread:
     """Result of the recursion, of each followed covariance e, errors counted from its start.
 
     `position_m2`, `heading_rad2`: means over time, shape (e,); `end` (e, 3, 3); `drift` (e,): mean over the segments
-    of the standard deviation per length; `by_length` (e, 8): the same by the segments' length, in tenths of the way.
+    of the standard deviation per length; `by_length` (e, 8): the same by the segments' length, in tenths of the path.
     """
 
     position_m2: Array
@@ -131,7 +131,7 @@ class _Batch:
         self.P[..., :, GYRO_HEADING] = self.P[..., :, HEADING]
 
     def watch(self, distance_m: float, dt_s: float) -> None:
-        """Add a block to the means over time and, where a tenth of the way ends, to the segments."""
+        """Add a block to the means over time and, where a tenth of the path ends, to the segments."""
         diagonal = self.P[:, 0, self._pose, self._pose]
         self._position += (diagonal[:, 0] + diagonal[:, 1]) * dt_s
         self._heading2 += diagonal[:, 2] * dt_s

@@ -127,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=whole(0), default=0, metavar="N", help="other noise, patches and bumps (default 0)")
     add("--friction", type=number(0.1, 2.0), default=0.8, metavar="MU", help="of tyre on ground (default 0.8)")
     add("--patches", type=number(0.1, 2.0), metavar="MU", help="one square of 2 m in three has this friction instead")
-    add("--bumps", type=number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of way")
+    add("--bumps", type=number(0.0, 10.0), default=0.0, metavar="N", help="stones of 3 to 12 mm per metre of path")
     add("--payload", type=number(0.0, 100.0), default=0.0, metavar="KG", help="stands 0.15 m behind the middle")
     add("--reference", default="full", metavar="WHEN",
         help="full (10 Hz, default), sparse:SECONDS, ends or none")  # fmt: skip

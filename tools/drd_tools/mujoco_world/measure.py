@@ -16,7 +16,7 @@ TURNING_RAD_S: Final = 0.03
 TIGHT_M: Final = 0.3  # turns of smaller radius are on the spot
 SHORTEST_S: Final = 1.0
 LEAST_TURN_RAD: Final = 0.5
-LEAST_WAY_M: Final = 1.0
+LEAST_DISTANCE_M: Final = 1.0
 KINDS: Final = ("straight", "bend left", "bend right", "spin left", "spin right")
 
 
@@ -37,7 +37,7 @@ class Blocks:
 class Manoeuvre:
     """One interval of a kind. NaN where it holds nothing that determines a value.
 
-    `tread_m`: wheel difference over true yaw. `slip`: 1 - (true way / mean wheel way), of the nominal radius, so the
+    `tread_m`: wheel difference over true yaw. `slip`: 1 - (true / mean wheel distance), of the nominal radius, so the
     tyre's deflection is in it. `lateral_s`: v_y over v w. Centres of rotation, from the body frame's origin: of the
     body `ahead_m`; of the left and right wheels `left_m` and `right_m`, left positive; their difference is the tread.
     All by least squares.
@@ -90,8 +90,8 @@ def manoeuvres(blocks: Blocks) -> list[Manoeuvre]:
     edges = np.flatnonzero(np.diff(kind)) + 1
     found = []
     for begin, end in zip((0, *edges), (*edges, len(kind)), strict=True):
-        turned, way = float(np.abs(w[begin:end]).sum()) * BLOCK_S, float(np.abs(v[begin:end]).sum()) * BLOCK_S
-        enough = way > LEAST_WAY_M if kind[begin] == 0 else turned > LEAST_TURN_RAD
+        turned, distance = float(np.abs(w[begin:end]).sum()) * BLOCK_S, float(np.abs(v[begin:end]).sum()) * BLOCK_S
+        enough = distance > LEAST_DISTANCE_M if kind[begin] == 0 else turned > LEAST_TURN_RAD
         if kind[begin] >= 0 and enough and (end - begin) * BLOCK_S >= SHORTEST_S:
             found.append(_measure(KINDS[kind[begin]], blocks, slice(begin, end)))
     return found

@@ -49,16 +49,16 @@ def run_experiment(gyros: int, seed: int) -> Results:
     main, rest = outcomes[:gyros], outcomes[gyros:]
     others = [np.mean([o.return_m for o in rest[k : k + few]], axis=(0, 1)) for k in range(0, len(rest), few)]
     time_s, sigma = sigmas_over_laps(laboratory)
-    way = laboratory.ways[0]
-    seconds = seconds_of(way)
+    truth = laboratory.ways[0]
+    seconds = seconds_of(truth)
     return Results(
         return_m=np.array([o.return_m for o in main]),
         largest_m=np.array([o.largest_m for o in main]),
         heading_deg=np.array([o.heading_deg for o in main]),
         bound_m=np.array([o.bound_m for o in main]),
         trace_m=np.percentile(np.array([o.trace_m for o in main]), PERCENTILES, axis=(0, 1)),
-        example_true_m=np.column_stack([np.interp(seconds, way.time_s, v) for v in (way.x_m, way.y_m)]),
-        via_m=_via_points(way),
+        example_true_m=np.column_stack([np.interp(seconds, truth.time_s, v) for v in (truth.x_m, truth.y_m)]),
+        via_m=_via_points(truth),
         example_m=main[0].path_m[0],
         table_deg_s=np.array([(o.table_before_deg_s, o.table_after_deg_s) for o in main]),
         figure3=_figure3(physics, seed),
@@ -74,12 +74,12 @@ def run_experiment(gyros: int, seed: int) -> Results:
     )
 
 
-def _via_points(way: Truth) -> Array:
+def _via_points(truth: Truth) -> Array:
     """Where the corners begin and end."""
-    quarter_m = way.distance_m[-1] / 4.0
+    quarter_m = truth.distance_m[-1] / 4.0
     ends = quarter_m * np.arange(1, 5)
     along = np.sort(np.concatenate([ends - CORNER_M, ends]))
-    return np.column_stack([np.interp(along, way.distance_m, v) for v in (way.x_m, way.y_m)])
+    return np.column_stack([np.interp(along, truth.distance_m, v) for v in (truth.x_m, truth.y_m)])
 
 
 def _parallel(calls: list[Callable[[], Outcome]], what: str) -> list[Outcome]:

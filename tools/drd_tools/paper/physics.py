@@ -54,7 +54,7 @@ class Robot:
     skid: float = parameter(
         0.02, "1", "fluctuation of the effective tread as the tyres grip and slip", "smooth asphalt: some per cent"
     )
-    skid_length_m: float = parameter(0.5, "m", "way over which it changes", "about the wheelbase")
+    skid_length_m: float = parameter(0.5, "m", "travel over which it changes", "about the wheelbase")
     pavement_m_per_sqrt_m: float = parameter(0.002, "m/sqrt(m)", "each side's travel: irregular ground", "assumed")
     bump_per_m: float = parameter(0.5, "1/m", "cracks and stones, which only ever add travel (section 3.1)", "assumed")
     bump_m: float = parameter(0.002, "m", "travel that one adds, on average", "assumed")

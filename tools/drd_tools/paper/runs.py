@@ -28,7 +28,7 @@ from drd_tools.simulate.truth import Truth, make_truth
 
 RUNS_EACH_WAY: Final = 5
 TRACE_STEP_S: Final = 1.0
-CORNER_M: Final = 6.0  # way of a quarter turn
+CORNER_M: Final = 6.0  # length of a quarter turn
 Samples = tuple[list[GyroSample], list[WheelSample]]
 
 
@@ -54,9 +54,9 @@ def path(config: Config, side: str, laps: int = 1) -> Truth:
     return make_truth(make_drive(f"square-{side}", stand_s=stand_s, laps=laps), "constant")
 
 
-def seconds_of(way: Truth) -> Array:
+def seconds_of(truth: Truth) -> Array:
     """Every second of the drive."""
-    return np.arange(0.0, way.duration_s, TRACE_STEP_S)
+    return np.arange(0.0, truth.duration_s, TRACE_STEP_S)
 
 
 class Outcome(NamedTuple):
@@ -97,11 +97,11 @@ def run_gyro(
     configs = [configured(laboratory.config, cell) for cell in cells]
     rows: list[list[Run]] = []
     for number in range(2 * runs_each_way):
-        way = laboratory.ways[number >= runs_each_way]
-        samples = robot.samples(way, 1000 * seed + number, number * physics.weather.run_period_s)
+        truth = laboratory.ways[number >= runs_each_way]
+        samples = robot.samples(truth, 1000 * seed + number, number * physics.weather.run_period_s)
         rows.append(
             [
-                drive(way, samples, config, calibration if cell.calibrated else None)
+                drive(truth, samples, config, calibration if cell.calibrated else None)
                 for cell, config in zip(cells, configs, strict=True)
             ]
         )
@@ -171,11 +171,11 @@ class Robot:
         )
         self._ambient_c = random.uniform(physics.weather.coldest_c, physics.weather.warmest_c)
 
-    def samples(self, way: Truth, seed: int, start_s: float = 0.0) -> Samples:
+    def samples(self, truth: Truth, seed: int, start_s: float = 0.0) -> Samples:
         """What the daemon gets; the gyro's samples bear the time of their arrival. `start_s`: since switching on."""
         w = self._weather
-        felt_c = warming_c(start_s + way.middle_s, self._ambient_c, w.self_heating_c, w.self_heating_s)
-        truth = dataclasses.replace(way, temperature_c=felt_c)
+        felt_c = warming_c(start_s + truth.middle_s, self._ambient_c, w.self_heating_c, w.self_heating_s)
+        truth = dataclasses.replace(truth, temperature_c=felt_c)
         made = simulate(truth, self._nominal, self._effects, self._conditions, seed).recording
         gyro, _ = gyro_samples(made.fog, self._config, FIRST_NS)
         return gyro, wheel_samples(made.encoders, self._config, FIRST_NS)[0]
@@ -192,14 +192,14 @@ class Run(NamedTuple):
     bound_m: float
 
 
-def drive(way: Truth, samples: Samples, config: Config, calibration: Calibration | None) -> Run:
+def drive(truth: Truth, samples: Samples, config: Config, calibration: Calibration | None) -> Run:
     """Feed the daemon's estimator, compare its poses with the truth."""
     poses = run(Estimator(config, calibration, publish_on="gyro"), *samples)
     t, x, y, heading = np.array([(p.t_ns, p.x_m, p.y_m, p.heading_rad) for p in poses]).T
     t = (t - FIRST_NS) * S_PER_NS
-    error = np.hypot(x - np.interp(t, way.time_s, way.x_m), y - np.interp(t, way.time_s, way.y_m))
-    heading_deg = DEG_PER_RAD * float(heading[-1] - way.heading_rad[-1])
-    seconds = seconds_of(way)
+    error = np.hypot(x - np.interp(t, truth.time_s, truth.x_m), y - np.interp(t, truth.time_s, truth.y_m))
+    heading_deg = DEG_PER_RAD * float(heading[-1] - truth.heading_rad[-1])
+    seconds = seconds_of(truth)
     path_m = np.column_stack([np.interp(seconds, t, v) for v in (x, y)])
     trace_m = np.interp(seconds, t, error)
     return Run(float(error[-1]), float(error.max()), heading_deg, path_m, trace_m, poses[-1].position_bound_m)

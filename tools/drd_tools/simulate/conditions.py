@@ -23,7 +23,7 @@ class Ground:
     """Effect of the ground on a skid-steer robot; the slip noise of robot.yaml is not part of it.
 
     `skid`: standard deviation by which the instantaneous centre of rotation of each side wanders (1: its distance from
-    the middle), over `skid_length_m` of the wheels' way; with it wander effective tread and forward gain. `centre_m`:
+    the middle), over `skid_length_m` of wheel travel; with it wander effective tread and forward gain. `centre_m`:
     that by which the centre wanders lengthwise, so that the body slides sideways as it turns. Bumps add travel to
     each wheel: `bump_per_m` of exponentially distributed size with the mean `bump_m`.
     """
@@ -105,7 +105,7 @@ def scatter(n: int, random: Random, tails: float) -> Array:
 
 
 def wandering(distance_m: Array, length_m: float, random: Random) -> Array:
-    """A stationary Gauss-Markov sequence of unit variance along a way that never falls, shape (n,)."""
+    """A stationary Gauss-Markov sequence of unit variance along a travel that never falls, shape (n,)."""
     from scipy.signal import lfilter  # noqa: PLC0415  # half a second, and most ground is even
 
     spacing = 0.05  # of the correlation length; between its points the values are on a line

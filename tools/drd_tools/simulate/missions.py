@@ -90,7 +90,7 @@ def demo_drive(seconds: float, stand_s: float = 10.0) -> Drive:
 
 
 def _wave(route: Route, length_m: float, waves: int, speed_m_s: float, limit_rad_s: float = math.inf) -> None:
-    """Swing the heading as a sine over the way, so far that each wave is a closed figure of eight, or as allowed."""
+    """Swing the heading as a sine over the path, so far that each wave is a closed figure of eight, or as allowed."""
     per_m, cells = 2.0 * math.pi * waves / length_m, max(2000, round(100.0 * length_m))
     along = (np.arange(cells) + 0.5) * length_m / cells
     swing = min(EIGHT_SWING_RAD, limit_rad_s / (speed_m_s * per_m))

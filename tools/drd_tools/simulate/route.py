@@ -1,4 +1,4 @@
-"""A commanded way, leg by leg, and how a robot with limited acceleration rides it."""
+"""A commanded path, leg by leg, and how a robot with limited acceleration rides it."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from drd.arrays import Array
 
 RATE_HZ: Final = 500
 STEP_S: Final = 1.0 / RATE_HZ
-# The way is cut into cells of about this length; curvature and speed limit are constant in each.
+# The path is cut into cells of about this length; curvature and speed limit are constant in each.
 CELL_M: Final = 0.004
 # Speed is averaged over this long, so that acceleration has no steps.
 SMOOTHING_S: Final = 0.8
@@ -24,7 +24,7 @@ SHORTEST_BEND_M: Final = 0.2
 
 
 class Steps(NamedTuple):
-    """The body's motion in each step of STEP_S: way forward and turn to the left, shape (n,) each."""
+    """The body's motion in each step of STEP_S: path forward and turn to the left, shape (n,) each."""
 
     forward_m: Array
     turned_rad: Array
@@ -89,7 +89,7 @@ class Route:
         corner_m: float = 2.0,
         speeds_m_s: Sequence[float] = (),
     ) -> Self:
-        """Drive from point to point, the corners rounded over `corner_m` of way; `speeds_m_s` of single legs."""
+        """Drive from point to point, the corners rounded over `corner_m` of path; `speeds_m_s` of single legs."""
         corners = np.array([(self.x_m, self.y_m), *points_m])
         legs = np.diff(corners, axis=0)
         lengths, headings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
@@ -164,7 +164,7 @@ def _turning(angle_rad: float, rate_rad_s: float) -> Steps:
 
 
 def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
-    """The way at every STEP_S, from standstill to standstill, through cells with limits of the speed."""
+    """The path at every STEP_S, from standstill to standstill, through cells with limits of the speed."""
     along = _nodes(cell)
     squared = np.concatenate(([0.0], np.minimum(limit[1:], limit[:-1]) ** 2, [0.0]))
     gained = 2.0 * acceleration * along  # v^2 = v0^2 + 2 a s, forward and backward
@@ -174,6 +174,6 @@ def _ride(cell: Array, limit: Array, acceleration: float) -> Array:
     reached_s = _nodes(2.0 * cell / np.maximum(speed[1:] + speed[:-1], 1e-6))
     ticks = np.arange(math.ceil(reached_s[-1] * RATE_HZ) + 1) * STEP_S
     kernel = np.hanning(round(SMOOTHING_S * RATE_HZ))
-    way = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
-    way[-1] = along[-1]
-    return np.asarray(np.minimum(way, along[-1]))
+    path = _nodes(np.convolve(np.diff(np.interp(ticks, reached_s, along)), kernel / kernel.sum()))
+    path[-1] = along[-1]
+    return np.asarray(np.minimum(path, along[-1]))

@@ -87,8 +87,8 @@ def encoder_log(
     at_s = _sampled_s(m, nominal.encoders_rate_hz or ENCODERS_HZ)
     stamps_s = _stamped(at_s, conditions.jitter_s, stream(seed, "encoder stamps"))
     travel = {
-        side: _travel_m(at_s, m, read, way, side, nominal, conditions, seed)
-        for side, read, way in (("left", m.left_m_s, true.left_m_s), ("right", m.right_m_s, true.right_m_s))
+        side: _travel_m(at_s, m, read, truth, side, nominal, conditions, seed)
+        for side, read, truth in (("left", m.left_m_s, true.left_m_s), ("right", m.right_m_s, true.right_m_s))
     }
     per_revolution = nominal.counts_per_revolution
     if per_revolution is None:
@@ -110,14 +110,14 @@ def _travel_m(
     conditions: Conditions,
     seed: int,
 ) -> Array:
-    """Travel that one counter has counted, with slip noise and bumps along the wheel's true way."""
-    way, steps = np.diff(_integral(m, np.abs(true_m_s), at_s)), np.diff(_integral(m, read_m_s, at_s))
+    """Travel that one counter has counted, with slip noise and bumps along the wheel's true distance."""
+    distance, steps = np.diff(_integral(m, np.abs(true_m_s), at_s)), np.diff(_integral(m, read_m_s, at_s))
     slip = conditions.wheel_noise * (nominal.slip_noise_m_per_sqrt_m or 0.0)
-    noise = slip * np.sqrt(way) * scatter(len(way), stream(seed, f"{side} slip"), conditions.tails)
+    noise = slip * np.sqrt(distance) * scatter(len(distance), stream(seed, f"{side} slip"), conditions.tails)
     ground = conditions.ground
     if ground.bump_m:
         random = stream(seed, f"{side} bumps")
-        hits = random.poisson(ground.bump_per_m * way)
+        hits = random.poisson(ground.bump_per_m * distance)
         added_m = ground.bump_m * random.standard_gamma(np.maximum(hits, 1)) * (hits > 0)
         noise = noise + added_m * np.sign(np.diff(_integral(m, true_m_s, at_s)))
     noise[steps == 0.0] = 0.0  # a counter that stands still has no noise

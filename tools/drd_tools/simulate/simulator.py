@@ -76,10 +76,10 @@ def _motion(truth: Truth, nominal: Robot, ground: Ground, seed: int) -> tuple[Mo
     left_m = right_m = np.full_like(v, half_m)
     slide = np.zeros_like(v)
     if ground.skid or ground.centre_m:
-        way = np.cumsum(0.5 * (np.abs(v - half_m * w) + np.abs(v + half_m * w))) * STEP_S
+        distance = np.cumsum(0.5 * (np.abs(v - half_m * w) + np.abs(v + half_m * w))) * STEP_S
 
         def wander(what: str) -> Array:
-            return wandering(way, ground.skid_length_m, stream(seed, what))
+            return wandering(distance, ground.skid_length_m, stream(seed, what))
 
         # Centres of rotation of the two sides (Mandow et al., IROS 2007): at y_l to the left, y_r to the right, and
         # lengthwise at x_v: v_y = -w x_v.

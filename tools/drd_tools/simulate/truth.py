@@ -55,7 +55,7 @@ class Truth:
 
     @property
     def length_m(self) -> float:
-        """Length of the way, forward and backward."""
+        """Length of the path, forward and backward."""
         return float(np.abs(self.speed_m_s).sum() * STEP_S)
 
     @cached_property

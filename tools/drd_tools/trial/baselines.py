@@ -89,7 +89,7 @@ def regress(recording: Recording) -> Regression:
 
 
 def _increments(e: Evidence, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
-    """Columns (n, p) and residual (n,): gyro against wheels, turn and way against the reference."""
+    """Columns (n, p) and residual (n,): gyro against wheels, turn and travel against the reference."""
     zero, D = np.zeros_like(e.time_s), e.tread_m
     gyro, left, right, lateral = (np.column_stack([s.channels[k] + zero for s in sensitivities]) for k in range(4))
     parts: list[tuple[Array, Array]] = []
@@ -117,7 +117,7 @@ def _against_fixes(e: Evidence, turn: Array, forward: Array, lateral: Array) -> 
     if len(steps) < 2:
         return []
     own = (e.right_m - e.left_m) / e.tread_m if e.gyro_rad is None else e.gyro_rad
-    way = 0.5 * (e.left_m + e.right_m)
+    travel = 0.5 * (e.left_m + e.right_m)
     starts, inside = steps[:-1], slice(0, steps[-1])
     interval = np.repeat(np.arange(len(starts)), np.diff(steps))
     first = slice(steps[0], steps[-1])
@@ -132,7 +132,7 @@ def _against_fixes(e: Evidence, turn: Array, forward: Array, lateral: Array) -> 
         return np.asarray(np.add.reduceat(values, starts - starts[0]))
 
     heading, off = since_start(own), since_start(turn)
-    c, s, f = np.cos(heading), np.sin(heading), way[first]
+    c, s, f = np.cos(heading), np.sin(heading), travel[first]
     moved = np.diff(fix, axis=0)
     c0, s0 = np.cos(fix[:-1, 2]), np.sin(fix[:-1, 2])
     ahead, aside = moved[:, 0] * c0 + moved[:, 1] * s0, moved[:, 1] * c0 - moved[:, 0] * s0

@@ -90,7 +90,7 @@ def _known(m: Any, rate: Array, left: Array, right: Array, tread_m: float) -> Er
 
 
 def _slip_m_per_sqrt_m(m: Motion) -> float:
-    """Scatter of each wheel's travel over SLIP_S about what the true motion gives, per root of its way."""
+    """Scatter of each wheel's travel over SLIP_S about what the true motion gives, per root of its travel."""
     half = 0.5 * m.tread_m * m.rate_rad_s
     step_s = float(m.time_s[1] - m.time_s[0])
     size = round(SLIP_S / step_s)

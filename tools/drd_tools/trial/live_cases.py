@@ -48,7 +48,7 @@ TAILS: Final = 4.0
 GOING_M_S: Final = 0.1
 ROW_S: Final = 0.1
 SIZED, ROUNDS, SMALL = 0.02, 12, 1e-3
-# Prior deviations of the constants that are estimated beside an effect: bias (rad/s), turn, way over tread, and the
+# Prior deviations of the constants that are estimated beside an effect: bias (rad/s), turn, distance over tread, the
 # wheels' lag (s); a memory of earlier drives leaves as much.
 NUISANCES: Final = (3.5e-4, 0.003, 0.0003, 0.002)
 BIAS_STEP_S: Final = 20.0  # the gyro's bias walks
@@ -163,13 +163,13 @@ def _in_mujoco(random: Random) -> Drawn | None:
 
 def _onset(m: Motion, random: Random) -> tuple[int, int, int]:
     """Steps: where it begins, after WAY_M from there, and until when a name is in time."""
-    way = np.cumsum(np.abs(m.speed_m_s)) * STEP_S
+    distance = np.cumsum(np.abs(m.speed_m_s)) * STEP_S
     going = np.flatnonzero(np.abs(m.speed_m_s) + 0.5 * m.tread_m * np.abs(m.rate_rad_s) > GOING_M_S)
     begin, last = (
         int(going[int(random.uniform(*BEGINS) * len(going))]),
-        len(way) - 1 - round((TURN_S + BEHIND_S) / STEP_S),
+        len(distance) - 1 - round((TURN_S + BEHIND_S) / STEP_S),
     )
-    after = min(int(np.searchsorted(way, way[begin] + WAY_M)), last)
+    after = min(int(np.searchsorted(distance, distance[begin] + WAY_M)), last)
     return begin, after, min(max(after, begin + round(TIME_S / STEP_S)), last)
 
 

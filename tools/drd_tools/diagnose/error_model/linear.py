@@ -30,7 +30,7 @@ NEAR_SHARE: Final = 0.005  # of the largest: so little different, what a heading
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Changes by a cause: increments of the sensors' sums, and of the body's own way to the left, (n,) each or 0.
+    """Changes by a cause: increments of the sensors' sums, and of the body's own travel to the left, (n,) each or 0.
 
     `fix`: of the reference's poses, (m, 3) or 0.
     """

@@ -35,7 +35,7 @@ class Path:
         return result
 
     def steps(self, with_jumps: bool = False) -> tuple[Array, Array, Array]:
-        """Each step's way forward and to the left (m) and turn (rad), (n,) each; with the jumps, if wanted."""
+        """Each step's travel forward and to the left (m) and turn (rad), (n,) each; with the jumps, if wanted."""
         d = np.diff(self.pose, axis=0) if with_jumps else self.moved
         c, s = np.cos(self.middle_rad), np.sin(self.middle_rad)
         return d[:, 0] * c + d[:, 1] * s, d[:, 1] * c - d[:, 0] * s, d[:, 2]
@@ -58,14 +58,14 @@ def with_jumps(e: Evidence, pose: Array) -> Path:
     at = np.flatnonzero(e.is_far & ((e.jump_m2 > 0.0) | (e.jump_rad2 > 0.0)))
     wheels = (e.right_m - e.left_m) / e.tread_m
     turn = (wheels if e.gyro_rad is None else np.where(e.gyroless, wheels, e.gyro_rad))[at]
-    middle, way = 0.5 * (pose[at + 1, 2] + pose[at, 2]), 0.5 * (e.left_m + e.right_m)[at]
+    middle, travel = 0.5 * (pose[at + 1, 2] + pose[at, 2]), 0.5 * (e.left_m + e.right_m)[at]
     jump = np.zeros((len(e.step_s), 3))
-    jump[at] = np.diff(pose, axis=0)[at] - np.column_stack([way * np.cos(middle), way * np.sin(middle), turn])
+    jump[at] = np.diff(pose, axis=0)[at] - np.column_stack([travel * np.cos(middle), travel * np.sin(middle), turn])
     return Path(pose, jump)
 
 
 def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
-    """Correction of a step's way, bent as the heading is within it: less along, more across the mean heading, m.
+    """Correction of a step's travel, bent as the heading is within it: less along, more across the mean heading, m.
 
     Chords instead of arcs would pass for a wheel's radius where the robot weaves. `turn_rad` (n,) is for robots without
     a gyro.
@@ -75,5 +75,5 @@ def within_steps(e: Evidence, turn_rad: Array) -> tuple[Array, Array]:
     heading = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(turn)]))
     inside = edges[:-1, None] + (np.arange(PARTS) + 0.5) / PARTS * np.diff(edges)[:, None]
     off = heading(inside) - 0.5 * (heading(edges[1:]) + heading(edges[:-1]))[:, None]
-    way = 0.5 * (e.left_m + e.right_m)
-    return way * (np.cos(off).mean(axis=1) - 1.0), way * np.sin(off).mean(axis=1)
+    travel = 0.5 * (e.left_m + e.right_m)
+    return travel * (np.cos(off).mean(axis=1) - 1.0), travel * np.sin(off).mean(axis=1)

@@ -45,17 +45,17 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     forward = 0.5 * (e.left_m + e.right_m)
     # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
     speed = denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical)
-    way = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
+    distance = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
     heading = CubicSpline(edges, path.pose[:, 2])
     turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical))]))
     # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
-    smooth = np.diff(way(edges))
+    smooth = np.diff(distance(edges))
     share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
     # On the spot the two are chance, and their ratio anything.
     share = np.clip(share, 0.0, MOST_SHARE)
-    v = np.diff(way(fine)) / h * np.repeat(share, SUB)
+    v = np.diff(distance(fine)) / h * np.repeat(share, SUB)
     w = np.diff(turned(fine)) / h
-    a = way(middle, 2)
+    a = distance(middle, 2)
     D, r = e.tread_m, e.radius_m
     wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
     known = np.isfinite(e.temperature_c)
@@ -96,8 +96,8 @@ def _smoothed(values: Array, sigma: float) -> Array:
 
 def _speed_sigma_m_s(e: Evidence) -> Array:
     """Deviation of each step's speed, (n,), m/s."""
-    way = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.datasheet.count_m**2 / 12.0
-    return np.asarray(np.sqrt(way) / e.step_s, float)
+    variance_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m / 4.0 + e.datasheet.count_m**2 / 12.0
+    return np.asarray(np.sqrt(variance_m2) / e.step_s, float)
 
 
 def _turn_sigma_rad_s(e: Evidence) -> Array:
@@ -172,8 +172,10 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     k = e.fix_step
     c, s = np.cos(path.pose[k + 1, 2]), np.sin(path.pose[k + 1, 2])
     # From the sensors: the path is bent to the fixes, and has their noise in it.
-    way, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
-    moved = np.column_stack([way * np.cos(middle), way * np.sin(middle), _turn(e, path, float(np.median(e.step_s)))])
+    travel, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
+    moved = np.column_stack(
+        [travel * np.cos(middle), travel * np.sin(middle), _turn(e, path, float(np.median(e.step_s)))]
+    )
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1

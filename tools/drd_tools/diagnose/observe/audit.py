@@ -118,14 +118,14 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     """Sudden travel of one wheel that is always too much: stones and cracks. Slip goes both ways."""
     if log.left_counts is None or log.right_counts is None:
         return []
-    more, less, added, way = 0, 0, 0.0, 0.0
+    more, less, added, distance = 0, 0, 0.0, 0.0
     for counts, inflation in ((log.left_counts, left), (log.right_counts, right)):
         travel = np.diff(counts) * e.datasheet.count_m
         usual = _neighbours(travel)
         moving = np.abs(usual) > np.maximum(0.2 * np.percentile(np.abs(travel), 90), 20.0 * e.datasheet.count_m)
         if moving.sum() < 200:
             continue
-        # Slip grows with the root of the way.
+        # Slip grows with the root of the distance.
         z = np.where(moving, (travel - usual) * np.sign(usual) / np.sqrt(np.abs(usual) + 1e-12), 0.0)
         sigma = DEVIATION_PER_MAD * float(np.median(np.abs(z[moving] - np.median(z[moving]))))
         if sigma <= 0.0:
@@ -138,7 +138,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
         more += int((z[spike] > 0).sum())
         less += int((z[spike] < 0).sum())
         added += float(np.abs(travel - usual)[spike & (z > 0)].sum())
-        way += float(np.abs(travel).sum())
+        distance += float(np.abs(travel).sum())
         at = log.time_s[1:][spike]
         size = (travel - usual)[spike]
         index = np.searchsorted(e.time_s, at - 1e-9)
@@ -148,7 +148,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     if total == 0 or bdtrc(more - 1, total, 0.5) > ONE_SIDED_P:
         return []
     effect = showing(Symptom.JUMPED)
-    selected = Selected(effect, effect.shown(size=added / way), effect.linear())
+    selected = Selected(effect, effect.shown(size=added / distance), effect.linear())
     nats = (more - less) * float(np.log(2.0))
     seen = f"{more} sudden jumps of a counter ahead, {less} back"
     return [Event(selected, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]

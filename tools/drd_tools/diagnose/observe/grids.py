@@ -13,7 +13,7 @@ from drd.config.schema import ConfigError
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
-# A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the way within a turn.
+# A fast gyro's rows are added up: errors are as exact in sums. Longer steps would not follow the path within a turn.
 STEP_S: Final = 0.1
 SHORTEST_S: Final = 0.045  # references of 20 Hz and more: of faster ones some rows are enough
 MOST_SHARE: Final = 0.55  # of a step: at half, as of two fixes to a step, nothing grows; stamps jitter

@@ -17,20 +17,20 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
-STANDS_M: Final = 1e-6  # a wheel's way in a row: less is rounding
+STANDS_M: Final = 1e-6  # a wheel's travel in a row: less is rounding
 SHORTEST_STOP_ROWS: Final = 3  # of a counter: two alike may be resolution
 LONGEST_HOLD_S: Final = 0.75  # a drive that tells speeds may hold them so long
 HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell one of a wheel that stands
 # Deviations by slip, tread, time and counts: an event must be nearly certain, since no search asks again.
 STOP_SIGMAS: Final = 8.0
-# The wheels' difference may be off by this share of a turn: 8 sigma are a third, a wheel's way on the spot is a half.
+# The wheels' difference may be off by this share of a turn: 8 sigma are a third, a wheel on the spot makes half of it.
 TREAD_SHARE: Final = 0.04
 COUNTS: Final = 4.0  # by which both counters' ends may be off together
 DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
-# Which share of the other wheel's way must be missing: of a tread that is measured, and of one that is not.
+# Which share of the other wheel's travel must be missing: of a tread that is measured, and of one that is not.
 MEASURED, BELIEVED = 0.3, 0.5
 USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
-LIKELY_SHARE: Final = 0.3  # of the other wheel's way, missing: this much beside a certain stop is part of it
+LIKELY_SHARE: Final = 0.3  # of the other wheel's travel, missing: this much beside a certain stop is part of it
 
 
 class Tread(NamedTuple):
@@ -90,7 +90,7 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: 
             heading = _headings(e, np.append(t0, log.time_s[inside]))
             turn = 0.0 if heading is None else np.diff(heading[1])
             travel[which][inside] = travel[1 - which][inside] + sign * tread.ratio * e.tread_m * turn
-    rates = [way / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for way in travel]
+    rates = [distance / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for distance in travel]
     nominal = replace(recording.nominal, counts_per_revolution=None)
     return replace(
         recording, nominal=nominal, wheels=EncoderLog(log.time_s, None, None, rates[0], rates[1], log.is_lost)
@@ -98,7 +98,7 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: 
 
 
 class _Least(NamedTuple):
-    """Tread, m, and least shares that count: of a turn, of the other wheel's way; and the least time of a rest, s."""
+    """Tread, m, and least shares that count: of a turn, of the other wheel's travel; least time of a rest, s."""
 
     tread_m: float
     of_turn: float
@@ -107,7 +107,7 @@ class _Least(NamedTuple):
 
 
 class _Stop(NamedTuple):
-    """A counter's rest, in which its wheel went on: times (s), the way of the wheel, the evidence."""
+    """A counter's rest, in which its wheel went on: times (s), the travel of the wheel, the evidence."""
 
     t0: float
     t1: float
@@ -116,7 +116,7 @@ class _Stop(NamedTuple):
 
 
 class _Missed(NamedTuple):
-    """The longest way that a wheel at rest by its counter has gone, its deviation, the other wheel's, and the time."""
+    """The longest travel of a wheel at rest by its counter, its deviation, the other wheel's, and the time."""
 
     distance_m: float
     sigma_m: float
@@ -154,14 +154,14 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
 
 
 def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least) -> _Missed | None:
-    """A wheel's way by the other one's, `its` (n,), and the heading at its edges (n + 1,); None: nothing tells."""
+    """A wheel's travel by the other one's, `its` (n,), and the heading at its edges (n + 1,); None: nothing tells."""
     headings = _headings(e, edges_s)
     if headings is None:
         return None
     other = np.concatenate([[0.0], np.cumsum(its)])
-    way = other + sign * least.tread_m * headings[1]
-    # A wheel that goes ahead and back may end where it began: its longest way counts.
-    a, b = sorted((int(way.argmin()), int(way.argmax())))
+    distance = other + sign * least.tread_m * headings[1]
+    # A wheel that goes ahead and back may end where it began: its longest distance counts.
+    a, b = sorted((int(distance.argmin()), int(distance.argmax())))
     early, turn, late = (headings[:, b] - headings[:, a]).tolist()
     other_m = abs(float(other[b] - other[a]))
     # A turn about the standing wheel leaves it where it is, up to slip, a wrong tread and a wrong time.
@@ -171,7 +171,8 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
         least.tread_m * (late - early) / 2.0,
         COUNTS * e.datasheet.count_m,
     )
-    return _Missed(abs(float(way[b] - way[a])), math.hypot(*sigmas), other_m, float(edges_s[b] - edges_s[a]), b - a)
+    gone_m, seconds = abs(float(distance[b] - distance[a])), float(edges_s[b] - edges_s[a])
+    return _Missed(gone_m, math.hypot(*sigmas), other_m, seconds, b - a)
 
 
 def _headings(e: Evidence, time_s: Array) -> Array | None:

@@ -257,7 +257,7 @@ def slipping(noise: Noise, factor: float) -> Noise:
 
 
 def driving(noise: Noise, factor: float) -> Noise:
-    """Noise with `factor` times the slip of the way, and of the wheels against each other as it was."""
+    """Noise with `factor` times the slip in common, and of the wheels against each other as it was."""
     return replace(
         noise,
         forward_m_per_sqrt_m=noise.forward_m_per_sqrt_m * factor,

@@ -89,7 +89,7 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
     for name, look in looks.items():
         line: Line | None = getattr(path, name)
         if line is not None and line.time_s.size:
-            x_m, y_m = (np.interp(reference.time_s, line.time_s, way) for way in (line.x_m, line.y_m))
+            x_m, y_m = (np.interp(reference.time_s, line.time_s, values) for values in (line.x_m, line.y_m))
             off = [x_m - reference.x_m, y_m - reference.y_m]
             axes.plot(reference.time_s, np.hypot(*off), marker=marker, markersize=4, **look)
     _shade(axes, windows)

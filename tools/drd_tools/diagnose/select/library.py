@@ -101,7 +101,7 @@ def is_hidden(problem: Problem, selected: Selected) -> bool:
 
 
 def is_everywhere(problem: Problem, selected: Selected) -> bool:
-    """Whether it is an interval with next to all of the way: what is as good as always there needs no interval."""
+    """Whether it is an interval with next to all of the path: what is as good as always there needs no interval."""
     e = problem.evidence
     if not is_of_interval(selected.effect) or selected.interval_s is None:
         return False

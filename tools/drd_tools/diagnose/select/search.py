@@ -101,8 +101,8 @@ def _turns_wheels(found: Found) -> bool:
     """Whether the effects leave the wheels elsewhere in their turn than the counts say: a ripple is not seen so."""
     for selected in found.fit.selection:
         sensitivity = found.problem.sensitivity(selected.effect, selected.values)
-        for way in (sensitivity.left_m, sensitivity.right_m):
-            if np.abs(np.cumsum(way)).max(initial=0.0) > TURNED_RAD * found.problem.evidence.radius_m:
+        for travel in (sensitivity.left_m, sensitivity.right_m):
+            if np.abs(np.cumsum(travel)).max(initial=0.0) > TURNED_RAD * found.problem.evidence.radius_m:
                 return True
     return False
 
