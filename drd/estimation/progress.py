@@ -79,9 +79,8 @@ class Progress:
         track, own_m_s = self.track, self._corrections.lateral_m_s
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
         start_ns = max(sample.t_ns - round(sample.interval_s * NS_PER_S), self.wheels.end_ns)
-        missed_s = (min(track.t_ns, sample.t_ns) - start_ns) * S_PER_NS
-        if missed_s > 0.0:
-            track.catch_up(left_m_s * missed_s, right_m_s * missed_s)
+        if start_ns < (missed_ns := min(track.t_ns, sample.t_ns)):
+            track.catch_up(left_m_s, right_m_s, start_ns, missed_ns)
         if not self.wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, track.t_ns, own_m_s):
             self._counters["late_wheels"] += 1
             return False

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import cos, sin
+from typing import Final
 
 from drd.config.keys import Config
 from drd.estimation.filter import Filter
@@ -20,6 +21,8 @@ from drd.estimation.uncertainty import (
 from drd.units import NS_PER_S, S_PER_NS
 
 STILL = Segment(0, 0, 0.0, 0.0)
+# Wheels that come so late that a gyro in bunches has been away more often meanwhile are not caught up with.
+MOST_SPANS: Final = 16
 
 
 @dataclass(slots=True)
@@ -39,6 +42,7 @@ class Track:
     rate_rad_s: float = 0.0
     unseen_s: float = 0.0  # no wheels
     blind_s: float = 0.0  # neither wheels nor gyro
+    blind_spans: tuple[tuple[int, int], ...] = ()  # since the wheels were seen last: when, ns
     no_gyro_s: float = 0.0
     # The turn that only the wheels have told, since the pose was set, and with which tread.
     alone_rad: float = 0.0
@@ -60,6 +64,7 @@ class Track:
         self.kf.copy_from(other.kf)
         self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
+        self.blind_spans = other.blind_spans
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
@@ -112,14 +117,17 @@ class Track:
         self._regained_s += by_s
         self._regained_rad += self.kf.rate_rad_s * by_s
 
-    def catch_up(self, left_m: float, right_m: float) -> None:
-        """Move the pose on by the part of a sample's travel that passed unseen because it came too late, along the
-        gyro's heading if there was one. What (36) has added for it stays.
+    def catch_up(self, left_m_s: float, right_m_s: float, start_ns: int, end_ns: int) -> None:
+        """Move the pose on by the part of a sample that passed unseen because it came too late; it turns in the times
+        without a gyro. What (36) has added for it stays.
         """
-        n, D = self.kf.nominal, self.kf.nominal.tread_m
-        turn_rad = (right_m - left_m) / D if self.blind_s else 0.0
+        n, blind_ns = self.kf.nominal, 0
+        for begin_ns, until_ns in self.blind_spans:
+            blind_ns += max(min(until_ns, end_ns) - max(begin_ns, start_ns), 0)
+        turn_rad = (right_m_s - left_m_s) / n.tread_m * blind_ns * S_PER_NS
+        distance_m = 0.5 * (left_m_s + right_m_s) * (end_ns - start_ns) * S_PER_NS
         middle = self.kf.heading_rad + 0.5 * turn_rad
-        n.x_m, n.y_m = n.x_m + 0.5 * (left_m + right_m) * cos(middle), n.y_m + 0.5 * (left_m + right_m) * sin(middle)
+        n.x_m, n.y_m = n.x_m + distance_m * cos(middle), n.y_m + distance_m * sin(middle)
         n.heading_rad, n.gyro_heading_rad = n.heading_rad + turn_rad, n.gyro_heading_rad + turn_rad
 
     def tell_turn_anew(self) -> None:
@@ -156,7 +164,7 @@ class Track:
                 n.gyro_heading_rad += self._regained_rad - self._regained_turn_rad(rates, start_ns - self.lag_ns)
                 self._regained_s = self._regained_rad = 0.0
         if wheels:
-            self.unseen_s = self.blind_s = 0.0
+            self.unseen_s, self.blind_s, self.blind_spans = 0.0, 0.0, ()
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)
             if not gyro:
                 kf.anchor_gyro()  # (35)
@@ -171,7 +179,7 @@ class Track:
                 if self.gyro_heading:  # wheels that stand are believed
                     kf.anchor_wheels()  # (35)
         else:
-            self._unseen(dt_s, without_gyro=gyro is None)
+            self._unseen(start_ns, end_ns, without_gyro=gyro is None)
 
     def _regained_turn_rad(self, rates: Stream, from_ns: int) -> float:
         """What the gyro says of the time that is seen twice, at the rate of the step, or, negative, is left out."""
@@ -180,14 +188,19 @@ class Track:
         n = self.kf.nominal
         return n.gyro_bias_rad_s * self._regained_s - n.gyro_scale * rates.integral(self.gyro_ns, from_ns)
 
-    def _unseen(self, dt_s: float, without_gyro: bool) -> None:
+    def _unseen(self, start_ns: int, end_ns: int, without_gyro: bool) -> None:
         """No wheels: the position widens by what the robot may have done; without a gyro the heading too. (36)"""
+        dt_s = (end_ns - start_ns) * S_PER_NS
         speed, rate = min(abs(self.speed_m_s), self.max_speed_m_s), abs(self.rate_rad_s)
         self.kf.add_position_variance(unseen_growth(self.unseen_s, dt_s, speed, UNSEEN_ACCELERATION_M_S2))
         self.unseen_s += dt_s
         if without_gyro:
             self.kf.add_heading_variance(unseen_growth(self.blind_s, dt_s, rate, UNSEEN_TURN_RAD_S2), both=True)
             self.blind_s += dt_s
+            spans, begin_ns = self.blind_spans, start_ns
+            if spans and spans[-1][1] == start_ns:
+                spans, begin_ns = spans[:-1], spans[-1][0]
+            self.blind_spans = (*spans[1 - MOST_SPANS :], (begin_ns, end_ns))
         else:
             self.kf.turn_by_gyro_alone(self.rate_rad_s * dt_s)
             self.kf.anchor_wheels()  # (35)
