@@ -1,4 +1,4 @@
-"""What is drawn of a diagnosis, as classes: the content of series.json."""
+"""The content of series.json, as classes: what the report draws of a diagnosis."""
 
 import math
 from typing import Final, Literal

@@ -72,7 +72,7 @@ HELP: Final = {
     "start pose": "a start pose that is better known (estimation.initial, or the sigmas of drd/set_pose)",
     "before a restart": "drd/set_pose at a place that is known",
 }
-# Of a robot that has none: in place of those above.
+# In place of those above, where the robot has no gyro.
 HELP_WITHOUT_GYRO: Final = {
     "latency": "counters that are sent more often and sampled at one time; a smaller estimation.noise.timing_s once it "
     "is measured",

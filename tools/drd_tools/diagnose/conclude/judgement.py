@@ -158,7 +158,7 @@ def judge_curve(
     e: float = 1.0,
     probabilities: dict[str, float] | None = None,
 ) -> Cause:
-    """A curve that no name has."""
+    """A smooth error that no effect of the catalogue makes."""
     peak = int(np.argmax(np.abs(curve.value) / np.maximum(curve.sigma, 1e-12)))
     where = (
         "around x = {:.3g} m, y = {:.3g} m".format(*curve.knots[peak])
@@ -185,7 +185,7 @@ def judge_curve(
 
 
 def judge_ripple(ripple: Ripple) -> Cause:
-    """What repeats in each turn of a wheel, without a name."""
+    """A periodic error of a wheel, without a name."""
     text = (
         f"Something that is in no catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
         f"{ripple.sigma_order:.2g} times in a turn of it, as a gear does: the wheel reads up to "
