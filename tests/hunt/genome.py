@@ -56,7 +56,7 @@ LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
 AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
 TEACHING_RAD: Final = 1.0  # of turning: then the tread is known to some per cent
-AS_LONG: Final = 0.1  # of a gyro's interval: a delay drifts that changes by less from one packet to the next
+DRIFTING: Final = 0.05  # of a gyro's interval: a delay drifts that changes by less from one delivery to the next
 TEACHES_TREAD: Final = ("one wheel slips", "turned by hand")  # a wrong one, in a curve
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
 
@@ -77,6 +77,12 @@ class Event(Struct, frozen=True):
     seconds: float
     size: float = 1.0
     side: int = 0
+
+
+def drift(intervals: float) -> float:
+    """Change of the newest packet's delay from one bunch of so many intervals to the next, in intervals."""
+    per_one, part = (intervals, 1.0) if intervals >= 1.0 else (1.0 / intervals, intervals)
+    return abs(per_one - round(per_one)) * part
 
 
 class Genome(Struct, frozen=True):
@@ -104,7 +110,7 @@ class Genome(Struct, frozen=True):
         early = any(event.kind in TEACHES_TREAD and self._without_tread(event) for event in self.events)
         # Without numbers of its packets a gyro that has begun anew looks like one whose delay drifts by an interval.
         numbered, rate_hz = self.gene("fog.protocol") == "dsp17xx", self.gene("fog.rate_hz")
-        drifts = any(e.kind == "gyro in bunches" and abs(e.size * rate_hz - 1.0) < AS_LONG for e in self.events)
+        drifts = any(e.kind == "gyro in bunches" and drift(e.size * rate_hz) < DRIFTING for e in self.events)
         others = [TURNS_LATE] * (drifts and not numbered)
         others += [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}

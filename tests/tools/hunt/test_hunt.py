@@ -224,9 +224,10 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     assert beyond.named == {NO_GYRO}
     assert changed(beyond, events=(changed(by_hand, size=10.0),)).named == frozenset()
     bunches = Event("gyro in bunches", 3.0, 2.0, 0.103)
-    assert Genome(1, {}, PLAIN.legs, (bunches,)).named == {TURNS_LATE}
     assert Genome(1, {"fog.protocol": "dsp17xx"}, PLAIN.legs, (bunches,)).named == frozenset()
-    assert Genome(1, {}, PLAIN.legs, (changed(bunches, size=0.3),)).named == frozenset()
+    for size, named in ((0.049, True), (0.0893, False), (0.103, True), (0.25, False), (0.302, True), (0.33, False)):
+        found = Genome(1, {}, PLAIN.legs, (changed(bunches, size=size),)).named
+        assert found == (frozenset([TURNS_LATE]) if named else frozenset())
     restart = Event("node restarts", 3.0, 0.0)
     assert Genome(1, {}, PLAIN.legs, (restart,)).named == frozenset()
     assert Genome(1, {"encoders.layout": "vesc"}, PLAIN.legs, (restart,)).named == {JUMPS}
