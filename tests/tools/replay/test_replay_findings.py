@@ -8,7 +8,7 @@ from drd.monitor.constants import Constants
 from drd.monitor.library import CHANGE, TRAVEL, TURN
 from drd.monitor.monitor import Monitor
 from drd.samples import GyroSample, WheelSample
-from drd_tools.replay.findings import Live, Told, monitored, sentences
+from drd_tools.replay.findings import Live, Reported, monitored, sentences
 
 KNOWN = Constants({TURN: 0.017, TRAVEL: 0.002, CHANGE: 0.0}, {TURN: 0.003, TRAVEL: 3e-4, CHANGE: 0.2})
 BEFORE = 31  # samples that came before the live monitor was there
@@ -35,7 +35,7 @@ def live(samples: list[GyroSample | WheelSample]) -> Live:
     return live
 
 
-def replayed(samples: list[GyroSample | WheelSample], live: Live | None) -> Told:
+def replayed(samples: list[GyroSample | WheelSample], live: Live | None) -> Reported:
     gyro = [s for s in samples if isinstance(s, GyroSample)]
     wheels = [s for s in samples if isinstance(s, WheelSample)]
     return monitored(gyro, wheels, demo_config(), None, live)
@@ -60,5 +60,5 @@ def test_a_monitor_that_began_twice_is_not_compared() -> None:
     for began_ns in (None, 1, 2):
         twice.take({"began_ns": began_ns, "findings": []})
     assert twice.starts == 2
-    assert "began 2 times" in Told([], frozenset()).comparison(twice)
-    assert Told([], frozenset()).comparison(Live()) == ""
+    assert "began 2 times" in Reported([], frozenset()).comparison(twice)
+    assert Reported([], frozenset()).comparison(Live()) == ""

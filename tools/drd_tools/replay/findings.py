@@ -51,7 +51,7 @@ def bits(findings: Sequence[Finding]) -> bytes:
 
 
 @dataclass(frozen=True)
-class Told:
+class Reported:
     """The findings at the end, and all lists of them on the way."""
 
     findings: list[Finding]
@@ -73,7 +73,7 @@ def monitored(
     config: Config,
     calibration: Calibration | None,
     live: Live | None = None,
-) -> Told:
+) -> Reported:
     """Hand samples, each sensor's in order of time, to a monitor as the daemon does."""
     live = live or Live()
     monitor, lists, now_s = Monitor(config, live.known), set[bytes](), 0.0
@@ -91,7 +91,7 @@ def monitored(
         if monitor.now_s != now_s:
             now_s = monitor.now_s
             lists.add(bits(monitor.findings()))
-    return Told(monitor.findings(), frozenset({*lists, bits([])}))
+    return Reported(monitor.findings(), frozenset({*lists, bits([])}))
 
 
 def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
