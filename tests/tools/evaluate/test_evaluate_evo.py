@@ -15,8 +15,9 @@ from pose_files import dead_reckoned, moved
 from drd.arrays import Array
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.metrics import Indices, absolute_error, relative_errors
-from drd_tools.evaluate.trajectory import Pairs, associate, path_length_m, read_reference
+from drd_tools.evaluate.trajectory import Pairs, associate, read_reference
 from drd_tools.recordings.folder import read_recording
+from drd_tools.recordings.path_length import path_length_m
 
 SHARED = Path(__file__).resolve().parents[4] / "shared/recordings"
 ACCURACY = 1e-9

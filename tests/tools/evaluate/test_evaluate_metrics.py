@@ -18,7 +18,8 @@ from drd_tools.evaluate.judge import judge
 from drd_tools.evaluate.metrics import kitti_drift
 from drd_tools.evaluate.results import Run
 from drd_tools.evaluate.text import main_figures
-from drd_tools.evaluate.trajectory import Poses, Reference, associate, path_length_m
+from drd_tools.evaluate.trajectory import Poses, Reference, associate
+from drd_tools.recordings.path_length import path_length_m
 
 ANGLE = st.floats(-20.0, 20.0)
 SHIFT = st.floats(-1e3, 1e3)

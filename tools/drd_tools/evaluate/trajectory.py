@@ -13,6 +13,7 @@ from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import POSES, Recording, continuous_rad, file_hash, read_recording, read_table
+from drd_tools.recordings.path_length import path_length_m
 
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
@@ -20,8 +21,6 @@ HEADERS: Final = tuple((*POSES, *covariance, *bound) for covariance, bound in pr
 UPPER: Final = np.triu_indices(3)
 MAX_GAP_S: Final = 1.0  # between estimates that are interpolated: 20 poses, of which any may be lost
 DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself
-VERTEX_SIGMAS: Final = 10.0
-MEDIAN_PER_SIGMA: Final = math.sqrt(2.0 * math.log(2.0))  # of the length of a Gaussian vector in the plane
 
 
 @dataclass(frozen=True)
@@ -185,24 +184,3 @@ def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
         int((~inside).sum()),
         int((inside & ~near).sum()),
     )
-
-
-def path_length_m(xy_m: Array, sigma_m: float) -> Array:
-    """Length of the path up to each row of `xy_m` (n, 2), shape (n,).
-
-    The noise of each row would lengthen the path, without end where the robot stands. So it is measured along chords
-    of at least ten sigma (1 % too long at most), and shared out evenly among the rows in between. Sigma is what second
-    differences show from row to row (variance 6 sigma^2), at most `sigma_m`, which may hold an offset of all rows.
-    """
-    second_m = np.hypot(*np.diff(xy_m, n=2, axis=0).T)
-    if sigma_m > 0.0 and second_m.size:
-        sigma_m = min(sigma_m, float(np.median(second_m)) / MEDIAN_PER_SIGMA / math.sqrt(6.0))
-    if sigma_m <= 0.0:
-        return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))))
-    vertices, lengths = [0], [0.0]
-    for k in range(1, len(xy_m)):
-        chord_m = math.dist(xy_m[k], xy_m[vertices[-1]])
-        if chord_m >= VERTEX_SIGMAS * sigma_m:
-            vertices.append(k)
-            lengths.append(lengths[-1] + chord_m)
-    return np.asarray(np.interp(np.arange(len(xy_m), dtype=float), vertices, lengths))

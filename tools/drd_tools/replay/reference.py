@@ -7,8 +7,8 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.config.schema import ConfigError
-from drd_tools.evaluate.trajectory import path_length_m
 from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.path_length import path_length_m
 from drd_tools.replay.result import Replayed, Start, table
 
 
