@@ -163,8 +163,8 @@ class Filter(State):
         self._F_and_I.dot(self._PFT_and_Q, P)
 
     def _fused_turn(self, dt_s: float, distance_m: float, wheels_rad: float, gyro_rad: float) -> Two:
-        """The step's turn from both sensors, each weighted by its variance, and the change of the yaw rate: F is taken
-        there. (15)
+        """The step's turn from both sensors, each weighted by its variance, where F is taken, and the change of the yaw
+        rate since it last counted. Fills in F's row of the gyro. (15), (30)
 
         Wheels that stand have no noise, so that at rest the turn is theirs: none.
         """
@@ -183,7 +183,7 @@ class Filter(State):
         return turn, change
 
     def _jitter_rad2(self, left_m_s: float, right_m_s: float, change: float) -> float:
-        """What changes of the speeds and of the yaw rate add to the variance of the wheels' heading. (25)"""
+        """Variance of the wheels' heading by changes of the speeds, which it keeps, and of the yaw rate. (25)"""
         left_jump, right_jump, D = left_m_s - self._left_m_s, right_m_s - self._right_m_s, self.nominal.tread_m
         self._left_m_s, self._right_m_s = left_m_s, right_m_s
         jumps = left_jump * left_jump + right_jump * right_jump

@@ -178,8 +178,9 @@ class Progress:
         # The filter's pose is older: its error has the wheels' travel and turn since then, too.
         between = self._covariance_from_now()
         covariance = np.diag([sigma_m**2 + between[0], sigma_m**2 + between[3], sigma_rad**2 + between[5]])
-        # And the lead's: a share of the lag's, and by itself what else its mean square has. (30)
-        share, lead_s2 = lead_moments(kf.nominal.wheel_lag_s, lag_s2 := kf.lag_covariance()[3])
+        # And that of the lead: a share of the lag's error, and the rest of its mean square. (30)
+        lag_s2 = kf.lag_covariance()[3]
+        share, lead_s2 = lead_moments(kf.nominal.wheel_lag_s, lag_s2)
         v, heading_rad, w = track.speed_m_s, kf.heading_rad, track.rate_rad_s
         a = np.array([v * math.cos(heading_rad), v * math.sin(heading_rad), w])
         covariance += (lead_s2 - share * share * lag_s2) * np.outer(a, a)

@@ -21,8 +21,8 @@ from drd.estimation.uncertainty import (
 from drd.units import NS_PER_S, S_PER_NS
 
 STILL = Segment(0, 0, 0.0, 0.0)
-# Wheels that come so late that a gyro in bunches has been away more often meanwhile are not caught up with.
-MOST_SPANS: Final = 16
+# Late wheels turn the pose in no more of the times in which the gyro was away: these are kept while wheels are awaited.
+MOST_SPANS: Final = 256
 
 
 @dataclass(slots=True)
@@ -122,6 +122,7 @@ class Track:
         without a gyro. What (36) has added for it stays.
         """
         n, blind_ns = self.kf.nominal, 0
+        self.blind_spans = tuple(span for span in self.blind_spans if span[1] > start_ns)
         for begin_ns, until_ns in self.blind_spans:
             blind_ns += max(min(until_ns, end_ns) - max(begin_ns, start_ns), 0)
         turn_rad = (right_m_s - left_m_s) / n.tread_m * blind_ns * S_PER_NS

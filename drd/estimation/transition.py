@@ -52,7 +52,7 @@ class Transition:
         self, n: Nominal, dt_s: float, turn: float, gyro_turn: float, moves: bool, rate_rad_s: float,
         gyro_rad2_per_s: float, bias_rad2_s2: float,
     ) -> float:  # fmt: skip
-        """Fill in the gyro's row. Returns the change of the yaw rate `rate_rad_s` that an error of the lag turns by.
+        """Fill in the gyro's row. Returns the change of the yaw rate since `rate_rad_s`, 0 within its noise. (30)
 
         `turn`: where F is taken (15); `gyro_rad2_per_s`: the gyro's noise; `bias_rad2_s2`: its bias's variance.
         """

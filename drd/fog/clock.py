@@ -36,7 +36,7 @@ from drd.units import NS_PER_S, S_PER_NS
 LATE_S: Final = 0.01
 EARLY_S: Final = 0.001
 MAX_DELAY_S: Final = 0.03
-# No packet of a beat with a loss less is that early; half a period is as far from the one as from the other.
+# By so many of its standard deviations, 5 ms at least, no packet is early.
 EARLY_SIGMAS: Final = 5.0
 # Standard deviation of the sensor's clock against its nominal rate.
 NOMINAL_TOLERANCE: Final = 0.03
@@ -195,6 +195,7 @@ class SampleClock:
         self._misfits: list[tuple[float, int]] = []
         self._only_late = True
         self._lates_s: deque[float] = deque(maxlen=SCATTER)
+        self._is_sudden = False  # one arrival alone has shown the last inferred loss
         self._inferred: deque[int] = deque([0], maxlen=EVIDENCE_BUNDLED)
         self._counted = 0
 
@@ -235,10 +236,10 @@ class SampleClock:
         recent_s = list(self._lates_s)[-evidence:]
         inferred, lost = self._inferred[-1], 0
         if late_s > limit_s:
-            lost = self._periods(late_s - limit_s + LOSS_PART * self.period_s)
+            lost, self._is_sudden = self._periods(late_s - limit_s + LOSS_PART * self.period_s), True
         elif len(recent_s) == evidence and self._shows_loss(recent_s):
-            lost = self._periods(min(recent_s))
-        elif late_s < -min(self.period_s / 2, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)):
+            lost, self._is_sudden = self._periods(min(recent_s)), False
+        elif late_s < -self._early_limit_s:
             lost = -min(inferred - self._counted, max(1, round(-late_s / self.period_s)))
         if lost:
             self._lates_s = deque((late - lost * self.period_s for late in self._lates_s), SCATTER)
@@ -248,6 +249,14 @@ class SampleClock:
             self.counters["lost_packets"] += min(recent) - self._counted
             self._counted = min(recent)
         return lost
+
+    @property
+    def _early_limit_s(self) -> float:
+        """So early no packet comes of the beat with the inferred loss. Where several late arrivals have shown the loss,
+        they have drawn the phase, too: nothing but half a period, as far from the one beat as from the other, tells.
+        """
+        half_s = self.period_s / 2
+        return min(half_s, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)) if self._is_sudden else half_s
 
     def _shows_loss(self, lates_s: list[float]) -> bool:
         """Whether even the freshest of these arrivals came a period late, and not because bundles slipped.

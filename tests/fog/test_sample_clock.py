@@ -333,6 +333,35 @@ def test_bundles_in_a_row_are_a_habit_and_no_loss(bundle_s: float) -> None:
     assert line.lost == 0
 
 
+def test_losses_in_bundles_are_not_taken_back() -> None:
+    """Late packets draw the phase before several of them show the loss: an early one tells little then."""
+    lost = counted = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        true_hz, begin_s = 20.0 * (1.0 + rng.uniform(-0.03, 0.03)), rng.uniform(0, 0.12)
+        line, numbers = make_line(20, true_hz), np.arange(1, 2400)
+        is_lost = (rng.random(len(numbers)) < 0.005) & (numbers > 100) & (numbers < 2340)
+        bundles = np.ceil((numbers / true_hz + 0.001 - begin_s) / 0.12)
+        for bundle in np.unique(bundles):
+            if (here := numbers[(bundles == bundle) & ~is_lost]).size:
+                line.deliver(here.tolist(), begin_s + 0.12 * bundle)
+        lost, counted = lost + int(is_lost.sum()), counted + line.lost
+    assert 0.95 * lost < counted <= lost
+
+
+def test_a_bunch_that_begins_is_no_loss_for_long() -> None:
+    """Its first packet is late by most of a period; the next one is too early for a beat with a loss."""
+    line = make_line(10, 10)
+    for n in range(1, 301):
+        line.deliver([n], n / 10)
+    line.deliver([301], 30.189)
+    for k in range(1, 20):
+        end_s = 30.0 + 0.189 * (k + 1)
+        line.deliver([n for n in range(302, 400) if end_s - 0.189 < n / 10 <= end_s], end_s)
+    assert line.lost == 0
+    assert np.abs(line.errors_s(after_s=30.15)).max() < 0.012
+
+
 def test_a_slower_sensor_after_a_restart_is_not_taken_for_one_that_loses_packets() -> None:
     line = steady_line()
     line.clock.restart()

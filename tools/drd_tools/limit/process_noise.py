@@ -44,7 +44,7 @@ class NoiseByCause(ProcessNoise):
         """The filter's, and what the gyro's noise and the lag's walk change by cause. (26), (30)"""
         super().fill_gyro(k, dt_s, rate_sigma, rate_rad_s)
         q = self._q_causes
-        lag_walk, at = k.wheel_lag_s2_per_s * dt_s, causes.LAG_WALK * SIZE
+        lag_walk, at = k.wheel_lag_s2_per_s * dt_s * self._estimates_lag, causes.LAG_WALK * SIZE
         q[at + TT], q[at + GG] = lag_walk, rate_rad_s * rate_rad_s * lag_walk
         q[at + GT] = q[at + TG] = -rate_rad_s * lag_walk
         q[causes.GYRO_NOISE * SIZE + GG] = k.gyro_rad2_per_s * dt_s
