@@ -111,6 +111,11 @@ class Genome(Struct, frozen=True):
         # Without numbers of its packets a gyro that has begun anew looks like one whose delay drifts by an interval.
         numbered, rate_hz = self.gene("fog.protocol") == "dsp17xx", self.gene("fog.rate_hz")
         drifts = any(e.kind == "gyro in bunches" and drift(e.size * rate_hz) < DRIFTING for e in self.events)
+        lost, stalls = (
+            [e for e in self.events if e.kind == kind] for kind in ("gyro packets lost", "host stands still")
+        )
+        # Where in the wait a packet is missing, and that one is, the beat alone tells, once it goes on.
+        drifts |= any(max(a.at_s, b.at_s) < min(a.at_s + a.seconds, b.at_s + b.seconds) for a in lost for b in stalls)
         others = [TURNS_LATE] * (drifts and not numbered)
         others += [NO_GYRO] * alone + [JUMPS] * jumps + [UNCOMPARED] * slips + [UNLEARNED] * early
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}

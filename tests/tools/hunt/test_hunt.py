@@ -228,6 +228,10 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     for size, named in ((0.049, True), (0.0893, False), (0.103, True), (0.25, False), (0.302, True), (0.33, False)):
         found = Genome(1, {}, PLAIN.legs, (changed(bunches, size=size),)).named
         assert found == (frozenset([TURNS_LATE]) if named else frozenset())
+    lost, stall = Event("gyro packets lost", 3.0, 4.0, 0.1), Event("host stands still", 4.0, 3.5)
+    assert Genome(1, {}, PLAIN.legs, (lost, stall)).named == {TURNS_LATE}
+    assert Genome(1, {"fog.protocol": "dsp17xx"}, PLAIN.legs, (lost, stall)).named == frozenset()
+    assert Genome(1, {}, PLAIN.legs, (lost, changed(stall, at_s=7.5))).named == frozenset()
     restart = Event("node restarts", 3.0, 0.0)
     assert Genome(1, {}, PLAIN.legs, (restart,)).named == frozenset()
     assert Genome(1, {"encoders.layout": "vesc"}, PLAIN.legs, (restart,)).named == {JUMPS}
