@@ -13,12 +13,12 @@ of one arrival have the same sign and nearly the same ratio, so where the phase 
 
 Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival later than delays explain means loss;
 a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
-it is taken back, and only losses that lasted are counted. After a stall of the host nothing is inferred until an
-arrival fits the beat again: what waited may come in parts, and a part that is given the time of its arrival leaves
-none for the others. Numbers that go on, less than two periods late, are those of a beat that goes on. Limits, for
-sensors without counter whose beat is within 0.5 % of a multiple of the adapter's: of bundles, losses may stay
-uncounted and the intervals spread over them; of single packets (an adapter that delivers every 10 ms at 100 Hz), a
-slower sensor looks like one that loses packets.
+it is taken back, and only losses that lasted are counted. A packet too many is one that came twice. After a stall of
+the host nothing is inferred until an arrival fits the beat again: what waited may come in parts, and a part that is
+given the time of its arrival leaves none for the others. Numbers that go on, less than two periods late, are those of
+a beat that goes on. Limits, for sensors without counter whose beat is within 0.5 % of a multiple of the adapter's: of
+bundles, losses may stay uncounted and the intervals spread over them; of single packets (an adapter that delivers
+every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
 """
 
 from cmath import rect
@@ -217,6 +217,9 @@ class SampleClock:
         limit_s = max(LOSS_PART * self.period_s, MAX_DELAY_S) + self._waiting_s
         if self._modulus is not None:
             self.counters["lost_packets"] += sum(steps) - len(steps) if late_s >= -limit_s else 0
+        elif self._locked and (surplus := self._surplus(late_s, len(steps))):
+            self._advance(-surplus)
+            late_s += surplus * self.period_s
         elif self._locked and not (self._is_stalled and late_s > limit_s):
             further = self._infer_loss(late_s, limit_s)
             self._advance(further)
@@ -228,6 +231,14 @@ class SampleClock:
             self._correct(late_s)
             self._is_stalled = False
         return further
+
+    def _surplus(self, late_s: float, packets: int) -> int:
+        """How many of these packets came twice: no loss is left to take back, and they are whole periods early. With a
+        fast sensor nothing tells, for the ages of its bundles drift by as much.
+        """
+        most = packets - 1 if self.period_s >= MAX_DELAY_S and self._inferred[-1] == self._counted else 0
+        earliest_s = max(LOSS_PART * self.period_s, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2))
+        return min(most, round(-late_s / self.period_s)) if late_s < -earliest_s else 0
 
     def _infer_loss(self, late_s: float, limit_s: float) -> int:
         """Packets lost before this arrival, judged by time alone; negative: a loss that was only a delay."""

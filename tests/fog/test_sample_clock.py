@@ -349,6 +349,14 @@ def test_losses_in_bundles_are_not_taken_back() -> None:
     assert 0.95 * lost < counted <= lost
 
 
+def test_packets_that_come_twice_are_no_beats() -> None:
+    line, rng = make_line(10, 10), np.random.default_rng(5)
+    for n in range(1, 601):
+        line.deliver([n, n] if n > 200 and rng.random() < 0.17 else [n], n / 10 + rng.exponential(0.001))
+    assert line.clock.period_s == pytest.approx(0.1, rel=1e-3)
+    assert line.clock.counters == {"lost_packets": 0, "clock_relocks": 0}
+
+
 def test_a_bunch_that_begins_is_no_loss_for_long() -> None:
     """Its first packet is late by most of a period; the next one is too early for a beat with a loss."""
     line = make_line(10, 10)

@@ -89,6 +89,9 @@ MENDED = {
         Genome(2668696161, {"skids": True, "robot.drive": "skid"}, (Leg(6.3, 0.95, 0.0), Leg(2.7, 0.0, -0.64),
                Leg(8.0, 1.28, -0.62), Leg(9.6, 1.21, 0.34), Leg(2.8, 0.82, 0.72), Leg(5.3, 0.29, -0.04)),
                (Event("frames late", 27.9, 5.2, 0.938), Event("gyro in bunches", 28.5, 7.1, 0.213))), 1.0),
+    "the gyro's packets come twice, every sixth (2.1)": (
+        Genome(4249647321, {"wheel_lag_s": 0.15}, (Leg(7.6, 0.61, -0.87), Leg(8.6, 0.3, 0.37), Leg(5.4, 1.36, -0.46),
+               Leg(4.1, 0.43, 0.0), Leg(2.1, 0.56, -0.7)), (Event("gyro packets doubled", 4.8, 8.2, 0.165),)), 1.5),
     "the gyro's packets in bunches, their turn as angles (6.5)": (
         Genome(1816523911, {"fog.protocol": "dsp17xx"}, (Leg(4.0, 0.3, 0.43), Leg(4.0, 0.4, 0.0), Leg(8.0, 0.8, -0.88),
                Leg(4.0, 0.4, 0.44)), (Event("gyro in bunches", 8.8, 9.2, 0.242),)), 1.0),
