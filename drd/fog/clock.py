@@ -237,8 +237,8 @@ class SampleClock:
         fast sensor nothing tells, for the ages of its bundles drift by as much.
         """
         most = packets - 1 if self.period_s >= MAX_DELAY_S and self._inferred[-1] == self._counted else 0
-        earliest_s = max(LOSS_PART * self.period_s, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2))
-        return min(most, round(-late_s / self.period_s)) if late_s < -earliest_s else 0
+        early_s = max(LOSS_PART * self.period_s, self._earliest_s)
+        return min(most, round(-late_s / self.period_s)) if late_s < -early_s else 0
 
     def _infer_loss(self, late_s: float, limit_s: float) -> int:
         """Packets lost before this arrival, judged by time alone; negative: a loss that was only a delay."""
@@ -267,7 +267,12 @@ class SampleClock:
         they have drawn the phase, too: nothing but half a period, as far from the one beat as from the other, tells.
         """
         half_s = self.period_s / 2
-        return min(half_s, EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)) if self._is_sudden else half_s
+        return min(half_s, self._earliest_s) if self._is_sudden else half_s
+
+    @property
+    def _earliest_s(self) -> float:
+        """So early no packet of the beat comes."""
+        return EARLY_SIGMAS * sqrt(self._phase_var + EARLY_S**2)
 
     def _shows_loss(self, lates_s: list[float]) -> bool:
         """Whether even the freshest of these arrivals came a period late, and not because bundles slipped.
