@@ -1,9 +1,12 @@
 """Knowledge beside the filter's state: noise, how the robot steers, whether the headings agree."""
 
+import math
+
 from drd.config.keys import Config
 from drd.estimation.agreement import Agreement
 from drd.estimation.applied import Applied
 from drd.estimation.estimate import forget_gyro, forget_wheels
+from drd.estimation.filter import Filter
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive, Learned, RestNoise, WheelNoise
 from drd.estimation.noise import NoiseProfile
@@ -32,7 +35,9 @@ class Knowledge:
         self._reasons, self._counters = reasons, counters
         is_learned = config.estimation.profile == "physical"  # the printed Q and R are what they are
         self.rest_noise = RestNoise(noise.gyro_rad2_per_s, is_learned)
-        self._unbelieved_rad = OneSided()  # turned by the gyro at rest, before its noise is known
+        # Turned by the gyro at rest, before its noise is known; and what of it is taken back.
+        self._unbelieved_rad, self._taken_back_rad = OneSided(), 0.0
+        self._count_rad = math.sqrt(12.0 * noise.count_m2) / config.robot.tread_m  # turn by one count of one wheel
         self.wheel_noise = WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential")
         self.agreement = Agreement(config.estimation.rejections_before_release, reasons, counters)
         self.applied = Applied()
@@ -47,17 +52,16 @@ class Knowledge:
         """Where a gyro sample ends: compare the headings; at rest, first learn the noise that weighs them."""
         track, kf = self._track, self._track.kf
         if wheels.a == wheels.b == 0.0:
+            was_known = self.rest_noise.known
             self.rest_noise.add(gyro.a, (gyro.end_ns - gyro.start_ns) * S_PER_NS)
             kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
-            if not self.rest_noise.known:
-                # Robot and heading stand; if they do not, since the wheels are late or slip, both are wrong by this.
-                part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
-                kf.add_heading_variance(self._unbelieved_rad.growth(part_rad), both=True)
-                kf.anchor_gyro()
+            if not was_known:
+                self._stand(kf)
                 return
         else:
             self.rest_noise.interrupt()
             self._unbelieved_rad.forget()
+            self._taken_back_rad = 0.0
             if track.gyro_heading:
                 return
         if not self.agreement.update(track, t_ns, self.steering.drive):
@@ -69,6 +73,18 @@ class Knowledge:
                 track.tell_turn_anew()
             if not self.steering.watch(kf):
                 self.agreement.slip(track, t_ns, 0.0)
+
+    def _stand(self, kf: Filter) -> None:
+        """Robot and heading stand, unless wheels may have turned so far between two counts. If they do not, since the
+        wheels are late or slip, both headings are wrong by this. (29)
+        """
+        part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
+        if abs(part_rad) > self._count_rad:
+            growth_rad2 = self._unbelieved_rad.growth_to(self._taken_back_rad + part_rad)
+            kf.add_heading_variance(growth_rad2, both=True)
+        if abs(part_rad) > 2.0 * self._count_rad or self.rest_noise.known:  # what P has of it took N as stated
+            self._taken_back_rad += part_rad
+            kf.anchor_gyro()
 
     def begin_anew(self) -> None:
         """The filter starts again, and only the gyro's noise is known."""

@@ -56,6 +56,7 @@ LONGEST_S: Final = 36.0  # a drive: longer ones cost more than they find
 MOST_EVENTS: Final = 4
 AROUND_S: Final = 2.0  # legs run into each other, and what an event has done is seen a little later
 TEACHING_RAD: Final = 1.0  # of turning: then the tread is known to some per cent
+CURVE_S: Final = 2.0  # of it teach what it shows of tread and radii
 DRIFTING: Final = 0.05  # of a gyro's interval: a delay drifts that changes by less from one delivery to the next
 TEACHES_TREAD: Final = ("one wheel slips", "turned by hand")  # a wrong one, in a curve
 RARE: Final = 0.2  # of the draws of a kind whose class is named already are kept
@@ -121,20 +122,27 @@ class Genome(Struct, frozen=True):
         return frozenset([KINDS[kind].named for kind in kinds] + others) - {""}
 
     def _without_tread(self, event: Event) -> bool:
-        """Whether the robot turns while the event lasts, and has hardly turned before, as far as there was a gyro: any
-        tread explains that.
+        """Whether any tread explains the event: the robot turns in it, and has hardly turned with a gyro before.
+        Or it has turned without one, and with one driven one curve only, which tread and radii explain together.
         """
         if self.gene("robot.drive") == "differential":
             return False
-        turned_rad, at_s, turns = 0.0, 0.0, False
+        turned_rad, unseen_rad, at_s, turns, curves = 0.0, 0.0, 0.0, False, set[float]()
         away = [(e.at_s, e.at_s + e.seconds) for e in self.events if e.kind in AWAY]
+        full_rad_s = self.gene("fog.full_scale_deg_s") * RAD_PER_DEG
         for leg in self.legs:
             until_s = min(at_s + leg.seconds, event.at_s)
             unseen_s = sum(max(min(end_s, until_s) - max(begin_s, at_s), 0.0) for begin_s, end_s in away)
-            turned_rad += abs(leg.rate_rad_s) * max(until_s - at_s - unseen_s, 0.0)
+            seen_s = max(until_s - at_s - unseen_s, 0.0)
+            if abs(leg.rate_rad_s) > full_rad_s:
+                unseen_s, seen_s = unseen_s + seen_s, 0.0
+            turned_rad += abs(leg.rate_rad_s) * seen_s
+            unseen_rad += abs(leg.rate_rad_s) * unseen_s
+            if seen_s > CURVE_S:
+                curves.add(math.atan2(leg.rate_rad_s, leg.speed_m_s))
             turns |= leg.rate_rad_s != 0.0 and at_s < event.at_s + event.seconds and event.at_s < at_s + leg.seconds
             at_s += leg.seconds
-        return turns and turned_rad < TEACHING_RAD
+        return (turns and turned_rad < TEACHING_RAD) or (unseen_rad > TEACHING_RAD and len(curves) < 2)
 
     def _without_gyro(self, event: Event) -> bool:
         """Whether there may be no gyro while the event lasts: none at all, none that is heard, or beyond its range."""

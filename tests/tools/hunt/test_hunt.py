@@ -172,6 +172,13 @@ MENDED = {
         Genome(1807481283, {"wheel_lag_s": 0.15, "fog.protocol": "dsp17xx", "encoders.layout": "odrive",
                "encoders.counts_per_revolution": 2000.0}, (Leg(2.8, 1.05, -0.16), Leg(2.6, 1.15, 0.42),
                Leg(3.8, 0.0, 0.0), Leg(2.4, 1.01, -0.29)), (Event("gyro in bunches", 1.1, 14.8, 0.1079),)), 1.0),
+    "slow turns of coarse counts, before the gyro's noise is known (1.6)": (
+        Genome(924868032, {"encoders.layout": "vesc", "estimation.static_bias.duration_s": 0.0}, (Leg(3.3, 0.8, -0.33),
+               Leg(3.7, 0.61, -0.3), Leg(9.9, 0.0, 0.18), Leg(5.8, 0.28, -0.67), Leg(3.8, 0.0, 0.0))), 0.8),
+    "slowly turned by hand at rest, coarse counts, before the gyro's noise is known (1.8 without the bound of c/D)": (
+        Genome(3535358156, {"wheel_lag_s": 0.15, "encoders.layout": "vesc", "robot.drive": "differential",
+               "estimation.static_bias.duration_s": 0.0}, (Leg(4.9, 0.0, 0.0), Leg(3.6, 0.26, 0.22),
+               Leg(7.4, -0.08, 0.32), Leg(3.8, 0.0, -0.27)), (Event("turned by hand", 2.7, 7.2, -2.02),)), 1.0),
 }  # fmt: skip
 
 
@@ -222,6 +229,18 @@ def test_a_wheel_that_lies_while_there_is_no_gyro_is_named() -> None:
     away, late = Event("gyro silent", 0.5, 2.9), Event("turned by hand", 5.5, 1.0, 10.0)
     assert Genome(1, {}, PLAIN.legs, (late,)).named == frozenset()
     assert Genome(1, {}, PLAIN.legs, (away, late)).named == {UNLEARNED}
+    # Nor does one curve tell the tread from the radii: a turn that the gyro has not seen then goes with a later event.
+    legs, by_hand = (
+        (Leg(5.6, 1.1, -0.73), Leg(9.6, 1.4, 0.56), Leg(20.0, 1.0, 0.0)),
+        Event("turned by hand", 16.0, 9.0, -3.6),
+    )
+    one_curve = Genome(1, {"fog.full_scale_deg_s": 40.0}, legs, (by_hand,))
+    assert one_curve.named == {UNLEARNED}
+    assert (
+        changed(one_curve, genes={}).named
+        == changed(one_curve, events=(changed(by_hand, at_s=18.0),)).named
+        == frozenset()
+    )
     by_hand = Event("turned by hand", 3.0, 2.0, 30.0)
     beyond = Genome(1, {"fog.full_scale_deg_s": 40.0}, PLAIN.legs, (by_hand,))
     assert beyond.named == {NO_GYRO}
