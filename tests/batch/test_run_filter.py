@@ -65,9 +65,8 @@ def frames(short: Recording) -> tuple[Frame, Frame]:
 def rows(poses: drd.Poses) -> np.ndarray[Any, np.dtype[np.float64]]:
     """As the replay's table has them."""
     row, column = np.triu_indices(3)
-    return np.column_stack(
-        [poses.time_s, poses.x_m, poses.y_m, poses.heading_rad, poses.covariance_m_rad[:, row, column]]
-    )
+    trust = poses.covariance_m_rad[:, row, column], poses.position_bound_m, poses.validity == "valid"
+    return np.column_stack([poses.time_s, poses.x_m, poses.y_m, poses.heading_rad, *trust])
 
 
 def is_replayed(poses: drd.Poses, replayed: Replayed) -> bool:

@@ -41,6 +41,7 @@ def test_the_start_turns_and_moves_poses_and_covariances(short: Recording, x_m: 
     assert there[0, 1:4] == pytest.approx([x_m, y_m, turn])
     for k in (-1, len(here) // 2):
         assert there[k, 1:4] == pytest.approx(R @ here[k, 1:4] + [x_m, y_m, turn], abs=1e-9)
+        assert there[k, 10:].tolist() == here[k, 10:].tolist()  # a radius, and whether it is valid
         assert _square(there[k]) == pytest.approx(R @ _square(here[k]) @ R.T, rel=1e-9, abs=1e-15)
 
 
@@ -54,7 +55,7 @@ def _replayed_once(recording: Recording) -> Replayed:
 
 
 def _square(row: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    xx, xy, xh, yy, yh, hh = row[4:]
+    xx, xy, xh, yy, yh, hh = row[4:10]
     return np.array([[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]])
 
 

@@ -34,7 +34,7 @@ def test_every_shared_recording_and_trial_is_replayed() -> None:
         assert len(rows) >= len(recording.encoders.time_s), folder
         assert np.isfinite(rows).all(), folder
         assert (np.diff(rows[:, 0]) > 0.0).all(), folder
-        assert rows[0, 1:].tolist() == [0.0] * 9, folder
+        assert rows[0, 1:].tolist() == [0.0] * 11, folder
         assert (error is None) == (recording.reference is None), folder
         assert error is None or error.position_m < max(WORST * error.reference_m, STANDS_M), folder
         assert replayed.counters["encoders"] == {"gaps": 0, "jumps": 0}, folder

@@ -28,9 +28,9 @@ and what would lower it most, where the recording is at hand: as the input, as t
 names, or as the reference's folder.
 
 POSES.csv has time_s,x_m,y_m,heading_deg and, if known, the covariance xx_m2,xy_m2,xh_m_rad,yy_m2,yh_m_rad,hh_rad2
-(as `drd replay` writes it), and position_bound_99_m (as `drd export --csv` does). --reference names a recording
-folder, or a CSV with time_s,x_m,y_m,heading_deg, for all poses or one for each; it may be sparse, its heading wrapped
-or not.
+and position_bound_99_m, with which may come valid, 1 or 0 (as `drd replay` and `drd export --csv` write them).
+--reference names a recording folder, or a CSV with time_s,x_m,y_m,heading_deg, for all poses or one for each; it may
+be sparse, its heading wrapped or not.
 
 RECORDING is a folder with a reference; without --reference it is replayed with its nominal model, robot.yaml.
 

@@ -19,7 +19,7 @@ def replay_poses(folder: Path) -> Poses:
 
 
 def poses_of(replayed: Replayed, name: str) -> Poses:
-    """The start and all poses with their covariances."""
+    """The start and all poses with their covariances and bounds."""
     rows = table(replayed)
     covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
-    return Poses(name, rows[:, 0], rows[:, 1:4], covariance, None, replayed.digest())
+    return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, 10], replayed.digest())

@@ -12,12 +12,22 @@ import numpy.typing as npt
 from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG
-from drd_tools.recordings.folder import POSES, Recording, continuous_rad, file_hash, read_recording, read_table
+from drd_tools.recordings.folder import (
+    BOUND,
+    COVARIANCE,
+    POSES,
+    VALID,
+    Recording,
+    continuous_rad,
+    file_hash,
+    read_recording,
+    read_table,
+)
 from drd_tools.recordings.path_length import path_length_m
 
-COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
-BOUND: Final = "position_bound_99_m"
-HEADERS: Final = tuple((*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,))))
+HEADERS: Final = tuple(
+    (*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,), (BOUND, VALID)))
+)
 UPPER: Final = np.triu_indices(3)
 MAX_GAP_S: Final = 1.0  # between estimates that are interpolated: 20 poses, of which any may be lost
 DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself

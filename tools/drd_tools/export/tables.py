@@ -6,16 +6,16 @@ from typing import Final
 import numpy as np
 
 from drd.output.cdr import quaternion_zw
+from drd.samples import Validity
 from drd.units import DEG_PER_RAD, NS_PER_S, S_PER_NS
-from drd_tools.evaluate.trajectory import BOUND, COVARIANCE
 from drd_tools.export.poses import Exported
-from drd_tools.recordings.folder import POSES, write_table
+from drd_tools.recordings.folder import BOUND, COVARIANCE, POSES, VALID, write_table
 
 NUMBERS: Final = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed_sigma_m_s", "rate_sigma_rad_s")
 
 
 def write_csv(file: Path, exported: Exported) -> None:
-    """Write time_s, x_m, y_m, heading_deg, covariance and bound; times from the daemon's start or the folder's."""
+    """Write poses, covariances, bounds and whether they are valid; times from the daemon's start or the folder's."""
     zero_ns = exported.zero_ns
     rows = np.array(
         [
@@ -26,11 +26,12 @@ def write_csv(file: Path, exported: Exported) -> None:
                 p.heading_rad * DEG_PER_RAD,
                 *p.covariance,
                 p.position_bound_m,
+                p.validity is Validity.VALID,
             )
             for _, p in exported.poses
         ]
     )
-    write_table(file, (*POSES, *COVARIANCE, BOUND), rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7)
+    write_table(file, (*POSES, *COVARIANCE, BOUND, VALID), rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d")
 
 
 def write_tum(file: Path, exported: Exported) -> None:

@@ -16,15 +16,13 @@ from drd import __version__
 from drd.batch.run import latest
 from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
-from drd.samples import Pose, Reason
+from drd.estimation.uncertainty import position_bound_m
+from drd.samples import Pose, Reason, Validity
 from drd.units import DEG_PER_RAD, S_PER_NS
-from drd_tools.recordings.folder import write_table
+from drd_tools.recordings.folder import BOUND, COVARIANCE, POSES, VALID, write_table
 
 FORMAT: Final = "drd-replay/1"
-COLUMNS: Final = (
-    "time_s", "x_m", "y_m", "heading_deg",
-    "xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2",
-)  # fmt: skip
+COLUMNS: Final = (*POSES, *COVARIANCE, BOUND, VALID)
 # t_ns, sequence; x, y, heading, speed, rate, their two sigmas; the covariance's six; the bound.
 BITS: Final = struct.Struct("<2q14d")
 
@@ -97,20 +95,29 @@ def packed(p: Pose) -> bytes:
 
 
 def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The poses as numbers, shape (n, 10): time_s, x_m, y_m, heading_rad and the covariance, seen from `start`.
+    """The poses as numbers, shape (n, 12): time_s, x_m, y_m, heading_rad, the covariance, seen from `start`, the
+    position's 99 % bound in m, and 1 where the pose is valid.
 
     The first row is `start` itself, at `began_ns`, where that is known and before the first pose. Position and
     covariance turn with the start: nothing in the filter depends on where x points.
     """
     zero, began, poses = replayed.zero_ns, replayed.began_ns, latest(replayed.poses)
     # One by one: as tuples the rows of ten hours would take 270 MB more.
-    numbers = (((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance) for p in poses)
+    numbers = (
+        (
+            *((p.t_ns - zero) * S_PER_NS, p.x_m, p.y_m, p.heading_rad, *p.covariance, p.position_bound_m),
+            p.validity is Validity.VALID,
+        )
+        for p in poses
+    )
     rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(poses))
     if began is not None and poses and began < poses[0].t_ns:
         i = replayed.config.estimation.initial
         xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2
-        rows = np.concatenate([[((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, xx, 0.0, 0.0, xx, 0.0, hh)], rows])
-    time_s, x, y, heading, xx_, xy, xh, yy, yh, hh_ = rows.T
+        covariance = xx, 0.0, 0.0, xx, 0.0, hh
+        first = ((began - zero) * S_PER_NS, 0.0, 0.0, 0.0, *covariance, position_bound_m(covariance), 0.0)
+        rows = np.concatenate([[first], rows])
+    time_s, x, y, heading, xx_, xy, xh, yy, yh, hh_, bound, valid = rows.T
     c, s = math.cos(start.heading_rad), math.sin(start.heading_rad)
     return np.column_stack(
         [
@@ -124,6 +131,8 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
             s * s * xx_ + 2.0 * c * s * xy + c * c * yy,
             s * xh + c * yh,
             hh_,
+            bound,
+            valid,
         ]
     )
 
@@ -135,7 +144,7 @@ def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: di
     """
     rows = table(replayed, start)
     rows[:, 3] *= DEG_PER_RAD
-    write_table(file, COLUMNS, rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 6)
+    write_table(file, COLUMNS, rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d")
     beside = file.with_suffix(".json")
     beside.write_text(json.dumps(provenance(replayed, start) | (extra or {}), indent=1) + "\n", encoding="utf-8")
     return beside

@@ -19,7 +19,7 @@ def summary(replayed: Replayed, start: Start = ORIGIN, error: EndError | None = 
     """Aligned lines: what was read, what came out, and its digest. There must be poses."""
     rows, last, robot = table(replayed, start), replayed.poses[-1], replayed.config.robot
     distance_m = float(np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2])).sum())
-    _, x_m, y_m, heading_rad, xx, _, _, yy, _, hh = rows[-1]
+    _, x_m, y_m, heading_rad, xx, _, _, yy, _, hh, _, _ = rows[-1]
     sigmas = [math.sqrt(max(value, 0.0)) for value in (xx, yy, hh)]
     lines = {
         "recording": str(replayed.source),
