@@ -6,7 +6,7 @@ from drd.config.keys import Config
 from drd.estimation.agreement import Agreement
 from drd.estimation.applied import Applied
 from drd.estimation.estimate import forget_gyro, forget_wheels
-from drd.estimation.filter import Filter
+from drd.estimation.filter import USUAL2, Filter
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive, Learned, RestNoise, WheelNoise
 from drd.estimation.noise import NoiseProfile
@@ -67,6 +67,8 @@ class Knowledge:
         if not self.agreement.update(track, t_ns, self.steering.drive):
             self.recover(t_ns)
         else:
+            if kf.stands and kf.z * kf.z > USUAL2 * kf.S:  # turned by hand, too little for the gate
+                kf.add_heading_variance(self._unbelieved_rad.growth_to(self._taken_back_rad + kf.z), both=True)
             # Slip that the gate found is no noise, and must not pass for it.
             self.wheel_noise.take(kf, is_usual=not self._reasons.has("agreement"))
             if self.steering.drive is Drive.UNKNOWN:

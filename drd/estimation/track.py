@@ -21,6 +21,8 @@ from drd.estimation.uncertainty import (
 from drd.units import NS_PER_S, S_PER_NS
 
 STILL = Segment(0, 0, 0.0, 0.0)
+# An older rate of the gyro tells less than the wheels' newest: it may be off by 0.25 rad/s, (36).
+MOST_HELD_S: Final = 0.5
 # Late wheels turn the pose in no more of the times in which the gyro was away: these are kept while wheels are awaited.
 MOST_SPANS: Final = 256
 
@@ -214,7 +216,7 @@ def make_track(
     e = config.estimation
     return Track(
         filter_type(config.robot.tread_m, sigmas, noise, e.gate_sigma, e.midpoint, e.profile != "paper"),
-        config.fog.silent_after_s if config.fog.protocol != "none" else 0.0,
+        min(config.fog.silent_after_s, MOST_HELD_S) if config.fog.protocol != "none" else 0.0,
         config.robot.max_speed_m_s,
         e.heading == "gyro",
     )

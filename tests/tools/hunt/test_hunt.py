@@ -179,6 +179,16 @@ MENDED = {
         Genome(3535358156, {"wheel_lag_s": 0.15, "encoders.layout": "vesc", "robot.drive": "differential",
                "estimation.static_bias.duration_s": 0.0}, (Leg(4.9, 0.0, 0.0), Leg(3.6, 0.26, 0.22),
                Leg(7.4, -0.08, 0.32), Leg(3.8, 0.0, -0.27)), (Event("turned by hand", 2.7, 7.2, -2.02),)), 1.0),
+    "slowly turned by hand at rest, coarse counts (1.5)": (
+        Genome(3812046190, {"skids": True, "fog.protocol": "dsp3000", "encoders.layout": "vesc",
+               "encoders.rate_hz": 5.0, "estimation.static_bias.duration_s": 0.0}, (Leg(8.3, 0.0, 0.0),
+               Leg(9.9, 1.08, 0.0)), (Event("garbage on the line", 3.7, 7.2, 11.3),
+               Event("turned by hand", 4.1, 9.8, 3.13))), 1.1),
+    "a gyro silent for 2 s before that is told, in a turn, wheels 0.3 s late (1.8 to 2.5)": (
+        Genome(903913210, {"wheel_lag_s": 0.3, "fog.rate_hz": 5.0, "fog.full_scale_deg_s": 40.0,
+               "fog.silent_after_s": 2.0, "encoders.rate_hz": 5.0, "encoders.gap_s": 0.25,
+               "estimation.gate_sigma": 6.0}, (Leg(9.5, 0.99, -0.18), Leg(9.6, 0.0, 0.0), Leg(6.6, 0.81, 0.0),
+               Leg(4.1, 0.38, -0.59), Leg(6.2, -0.31, 0.61)), (Event("gyro silent", 30.2, 10.1),)), 1.5),
 }  # fmt: skip
 
 
