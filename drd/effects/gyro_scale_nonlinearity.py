@@ -45,7 +45,8 @@ class GyroScaleNonlinearity(Effect):
         return [{"largest_rate": max(largest(m.rate_rad_s), RAD_PER_DEG)}]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"largest_rate": 60.0 * RAD_PER_DEG}]  # about what indoor robots turn
+        # A slow robot's largest: at 60 deg/s it could have 0.2 deg/s at most of the 2 that are plausible at its own.
+        return [{"largest_rate": 20.0 * RAD_PER_DEG}]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # Optics: the sine's next term; a modulator that is off: a sine of the rate less its straight line, or kinks.

@@ -182,8 +182,9 @@ MENDED = {
     "slowly turned by hand at rest, coarse counts (1.5)": (
         Genome(3812046190, {"skids": True, "fog.protocol": "dsp3000", "encoders.layout": "vesc",
                "encoders.rate_hz": 5.0, "estimation.static_bias.duration_s": 0.0}, (Leg(8.3, 0.0, 0.0),
-               Leg(9.9, 1.08, 0.0)), (Event("garbage on the line", 3.7, 7.2, 11.3),
-               Event("turned by hand", 4.1, 9.8, 3.13))), 1.1),
+               Leg(9.9, 1.08, 0.0), Leg(9.9, 0.0, 0.0), Leg(5.2, 0.0, 0.89), Leg(2.7, 0.0, 0.03)),
+               (Event("garbage on the line", 3.7, 7.2, 11.3), Event("turned by hand", 4.1, 9.8, 3.13, 1),
+                Event("both counters silent", 13.6, 6.4))), 1.1),
     "a gyro silent for 2 s before that is told, in a turn, wheels 0.3 s late (1.8 to 2.5)": (
         Genome(903913210, {"wheel_lag_s": 0.3, "fog.rate_hz": 5.0, "fog.full_scale_deg_s": 40.0,
                "fog.silent_after_s": 2.0, "encoders.rate_hz": 5.0, "encoders.gap_s": 0.25,

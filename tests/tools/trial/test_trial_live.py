@@ -166,3 +166,12 @@ def test_results_of_another_build_are_moved_aside(tmp_path: Path) -> None:
     (tmp_path / "live.jsonl").write_bytes(msgspec.json.encode(row("tread_error", [])) + b"\n")
     assert Kept(tmp_path).begin() == set()
     assert (tmp_path / "live.old.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "d"), [("gyro_scale_nonlinearity-d25-001", 25.0), ("gyro_scale_nonlinearity-d12-002", 12.0)]
+)
+def test_a_slow_robots_gyro_that_errs_by_rate_is_no_tread_that_wanders(name: str, d: float) -> None:
+    told = live.judged(live_cases.Case(name, "gyro_scale_nonlinearity", d, 782 if d == 25.0 else 787))
+    assert told.said[-1].effect == "gyro_scale_nonlinearity"
+    assert told.said[-1].probability > 0.9
