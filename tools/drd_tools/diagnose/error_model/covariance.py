@@ -24,7 +24,8 @@ MOST_RATIO: Final = 1e6  # of P to a fix's own variance, at which a difference s
 @dataclass(frozen=True)
 class Gains:
     """Gains of the filter. Of the wheels: K over sigma (n, 4), and sigma (n,), inf where the gyro is not compared. Of
-    the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P (n, 4, 4) after the wheels and after the step.
+    the fixes: K (m, 4, 3), whitener L (m, 3, 3). And P after the wheels and after the step, each by its ten numbers,
+    (n, 10).
     """
 
     K_wheels: Array
@@ -43,25 +44,23 @@ def run(P: Array, steps: Array, fix_step: npt.NDArray[np.intp], H: Array, R: Arr
     `_fixed` names, and variances R (m, 3).
     """
     n, m = len(steps), len(H)
-    p, made, K, L = tuple(P[UPPER].tolist()), [], [], []
+    p: _Numbers = tuple(P[UPPER].tolist())
+    # Written row by row: lists that keep all numbers take as long to grow as the numbers to compute.
+    made, K, L = np.empty((n, 25)), np.empty((m, 12)), np.empty((m, 9))
     bounds = np.searchsorted(fix_step, np.arange(n + 1)).tolist()
     fixes = np.column_stack([H[:, 0, 2], H[:, 1, 2], H[:, 2, 3], R]).tolist()
     for i, row in enumerate(steps.tolist()):
-        made.append(_step(p, row))
-        p = made[i][15:]
+        of_wheels, p = _step(p, row)
+        made[i] = of_wheels + p
         for j in range(bounds[i], bounds[i + 1]):
-            gain, whitener, after = _fixed(p, fixes[j])
-            K.append(gain)
-            L.append(whitener)
+            K[j], L[j], after = _fixed(p, fixes[j])
             is_sure = max(p[0], p[4]) < MOST_RATIO * fixes[j][3] and p[7] < MOST_RATIO * fixes[j][5]
-            p = after if is_sure else _joseph(p, gain, whitener, H[j], R[j])
-    of_wheels, sigma, P_before, P_after = np.split(np.array(made), [4, 5, 15], axis=1)
-    of_fixes = np.array(K).reshape(m, 4, 3), np.array(L).reshape(m, 3, 3)
-    return Gains(of_wheels, sigma[:, 0], *of_fixes, P_before[:, FULL], P_after[:, FULL])
+            p = after if is_sure else _joseph(p, K[j].reshape(4, 3) @ L[j].reshape(3, 3), H[j], R[j])
+    return Gains(made[:, :4], made[:, 4], K.reshape(m, 4, 3), L.reshape(m, 3, 3), made[:, 5:15], made[:, 15:])
 
 
-def _step(p: _Numbers, row: Sequence[float]) -> _Numbers:
-    """Gain K of the wheels over sigma, and sigma; and P after the wheels, and after the step, of P before it."""
+def _step(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers]:
+    """Gain K of the wheels over sigma, sigma, and P after the wheels; and P after the step, of P before it."""
     xx, xy, xt, xb, yy, yt, yb, tt, tb, bb = p
     h, R_wheels, hx, hy, qxx, qxy, qxt, _, qyy, qyt, _, qtt, _, qbb = row
     sigma = math.sqrt(h * h * bb + R_wheels)
@@ -75,9 +74,7 @@ def _step(p: _Numbers, row: Sequence[float]) -> _Numbers:
     xm, ym, tm, bm = xt - half * xb, yt - half * yb, tt - half * tb, tb - half * bb
     mm = tm - half * bm
     x_b, y_b, t_b = xb + hx * bm, yb + hy * bm, tb - h * bb
-    return (
-        kx, ky, kt, kb, sigma,
-        xx, xy, xt, xb, yy, yt, yb, tt, tb, bb,
+    return (kx, ky, kt, kb, sigma, xx, xy, xt, xb, yy, yt, yb, tt, tb, bb), (
         xx + hx * (2.0 * xm + hx * mm) + qxx, xy + hx * ym + hy * (xm + hx * mm) + qxy, xt + hx * tm - h * x_b + qxt,
         x_b, yy + hy * (2.0 * ym + hy * mm) + qyy, yt + hy * tm - h * y_b + qyt, y_b, tt - h * (tb + t_b) + qtt, t_b,
         bb + qbb,
@@ -115,9 +112,10 @@ def _fixed(p: _Numbers, row: Sequence[float]) -> tuple[_Numbers, _Numbers, _Numb
     )  # fmt: skip
 
 
-def _joseph(p: _Numbers, gain: _Numbers, whitener: _Numbers, H: Array, R: Array) -> _Numbers:
-    """P after a fix in Joseph's form: of a P that was huge before the first fix, a difference would be chance."""
-    K = np.array(gain).reshape(4, 3) @ np.array(whitener).reshape(3, 3)
+def _joseph(p: _Numbers, K: Array, H: Array, R: Array) -> _Numbers:
+    """P after a fix of gain K in Joseph's form: of a P that was huge before the first fix, a difference would be
+    chance.
+    """
     kept = np.eye(4) - K @ H
     P = kept @ np.array(p)[FULL] @ kept.T + K * R @ K.T
     return tuple(P[UPPER].tolist())

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from drd_tools.diagnose.error_model.covariance import UPPER, Gains, run
+from drd_tools.diagnose.error_model.covariance import FULL, UPPER, Gains, run
 from drd_tools.diagnose.error_model.path import Path, with_jumps, within_steps
 from drd_tools.diagnose.error_model.recursion import Recursion, StateSpace
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
@@ -235,8 +235,8 @@ class Linear:
         wheels = self._events.C[v.of_step, 0, 3] * x[:, 3] + np.einsum("nj,jn->n", v.D[v.of_step, 0, :4], s)
         before = x + self._gains.K_wheels * wheels[:, None]
         after = np.einsum("nij,nj->ni", self._F, before) + np.einsum("nij,jn->ni", self._inputs(), s)
-        P = self._gains.P_after + 1e-18 * np.eye(STATES)
-        G = np.linalg.solve(P, self._F @ self._gains.P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
+        P_before, P_after = self._gains.P_before[:, FULL], self._gains.P_after[:, FULL] + 1e-18 * np.eye(STATES)
+        G = np.linalg.solve(P_after, self._F @ P_before).transpose(0, 2, 1).astype(np.float64, copy=False)
         v = before - np.einsum("nij,nj->ni", G, after)
         states, first = Recursion(G[::-1]).states(v[::-1, :, None], last)
         return with_jumps(self.evidence, self.path.pose + np.concatenate([first[None], states[::-1]])[:, :3, 0])
