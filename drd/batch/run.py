@@ -96,7 +96,7 @@ def compensation(
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """No garbage collection: thousands of poses are kept, none of them in a cycle, and looking at them again costs."""
+    """No garbage collection: what is made inside is kept or in no cycle, and looking at it again and again costs."""
     enabled = gc.isenabled()
     gc.disable()
     try:

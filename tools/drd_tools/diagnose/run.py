@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import drd
+from drd.batch.run import no_garbage
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.combine.expected import Expected, expected
@@ -97,7 +98,7 @@ def _written(
 def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
     """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), no_garbage():
         return concluded(analyse(recording, expected), held_out)
 
 
