@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.evaluate.trajectory import COVARIANCE, UPPER, Poses, Reference
-from drd_tools.recordings.folder import POSES
+from drd_tools.evaluate.trajectory import UPPER, Poses, Reference
+from drd_tools.recordings.folder import COVARIANCE, POSES
 
 STEP_S = 0.1
 
