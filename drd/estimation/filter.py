@@ -268,6 +268,11 @@ class Filter(State):
         return (self._right_m_s - self._left_m_s) / self.nominal.tread_m
 
     @property
+    def is_turned(self) -> bool:
+        """The wheels did not move in the last step, but the gyro turned, by more than its noise and bias. (30)"""
+        return self._transition.is_turned
+
+    @property
     def stands(self) -> bool:
         """The wheels did not move in the last step."""
         return self._left_m_s == 0.0 == self._right_m_s

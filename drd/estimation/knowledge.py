@@ -81,10 +81,11 @@ class Knowledge:
         wheels are late or slip, both headings are wrong by this. (29)
         """
         part_rad = kf.nominal.heading_rad - kf.nominal.gyro_heading_rad
-        if abs(part_rad) > self._count_rad:
-            growth_rad2 = self._unbelieved_rad.growth_to(self._taken_back_rad + part_rad)
-            kf.add_heading_variance(growth_rad2, both=True)
-        if abs(part_rad) > 2.0 * self._count_rad or self.rest_noise.known:  # what P has of it took N as stated
+        unbelieved_rad, is_known = self._taken_back_rad + part_rad, self.rest_noise.known
+        if abs(unbelieved_rad) > self._count_rad:
+            kf.add_heading_variance(self._unbelieved_rad.growth_to(unbelieved_rad), both=True)
+        # What P has of it took N as stated: it is not to teach once that is known.
+        if not kf.is_turned or abs(part_rad) > 2.0 * self._count_rad or is_known:
             self._taken_back_rad += part_rad
             kf.anchor_gyro()
 

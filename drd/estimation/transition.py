@@ -40,12 +40,13 @@ TURNED_SIGMAS2: Final = 9.0  # a rate itself, likewise
 class Transition:
     """Writes F, the derivatives of `Filter.predict`'s lines, into its transpose `FT`, (N, N). (9), (12), (13)
 
-    `along_gyro`: the last step went along the gyro's heading, else the wheels'. `has_gyro`: there was a gyro in it.
+    `along_gyro`: the last step went along the gyro's heading, else the wheels'. `has_gyro`: there was a gyro in it;
+    `is_turned`: which turned by more than its noise and bias, while the wheels stood.
     """
 
     def __init__(self, FT: Matrix, midpoint_share: float, estimates_gyro_scale: float):
         FT[:] = np.eye(N)
-        self.along_gyro = self.has_gyro = self._has_lag = False
+        self.along_gyro = self.has_gyro = self.is_turned = self._has_lag = False
         self._f, self._half, self._estimates_gyro_scale = elements(FT), midpoint_share, estimates_gyro_scale
 
     def fill_gyro(
@@ -62,7 +63,7 @@ class Transition:
         f[G_BIAS] = dt_s
         self.has_gyro = True
         # Changes within the gyro's noise would pass for knowledge of the lag: they count once they have added up.
-        is_turned = not moves and gyro_turn * gyro_turn > TURNED_SIGMAS2 * (
+        self.is_turned = is_turned = not moves and gyro_turn * gyro_turn > TURNED_SIGMAS2 * (
             (gyro_rad2_per_s + bias_rad2_s2 * dt_s) * dt_s
         )
         change = (gyro_turn if is_turned else turn) / dt_s - rate_rad_s
