@@ -84,7 +84,7 @@ class Knowledge:
         unbelieved_rad, is_known = self._taken_back_rad + part_rad, self.rest_noise.known
         if abs(unbelieved_rad) > self._count_rad:
             kf.add_heading_variance(self._unbelieved_rad.growth_to(unbelieved_rad), both=True)
-        # What P has of it took N as stated: it is not to teach once that is known.
+        # P has this part with the noise as stated: it is not to teach once the noise is known.
         if not kf.is_turned or abs(part_rad) > 2.0 * self._count_rad or is_known:
             self._taken_back_rad += part_rad
             kf.anchor_gyro()
