@@ -67,7 +67,8 @@ class Knowledge:
         if not self.agreement.update(track, t_ns, self.steering.drive):
             self.recover(t_ns)
         else:
-            if kf.stands and kf.z * kf.z > USUAL2 * kf.S:  # turned by hand, too little for the gate
+            if kf.stands and not track.rejected_rad and kf.z * kf.z > USUAL2 * kf.S:
+                # Turned by hand, too slowly for the gate.
                 kf.add_heading_variance(self._unbelieved_rad.growth_to(self._taken_back_rad + kf.z), both=True)
             # Slip that the gate found is no noise, and must not pass for it.
             self.wheel_noise.take(kf, is_usual=not self._reasons.has("agreement"))

@@ -21,7 +21,7 @@ from drd.units import RAD_PER_DEG
 # Rows that are turned into text at once.
 CHUNK: Final = 4096
 POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
-# What beside them tells how far an estimate can be trusted.
+# Beside them: how far an estimate can be trusted.
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
 VALID: Final = "valid"  # 1; 0: degraded, invalid or initialising
