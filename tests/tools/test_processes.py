@@ -29,7 +29,6 @@ def runs(pid: int) -> bool:
     "arguments",
     [
         ["trial", "--plant", ".", "--output", "out"],
-        ["diagnose", "one", "--jobs", "3", "--output", "out"],
         ["diagnose", "one", "two", "--jobs", "2", "--output", "out"],
         ["fleet", "update", ".", "--jobs", "2", "--store", "out"],
     ],

@@ -5,27 +5,17 @@ import operator
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from drd.config.schema import ConfigError
 
 T = TypeVar("T")
-_A = TypeVar("_A")
-_B = TypeVar("_B")
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-class Map(Protocol):
-    """The built-in map, or that of a pool of processes."""
-
-    def __call__(self, function: Callable[[_A], _B], items: Iterable[_A], /) -> Iterable[_B]:
-        """The results of the function, in the order of the items."""
-        ...
 
 
 @contextmanager

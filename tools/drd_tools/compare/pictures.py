@@ -164,9 +164,7 @@ def _map(figure: Any, axes: Any, c: Comparison, ch: ChannelResult) -> None:
     largest = max(float(np.percentile(np.abs(value), 95.0)), 1e-12)
     axes.plot(c.x_m, c.y_m, color="#DDDDDD", linewidth=1.0, zorder=1)
     norm = TwoSlopeNorm(0.0, -largest, largest)
-    dots = axes.scatter(
-        c.x_m, c.y_m, c=value, s=14, cmap=LinearSegmentedColormap.from_list(*MAP), norm=norm, zorder=2, linewidths=0
-    )
+    dots = axes.scatter(c.x_m, c.y_m, c=value, s=14, cmap=MAP, norm=norm, zorder=2, linewidths=0)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
     place = next((d for d in ch.covariates if d.name == "place"), None)

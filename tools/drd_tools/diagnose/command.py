@@ -52,7 +52,7 @@ def main(argv: list[str]) -> int:
     add, cores = parser.add_argument, os.cpu_count() or 1
     add("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
     add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="to prove it on")
-    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"processes (default: {cores})")
+    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings at a time (default: {cores})")
     add = parser.add_mutually_exclusive_group(required=True).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for the results")
     add("--draw", type=Path, metavar="DIR", help="only draw the report of results that DIR holds")

@@ -7,10 +7,8 @@ from pathlib import Path
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
 from drd_tools.diagnose.combine.joint import SufficientStatistics
-from drd_tools.diagnose.report.page import write_report
 from drd_tools.diagnose.results import Finding, Result, Verdict
 from drd_tools.diagnose.series import Series
-from drd_tools.processes import Map
 
 
 @dataclass(frozen=True)
@@ -36,12 +34,11 @@ class Diagnosis:
         """Findings, the largest share of the mismatch first."""
         return self.result.findings
 
-    def report(self, folder: Path, each: Map = map) -> list[Path]:
-        """Write diagnosis.json, series.json, model.yaml and the report into a folder; the files. Raises OSError.
+    def report(self, folder: Path) -> list[Path]:
+        """Write diagnosis.json, series.json, model.yaml and the report into a folder; the files. Raises OSError."""
+        from drd_tools.diagnose.report.page import write_report  # noqa: PLC0415  # matplotlib is slow
 
-        `each`: as for `write_report`.
-        """
         folder.mkdir(parents=True, exist_ok=True)
         save_model(folder / "model.yaml", self.model)
         files.save(folder, self.result, self.series)
-        return [folder / files.DIAGNOSIS, folder / "model.yaml", *write_report(folder, each)]
+        return [folder / files.DIAGNOSIS, folder / "model.yaml", *write_report(folder)]

@@ -1,11 +1,10 @@
 """Diagnose recordings: one here, several in processes of their own; and combine them."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -26,14 +25,13 @@ from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
-from drd_tools.diagnose.results import Array, Figures, Fit, Result, Scatter, Status, Train, Unexplained
+from drd_tools.diagnose.results import Figures, Fit, Result, Scatter, Status, Train, Unexplained
 from drd_tools.diagnose.series import Bar, Course, Drive, Series, Spread
-from drd_tools.diagnose.validate.held_out import Prepared, prepared
+from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
 from drd_tools.diagnose.validate.trajectory import checked, judged, paths
 from drd_tools.diagnose.validate.validation import Validated, figures_of, validate
-from drd_tools.processes import Map, pool_of
+from drd_tools.processes import pool_of
 from drd_tools.recordings.folder import Recording
-from drd_tools.replay.poses import poses
 
 OTHER_HALF: Final = "other half of the blocks"
 WHITENED: Final = "whitened_rms"
@@ -54,12 +52,8 @@ def run_all(
     The results are the same to the bit for any `jobs`. SIGTERM and Ctrl-C end the processes in the midst of their work.
     `names`: of all recordings. Raises ConfigError and OSError.
     """
-    if len(recordings) == jobs == 1:
-        yield _written(recordings[0], [prepared(other) for other in held_out], folder)
-        return
     if len(recordings) == 1:
-        with pool_of(jobs if held_out else jobs - 1) as pool:  # beside the analysis, which is one process itself
-            yield _alone(recordings[0], held_out, folder, pool)
+        yield _written(recordings[0], [prepared(other) for other in held_out], folder)
         return
     with (
         pool_of(min(jobs, len(recordings) + len(held_out))) as pool,
@@ -75,14 +69,6 @@ def run_all(
         yield from made
         whole = together(recordings, others, [w.diagnosis for w in made], names, pool.map)
         yield Written(whole, whole.report(folder))
-
-
-def _alone(recording: Recording, held_out: Sequence[Recording], folder: Path, pool: Executor) -> Written:
-    """One recording, analysed here; beside that the pool replays it, prepares the held-out ones, and draws."""
-    nominal = pool.submit(poses, recording)
-    pool.submit(import_module, "matplotlib.figure")  # slow, and its turn comes last
-    diagnosis = run(recording, pool.map(prepared, held_out), (), nominal.result, pool.map)
-    return Written(diagnosis, diagnosis.report(folder, pool.map))
 
 
 def _samples(recording: Recording) -> int:
@@ -109,36 +95,21 @@ def _written(
     return Written(diagnosis, diagnosis.report(folder))
 
 
-def run(
-    recording: Recording,
-    held_out: Iterable[Prepared] = (),
-    expected: Sequence[Expected] = (),
-    nominal: Callable[[], Array] | None = None,
-    each: Map = map,
-) -> Diagnosis:
-    """Diagnose a recording, and prove its model on others. Raises ConfigError.
-
-    What others compute meanwhile is asked for after the analysis: `held_out`, and `nominal`, the recording's nominal
-    poses.
-    """
+def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
+    """Diagnose a recording, and prove its model on others. Raises ConfigError."""
     # So small products are no sooner done by two threads, and their sums would depend on the processors.
     with threadpool_limits(limits=1), no_garbage():
-        return concluded(analyse(recording, expected), list(held_out), nominal, each)
+        return concluded(analyse(recording, expected), held_out)
 
 
-def concluded(
-    analysis: Analysis,
-    held_out: Sequence[Prepared] = (),
-    nominal: Callable[[], Array] | None = None,
-    each: Map = map,
-) -> Diagnosis:
+def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:
     """The diagnosis that an analysis gives, its model proved on other recordings. Raises ConfigError."""
     recording, conclusion = analysis.recording, analysis.conclusion
     with tempfile.TemporaryDirectory() as folder:
         model_file, findings = Path(folder) / "model.yaml", outcome.findings_of(conclusion)
         build = partial(outcome.model_of, recording=recording, names=recording.name, version=drd.__version__)
-        validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out, each)
-        train, drive = _trained(analysis, model_file if validated.model.terms else None, nominal)
+        validated = validate(model_file, build, outcome.terms_of(conclusion), findings, held_out)
+        train, drive = _trained(analysis, model_file if validated.model.terms else None)
         unseen = _unseen(analysis)
         scatter, spreads = analysis.scatter()
         result = _result(analysis, validated, train, unseen, scatter)
@@ -197,17 +168,16 @@ def _in_time(recording: Recording, result: Result) -> Recording:
     return replace(recording, reference=replace(recording.reference, time_s=recording.reference.time_s - lag.value))
 
 
-def _trained(analysis: Analysis, model: Path | None, nominal: Callable[[], Array] | None) -> tuple[Train, Drive]:
+def _trained(analysis: Analysis, model: Path | None) -> tuple[Train, Drive]:
     """Figures of the data of the fit, without the model and with it, and the paths."""
     recording, e = analysis.recording, analysis.conclusion.found.problem.evidence
-    after, corrected = ({}, None) if model is None else judged(recording, model)
-    before, uncorrected = judged(recording, None, None if nominal is None else nominal())
-    after = before if model is None else after
+    before, nominal = judged(recording, None)
+    after, corrected = (before, None) if model is None else judged(recording, model)
     train = Train(
         {**before, WHITENED: rms(analysis.null)}, {**after, WHITENED: rms(analysis.conclusion.found.fit.left)}
     )
     duration_s, path_m = float(e.time_s[-1] - e.time_s[0]), float(0.5 * e.travel_m.sum())
-    return train, Drive(recording.name, duration_s, path_m, paths(recording, uncorrected, corrected))
+    return train, Drive(recording.name, duration_s, path_m, paths(recording, nominal, corrected))
 
 
 def _unseen(analysis: Analysis) -> Bar:

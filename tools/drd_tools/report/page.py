@@ -19,17 +19,12 @@ class Part:
 
     kind: str
     text: str = ""
-    file: Path | None = None
+    png: str = ""
     markup: Markup | None = None
     header: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
     chosen: Collection[int] = ()
     wide: Collection[int] = ()
-
-    @property
-    def png(self) -> str:
-        """The picture's file, for an HTML page. Raises OSError."""
-        return "" if self.file is None else base64.b64encode(self.file.read_bytes()).decode("ascii")
 
 
 class Page:
@@ -53,8 +48,9 @@ class Page:
         self._parts.append(Part(kind="code", text=text))
 
     def picture(self, file: Path, caption: str) -> None:
-        """A PNG, which `save` embeds; the caption also serves those who cannot see it."""
-        self._parts.append(Part(kind="picture", text=caption, file=file))
+        """A PNG, embedded; the caption also serves those who cannot see it. Raises OSError."""
+        png = base64.b64encode(file.read_bytes()).decode("ascii")
+        self._parts.append(Part(kind="picture", text=caption, png=png))
 
     def table(
         self,

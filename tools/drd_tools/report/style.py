@@ -1,16 +1,18 @@
-"""One look for all pictures: colours, fonts, grids. matplotlib, which is slow to load, waits for the first of them."""
+"""One look for all pictures: colours, fonts, grids."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from drd.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Okabe and Ito (2008): told apart by all readers, and in grey by their lightness.
 BLUE: Final = "#0072B2"
@@ -25,7 +27,7 @@ GREY: Final = "#808080"
 TRUE_GREY: Final = "#B4B4B4"
 GRID: Final = "#E6E6E6"
 BOUND: Final = "#DCEFFA"
-MAP: Final = ("mismatch", (BLUE, "#E4E4E4", VERMILION))  # a colour map's name, and its colours from low to high
+MAP: Final = LinearSegmentedColormap.from_list("mismatch", (BLUE, "#E4E4E4", VERMILION))
 
 DPI: Final = 150
 STYLE: Final[Any] = {
@@ -49,16 +51,12 @@ STYLE: Final[Any] = {
 @contextmanager
 def styled() -> Iterator[None]:
     """The project's look, for figures that are made and saved inside."""
-    import matplotlib as mpl  # noqa: PLC0415
-
     with mpl.rc_context(STYLE):
         yield
 
 
-def make_figure(width_in: float = 10.0, height_in: float = 4.5) -> "Figure":
+def make_figure(width_in: float = 10.0, height_in: float = 4.5) -> Figure:
     """An empty figure that lays its panels out by itself. Call it, and save, inside `styled()`."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     return Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout="constrained")
 
 
@@ -71,18 +69,14 @@ def picture(file: Path, width_in: float = 10.0, height_in: float = 4.5) -> Itera
         save(figure, file)
 
 
-def save(figure: "Figure", file: Path) -> None:
+def save(figure: Figure, file: Path) -> None:
     """Write a PNG. Raises OSError. `savefig` would draw everything twice, for the same bits."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-
     canvas: Any = FigureCanvasAgg(figure)
     canvas.print_png(file)
 
 
 def tidy(axes: Any, title: str, ticks: int = 8, *, x: str = "", y: str = "") -> None:
     """Title, the axes' labels, grid, two spines and round ticks."""
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
-
     axes.set_title(title)
     if x:
         axes.set_xlabel(x)

@@ -1,8 +1,5 @@
 """HTML page of a diagnosis, with its pictures, from its files."""
 
-import operator
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -14,19 +11,15 @@ from drd_tools.diagnose.report import text as report_text
 from drd_tools.diagnose.report.verdict import lead, title
 from drd_tools.diagnose.results import Result
 from drd_tools.diagnose.series import Series
-from drd_tools.processes import Map
 from drd_tools.report.page import Page
-
-Drawings = dict[Path, Callable[[], None]]  # a picture's file, and what draws it
 
 PICTURES: Final = ("finding_*.png", "scatter_*.png", "residual.png", "held_out.png")  # which a diagnosis may lack
 
 
-def write_report(folder: Path, each: Map = map) -> list[Path]:
+def write_report(folder: Path) -> list[Path]:
     """Draw `report.html` and its pictures into `folder`, from its diagnosis.json and series.json; return the files.
 
-    `each`: draws them side by side, where it is that of a pool of processes. Raises ConfigError where one of the two is
-    missing or not of its form, OSError where the folder cannot be written.
+    Raises ConfigError where one of the two is missing or not of its form, OSError where the folder cannot be written.
     """
     d, s = files.load(folder)
     for old in (file for pattern in PICTURES for file in folder.glob(pattern)):
@@ -34,7 +27,7 @@ def write_report(folder: Path, each: Map = map) -> list[Path]:
     page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
     if d.cut:
         page.text(f"Of this recording, {d.cut}.")
-    drawn: Drawings = {}
+    drawn: list[Path] = []
     _findings_table(page, d, s)
     _paths(page, d, s, folder, drawn)
     _findings(page, d, s, folder, drawn)
@@ -45,8 +38,6 @@ def write_report(folder: Path, each: Map = map) -> list[Path]:
     _detectable(page, d)
     _not_observable(page, d)
     _next_drive(page, d)
-    for _ in tqdm(each(operator.call, drawn.values()), "drawing", len(drawn), leave=False, disable=None):
-        pass
     page.save(folder / "report.html")
     return [folder / "report.html", *drawn]
 
@@ -60,16 +51,16 @@ def _findings_table(page: Page, d: Result, s: Series) -> None:
     page.text(report_text.LEGEND)
 
 
-def _paths(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> None:
+def _paths(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
     page.heading("Path")
     recordings = s.recordings
     windows = [w for f in d.findings for w in report_text.windows(f, _duration_s(s))] if len(recordings) == 1 else []
-    file = folder / "path.png"
-    drawn[file] = partial(pictures.paths_picture, file, recordings, windows)
+    drawn.append(folder / "path.png")
+    pictures.paths_picture(drawn[-1], recordings, windows)
     hidden = len(recordings) - pictures.MOST_PATHS
     corrected = any(r.path.corrected is not None for r in recordings)
     page.picture(
-        file,
+        drawn[-1],
         "Dead reckoning with the nominal model"
         + (", and with the findings taken off." if corrected else ".")
         + (" The ring is the start, dots are the ends.")
@@ -77,32 +68,32 @@ def _paths(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> N
     )
 
 
-def _findings(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> None:
+def _findings(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
     pairs = list(zip(d.findings, s.findings, strict=True))
-    for k, (finding, series) in enumerate(pairs, 1):
+    for k, (finding, series) in enumerate(tqdm(pairs, desc="drawing", leave=False, disable=None), 1):
         page.heading(f"{k}. {finding.effect}" if len(pairs) > 1 else finding.effect)
         page.text(report_text.in_words(finding).replace("+-", "±"))
         curve, evidence = series.curve, series.evidence
         if curve is None and not evidence.time_s.size:
             continue
-        file = folder / f"finding_{k}.png"
+        drawn.append(folder / f"finding_{k}.png")
         alone = s.recordings[0].path if len(s.recordings) == 1 else None
         windows = report_text.windows(finding, _duration_s(s)) if alone else []
         path = (alone.reference or alone.nominal) if alone else None
-        drawn[file] = partial(pictures.finding_picture, file, curve, evidence, windows, path)
-        page.picture(file, report_text.picture_caption(curve, evidence, bool(windows)))
+        pictures.finding_picture(drawn[-1], curve, evidence, windows, path)
+        page.picture(drawn[-1], report_text.picture_caption(curve, evidence, bool(windows)))
 
 
-def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> None:
+def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
     page.heading("What is left")
     has_findings = bool(d.findings)
     residual = s.residual
     if residual.time_s.size:
-        file = folder / "residual.png"
-        drawn[file] = partial(pictures.residual_picture, file, residual, has_findings)
+        drawn.append(folder / "residual.png")
+        pictures.residual_picture(drawn[-1], residual, has_findings)
         before, after = map(report_text.rms, (residual.before, residual.after))
         figures = "" if before is None or after is None else f" All blocks together: {before:.2f}." if not has_findings else f" All blocks together: {before:.2f} before, {after:.2f} after."  # fmt: skip  # noqa: E501
-        page.picture(file, f"Rms of the whitened data in blocks; noise alone gives 1.{figures}")
+        page.picture(drawn[-1], f"Rms of the whitened data in blocks; noise alone gives 1.{figures}")
     else:
         page.text("The recording is too short for blocks.")
     if rows := report_text.fit_rows(d):
@@ -112,17 +103,17 @@ def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -
     _scatter(page, d, s, folder, drawn)
 
 
-def _scatter(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> None:
+def _scatter(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
     for sentence in report_text.scatter_sentences(d):
         page.text(sentence)
     for noise, spread in zip(d.scatter, s.scatter, strict=True) if len(s.recordings) == 1 else ():
         if spread.time_s.size:
-            file = folder / f"scatter_{noise.channel}.png"
-            drawn[file] = partial(pictures.scatter_picture, file, noise, spread)
-            page.picture(file, f"Noise of the {report_text.CHANNELS[noise.channel]}, over what is stated.")
+            drawn.append(folder / f"scatter_{noise.channel}.png")
+            pictures.scatter_picture(drawn[-1], noise, spread)
+            page.picture(drawn[-1], f"Noise of the {report_text.CHANNELS[noise.channel]}, over what is stated.")
 
 
-def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -> None:
+def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
     page.heading("On unseen data")
     if not s.held_out:
         page.text(
@@ -132,13 +123,13 @@ def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: Drawings) -
             "part in the fit is in the e-value above."
         )
         return
-    file = folder / "held_out.png"
-    drawn[file] = partial(pictures.held_out_picture, file, s.held_out)
+    drawn.append(folder / "held_out.png")
+    pictures.held_out_picture(drawn[-1], s.held_out)
     names = list(dict.fromkeys(row.name for row in s.held_out))
     many = len(names) > pictures.MOST_BARRED
     source = "blocks of the recording, with gaps around them" if names == ["blocks"] else report_text.listed(names)
     source = f"{len(names)} recordings" if many else source
-    page.picture(file, f"Before and after, on {source}: data that had no part in the fit.")
+    page.picture(drawn[-1], f"Before and after, on {source}: data that had no part in the fit.")
     if many:
         page.table(report_text.HELD_OUT_HEADER, report_text.held_out_rows(s.held_out), text_columns=(1, 2))
 

@@ -4,6 +4,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 
 from drd_tools.diagnose.series import Line, Mismatch
 from drd_tools.report.style import GREY, INK, MAP, tidy
@@ -14,16 +16,13 @@ LEAST_M: Final = 0.01  # a cell's side, where a drive has no width
 
 def place_map(figure: Any, axes: Any, curve: Mismatch, path: Line | None, label: str) -> None:
     """Draw the values at the knots of a square grid, between them as the model has it, bilinear; the path above."""
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  # matplotlib is slow
-    from matplotlib.colors import LinearSegmentedColormap, Normalize  # noqa: PLC0415
-
     side = math.isqrt(len(curve.x))
     value, sigma = (v.reshape(side, side).T for v in (curve.mismatch, curve.sigma))
     value, sigma = np.nan_to_num(value), np.maximum(np.nan_to_num(sigma), 1e-12)
     strength = np.minimum(np.abs(value) / (FULL_SIGMAS * sigma), 1.0)
     largest = float(np.max(np.abs(value)[strength == 1.0], initial=0.0)) or 1.0
-    norm, shades = Normalize(-largest, largest), LinearSegmentedColormap.from_list(*MAP)
-    colors = 1.0 - strength[..., np.newaxis] * (1.0 - shades(norm(value))[..., :3])
+    norm = Normalize(-largest, largest)
+    colors = 1.0 - strength[..., np.newaxis] * (1.0 - MAP(norm(value))[..., :3])
     edges = []
     for v in (curve.x, curve.y):
         half = 0.5 * max(float(np.ptp(v)) / (side - 1), LEAST_M)
@@ -38,5 +37,5 @@ def place_map(figure: Any, axes: Any, curve: Mismatch, path: Line | None, label:
     axes.set_ylabel("y / m")
     tidy(axes, f"{curve.channel.capitalize()}: mismatch by place", 6)
     axes.grid(visible=False)
-    bar = figure.colorbar(ScalarMappable(norm, shades), ax=axes, label=label)
+    bar = figure.colorbar(ScalarMappable(norm, MAP), ax=axes, label=label)
     bar.outline.set_visible(False)

@@ -1,10 +1,10 @@
 """Predictive log-likelihood ratios of a model's terms in recordings that they were not fitted to."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,13 +22,22 @@ from drd_tools.diagnose.results import Figures, Ranges
 from drd_tools.diagnose.select.start import started
 from drd_tools.diagnose.selected import Selected
 from drd_tools.diagnose.validate.trajectory import judged
-from drd_tools.processes import Map
 from drd_tools.recordings.folder import Recording
 
+_A = TypeVar("_A")
+_B = TypeVar("_B")
 _Ranged = tuple[Selected, Ranges]
 
 NOISE_ROUNDS: Final = 2  # the second with noise of which the effects are no part
 CONTRADICTED_NATS: Final = -math.log(20.0)  # a term that is true has so little in one case of 20 at most
+
+
+class Map(Protocol):
+    """The built-in map, or that of a pool of processes."""
+
+    def __call__(self, function: Callable[[_A], _B], items: Iterable[_A], /) -> Iterable[_B]:
+        """The results of the function, in the order of the items."""
+        ...
 
 
 @dataclass(frozen=True)

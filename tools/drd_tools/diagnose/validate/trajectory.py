@@ -16,17 +16,22 @@ from drd_tools.evaluate.consistency import consistency
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, associate, reference_of
 from drd_tools.recordings.folder import Recording, ReferenceLog
-from drd_tools.replay.poses import poses
+from drd_tools.replay.folder_source import replay_folder
+from drd_tools.replay.nominal import with_model
+from drd_tools.replay.result import COLUMNS, table
 
 DRAWN_ROWS: Final = 2000  # more than a picture has pixels across
 OUTSIDE: Final = "outside_bound_percent"  # of the poses, beyond the 99 % bound that comes with each
 MOST_OUTSIDE_PERCENT: Final = 10.0  # 1 is expected; errors hang together, so that one long excursion is no exception
+NO_POSES: Final = np.zeros((0, len(COLUMNS)))
 
 
-def judged(recording: Recording, model: Path | None, rows: Array | None = None) -> tuple[Figures, Array]:
-    """Figures against the reference, with a model or without, and the poses; `rows`: where these are known."""
-    rows = poses(recording, model) if rows is None else rows
-    return heading_figures(recording, model) if recording.wheels is None else _figures(recording, rows), rows
+def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
+    """Figures against the reference, with a model or without, and the poses (n, columns); none without wheels."""
+    if recording.wheels is None:
+        return heading_figures(recording, model), NO_POSES
+    rows = table(replay_folder(recording if model is None else with_model(recording, model)))
+    return _figures(recording, rows), rows
 
 
 def _figures(recording: Recording, rows: Array) -> Figures:

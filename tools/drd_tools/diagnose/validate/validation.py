@@ -15,9 +15,8 @@ from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.judgement import CONFIRMING_E
 from drd_tools.diagnose.results import Figures, Finding, HeldOut, Status, Term, Validation
 from drd_tools.diagnose.series import Bar
-from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Prepared, held_out_nats
+from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, Map, Prepared, held_out_nats
 from drd_tools.diagnose.validate.trajectory import judged
-from drd_tools.processes import Map
 from drd_tools.recordings.folder import Recording
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
