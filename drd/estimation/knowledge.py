@@ -35,7 +35,7 @@ class Knowledge:
         self._reasons, self._counters = reasons, counters
         is_learned = config.estimation.profile == "physical"  # the printed Q and R are what they are
         self.rest_noise = RestNoise(noise.gyro_rad2_per_s, is_learned)
-        # Turned by the gyro at rest, before its noise is known; and what of it is taken back.
+        # Turned by the gyro at rest, and not believed; and what of it was taken back before the noise was known.
         self._unbelieved_rad, self._taken_back_rad = OneSided(), 0.0
         self._count_rad = math.sqrt(12.0 * noise.count_m2) / config.robot.tread_m  # turn by one count of one wheel
         self.wheel_noise = WheelNoise(noise, is_learned, is_known=config.robot.drive == "differential")

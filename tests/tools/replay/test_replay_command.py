@@ -11,9 +11,9 @@ import pytest
 from replay_folders import long_drive, short_drive
 
 from drd.cli import main
-from drd_tools.recordings.folder import read_recording
+from drd_tools.recordings.folder import ESTIMATES, read_recording
 from drd_tools.replay.folder_source import replay_folder
-from drd_tools.replay.result import COLUMNS, Replayed
+from drd_tools.replay.result import Replayed
 
 MCAP = "drd_tools.replay.mcap_source"
 
@@ -28,10 +28,10 @@ def test_poses_and_their_origin_are_written(short: Path, tmp_path: Path, capsys:
     assert main(["replay", str(short), "--output", str(output)]) == 0
     printed = capsys.readouterr().out
     lines = output.read_text().splitlines()
-    assert lines[0].split(",") == list(COLUMNS)
+    assert lines[0].split(",") == list(ESTIMATES)
     assert lines[0].startswith("time_s,x_m,y_m,heading_deg,")
     rows = np.loadtxt(output, delimiter=",", skiprows=1)
-    assert rows[0].tolist() == [0.0] * len(COLUMNS)
+    assert rows[0].tolist() == [0.0] * len(ESTIMATES)
     reference = np.loadtxt(short / "reference.csv", delimiter=",", skiprows=1)
     assert rows[:, 0] == pytest.approx(reference[:, 0])
     # What is written has 1e-6 m and deg; the encoders' counts are 0.16 mm.

@@ -9,7 +9,7 @@ from drd.output.cdr import quaternion_zw
 from drd.samples import Validity
 from drd.units import DEG_PER_RAD, NS_PER_S, S_PER_NS
 from drd_tools.export.poses import Exported
-from drd_tools.recordings.folder import BOUND, COVARIANCE, POSES, VALID, write_table
+from drd_tools.recordings.folder import BOUND, COVARIANCE, ESTIMATES, ESTIMATES_FORM, write_table
 
 NUMBERS: Final = ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s", "speed_sigma_m_s", "rate_sigma_rad_s")
 
@@ -31,7 +31,7 @@ def write_csv(file: Path, exported: Exported) -> None:
             for _, p in exported.poses
         ]
     )
-    write_table(file, (*POSES, *COVARIANCE, BOUND, VALID), rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d")
+    write_table(file, ESTIMATES, rows, ESTIMATES_FORM)
 
 
 def write_tum(file: Path, exported: Exported) -> None:

@@ -25,6 +25,8 @@ POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
 VALID: Final = "valid"  # 1; 0: degraded, invalid or initialising
+ESTIMATES: Final = (*POSES, *COVARIANCE, BOUND, VALID)
+ESTIMATES_FORM: Final = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d"
 
 
 @dataclass(frozen=True)

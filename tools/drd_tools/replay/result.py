@@ -19,10 +19,9 @@ from drd.estimation.calibration import Calibration
 from drd.estimation.uncertainty import position_bound_m
 from drd.samples import Pose, Reason, Validity
 from drd.units import DEG_PER_RAD, S_PER_NS
-from drd_tools.recordings.folder import BOUND, COVARIANCE, POSES, VALID, write_table
+from drd_tools.recordings.folder import ESTIMATES, ESTIMATES_FORM, write_table
 
 FORMAT: Final = "drd-replay/1"
-COLUMNS: Final = (*POSES, *COVARIANCE, BOUND, VALID)
 # t_ns, sequence; x, y, heading, speed, rate, their two sigmas; the covariance's six; the bound.
 BITS: Final = struct.Struct("<2q14d")
 
@@ -110,7 +109,7 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
         )
         for p in poses
     )
-    rows = np.fromiter(numbers, np.dtype((float, len(COLUMNS))), len(poses))
+    rows = np.fromiter(numbers, np.dtype((float, len(ESTIMATES))), len(poses))
     if began is not None and poses and began < poses[0].t_ns:
         i = replayed.config.estimation.initial
         xx, hh = i.position_m**2, math.radians(i.heading_deg) ** 2
@@ -138,13 +137,13 @@ def table(replayed: Replayed, start: Start = ORIGIN) -> np.ndarray[Any, np.dtype
 
 
 def write_poses(file: Path, replayed: Replayed, start: Start = ORIGIN, extra: dict[str, Any] | None = None) -> Path:
-    """Write `file` (CSV with COLUMNS) and beside it what the numbers come from, as JSON; return the latter's path.
+    """Write `file` (CSV with ESTIMATES) and beside it what the numbers come from, as JSON; return the latter's path.
 
     Raises OSError. `extra` is added to the JSON.
     """
     rows = table(replayed, start)
     rows[:, 3] *= DEG_PER_RAD
-    write_table(file, COLUMNS, rows, "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d")
+    write_table(file, ESTIMATES, rows, ESTIMATES_FORM)
     beside = file.with_suffix(".json")
     beside.write_text(json.dumps(provenance(replayed, start) | (extra or {}), indent=1) + "\n", encoding="utf-8")
     return beside

@@ -15,15 +15,15 @@ from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import consistency
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, associate, reference_of
-from drd_tools.recordings.folder import Recording, ReferenceLog
+from drd_tools.recordings.folder import ESTIMATES, Recording, ReferenceLog
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
-from drd_tools.replay.result import COLUMNS, table
+from drd_tools.replay.result import table
 
 DRAWN_ROWS: Final = 2000  # more than a picture has pixels across
 OUTSIDE: Final = "outside_bound_percent"  # of the poses, beyond the 99 % bound that comes with each
 MOST_OUTSIDE_PERCENT: Final = 10.0  # 1 is expected; errors hang together, so that one long excursion is no exception
-NO_POSES: Final = np.zeros((0, len(COLUMNS)))
+NO_POSES: Final = np.zeros((0, len(ESTIMATES)))
 
 
 def judged(recording: Recording, model: Path | None) -> tuple[Figures, Array]:
