@@ -5,8 +5,8 @@ import math
 from drd.estimation.drift import Drift
 from drd.estimation.filter import USUAL2, Outcome
 from drd.estimation.health import Reasons
-from drd.estimation.hindsight import Memory
 from drd.estimation.learning import Drive
+from drd.estimation.parted import Parted
 from drd.estimation.stuck import STUCK_READINGS
 from drd.estimation.track import Track
 from drd.estimation.uncertainty import OneSided
@@ -28,15 +28,14 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
-        # While the gyro repeats itself: what was known before, until which of its times, and what it may be wrong by.
-        self._before_repeats: Memory | None = None
-        self._repeats_ns, self._repeated_rad = 0, OneSided()
+        # The gyro repeats itself, until which of its times.
+        self._repeats, self._repeats_ns = Parted(), 0
         self.parted_rad = 0.0
 
     def anew(self, track: Track) -> "Agreement":
         """One that knows of no disagreement yet: of a filter that has started again, as the gyro has not."""
         anew = Agreement(self._limit, self._reasons, self._counters)
-        anew._before_repeats, anew._repeats_ns = self._before_repeats, self._repeats_ns
+        anew._repeats, anew._repeats_ns = self._repeats, self._repeats_ns
         anew.pose_was_set(track)
         return anew
 
@@ -44,15 +43,12 @@ class Agreement:
         """Go on in another's place, about the same sensors."""
         self._rejections, self._rejected_ns, self.parted_rad = other._rejections, other._rejected_ns, other.parted_rad
         self._is_slip, self._slipped_m, self._drift = other._is_slip, other._slipped_m, other._drift
-        self._before_repeats, self._repeats_ns = other._before_repeats, other._repeats_ns
-        self._repeated_rad = other._repeated_rad
+        self._repeats, self._repeats_ns = other._repeats, other._repeats_ns
 
     def pose_was_set(self, track: Track) -> None:
         """Forget errors from before: they are not in the pose."""
         self._slipped_m.forget()
-        self._repeated_rad.forget()
-        if (then := self._before_repeats) is not None:
-            self._before_repeats = track.hindsight.from_now(track.kf, then)
+        self._repeats.pose_was_set(track)
         self._drift.pose_was_set(track)
 
     def update(self, track: Track, t_ns: int, drive: Drive) -> bool:
@@ -109,8 +105,7 @@ class Agreement:
     def gyro_repeats(self, track: Track, times: int, t_ns: int) -> None:
         """It has said the same again, so often until `t_ns`: what was known at first may have to be gone back to."""
         if times == 1:
-            self._before_repeats = track.hindsight.now(track.kf)
-            self._repeated_rad.forget()
+            self._repeats.begin(track.hindsight.now(track.kf))
         elif times >= STUCK_READINGS:
             self._repeats_ns = t_ns
 
@@ -118,13 +113,12 @@ class Agreement:
         """A gyro that repeats itself may be stuck before the wheels show it: the headings may be wrong by what both
         part. (18)
         """
-        if (then := self._before_repeats) is not None and track.gyro_ns <= self._repeats_ns:
-            parted_rad = track.hindsight.apart_rad(then)
-            track.kf.add_heading_variance(self._repeated_rad.growth_to(parted_rad), both=True)
+        if track.gyro_ns <= self._repeats_ns:
+            self._repeats.cover(track)
 
     def gyro_is_stuck(self, track: Track) -> None:
         """Both headings have followed it since it repeats itself, and what it has taught is not believed. (18)"""
-        if (then := self._before_repeats) is not None:
+        if (then := self._repeats.then) is not None:
             self._cover_repeats(track)
             track.kf.return_variance(*then.corrected(track.kf))
             track.hindsight.take_back(track.kf, then, track.t_ns)

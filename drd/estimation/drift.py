@@ -7,9 +7,9 @@ from typing import Final
 from drd.estimation.filter import USUAL2, Filter
 from drd.estimation.hindsight import Memory
 from drd.estimation.learning import Drive
+from drd.estimation.parted import Parted
 from drd.estimation.state import DD
 from drd.estimation.track import Track
-from drd.estimation.uncertainty import OneSided
 from drd.units import NS_PER_S
 
 # So many comparisons that differ to one side, each within its gate, are no noise: normalised, they are white. The
@@ -34,19 +34,16 @@ class Drift:
     def __init__(self) -> None:
         self.text: str | None = None
         self._begin()
-        # While there is doubt: what was known before, when the drift was found, when the headings last parted further.
-        self._before: Memory | None = None
+        # While there is doubt; when the drift was found, when the headings last parted further.
+        self._parted = Parted()
         self._found_ns = self._parted_ns = 0
-        self._covered_rad = OneSided()
 
     def _begin(self) -> None:
         self._sums = deque([0.0] * (IN_A_ROW[-1] + 1), IN_A_ROW[-1] + 1)
 
     def pose_was_set(self, track: Track) -> None:
         """Forget by how much the headings have parted: it is not in the pose."""
-        self._covered_rad.forget()
-        if self._before is not None:
-            self._before = track.hindsight.from_now(track.kf, self._before)
+        self._parted.pose_was_set(track)
 
     def is_found(self, kf: Filter, drive: Drive) -> bool:
         """After a comparison that was accepted: whether those until now were to one side; then sums begin anew."""
@@ -62,30 +59,28 @@ class Drift:
         """After a comparison that was accepted, while no slip is known of."""
         if self.is_found(track.kf, drive):
             self._suspect_all(track, t_ns)
-        if self._before is not None:
-            self._cover(track, self._before, t_ns)
-            if self._is_over(track.kf, self._before, t_ns, drive):
-                self._before = self.text = None
+        if (before := self._parted.then) is not None:
+            self._cover(track, before, t_ns)
+            if self._is_over(track.kf, before, t_ns, drive):
+                self._parted.begin(None)
+                self.text = None
 
     def _suspect_all(self, track: Track, t_ns: int) -> None:
         """Nobody knows which of them is wrong: the tread is learned anew, the pose stays the gyro's."""
         kf = track.kf
         kf.return_variance(*track.hindsight.corrected(kf))
-        if self._before is None:
-            self._before, self._parted_ns = track.hindsight.before, t_ns
-            self._covered_rad.forget()
+        if self._parted.then is None:
+            self._parted.begin(track.hindsight.before)
+            self._parted_ns = t_ns
         kf.add_tread_variance((GROUND_CHANGE * kf.nominal.tread_m) ** 2)
         self._found_ns = t_ns
 
     def _cover(self, track: Track, before: Memory, t_ns: int) -> None:
         """The gyro may be wrong by what both have parted since, or the middle by half of one wheel's travel of it."""
-        parted_rad = track.hindsight.apart_rad(before)
-        growth_rad2 = self._covered_rad.growth_to(parted_rad)
-        if growth_rad2 > 0.0:
+        if (growth_rad2 := self._parted.cover(track)) > 0.0:
             self._parted_ns = t_ns
-            track.kf.add_heading_variance(growth_rad2, both=True)
             track.kf.add_position_variance((0.5 * before.tread_m) ** 2 * growth_rad2)
-        degrees = math.degrees(parted_rad)
+        degrees = math.degrees(track.hindsight.apart_rad(before))
         self.text = f"wheels and gyro drift apart, by {degrees:.1f} deg so far: another ground, a wheel, or the gyro"
 
     def _is_over(self, kf: Filter, before: Memory, t_ns: int, drive: Drive) -> bool:

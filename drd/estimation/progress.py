@@ -1,6 +1,7 @@
 """Samples into the track: how far it may go on, where it leads to, and a pose from outside on the way."""
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from drd.config.keys import Config
 from drd.estimation.corrections import Corrections
 from drd.estimation.knowledge import Knowledge
 from drd.estimation.lead import Lead, Place, onward, seen_from
+from drd.estimation.parted import Parted
 from drd.estimation.silence import Silence
 from drd.estimation.standstill import BiasMeasurement
 from drd.estimation.state import Six
@@ -16,6 +18,11 @@ from drd.estimation.track import Track
 from drd.estimation.uncertainty import lead_moments
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
+
+# Between two samples, in intervals: jitter moves each by less than a quarter.
+GAP: Final = 1.5
+# A gyro that falls behind after that was not held up by the stall; its clock is measured anew from eight arrivals.
+STALL_DOUBT_NS: Final = 2 * NS_PER_S
 
 
 class Progress:
@@ -48,6 +55,7 @@ class Progress:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + config.estimation.reorder_s) * NS_PER_S)
         self.is_stalled, self.pose_ns = False, 0
+        self._stall, self._stall_ns = Parted(), 0  # the gyro's newest time in it
         self.told: Place | None = None
 
     def take_over(self, other: "Progress", same_gyro: bool) -> None:
@@ -56,6 +64,7 @@ class Progress:
         self.track.hindsight = other.track.hindsight
         self.wheels, self.gyro = other.wheels, other.gyro
         self.is_stalled, self.pose_ns, self.told = other.is_stalled, other.pose_ns, other.told
+        self._stall, self._stall_ns = other._stall, other._stall_ns
         if not same_gyro:
             self.gyro.segments.clear()
 
@@ -69,10 +78,28 @@ class Progress:
             return
         self._silence.gyro_ns = rate.t_ns
         gap_s = (rate.t_ns - last_ns) * S_PER_NS if last_ns else 0.0
-        self._counters["gyro_gaps"] += gap_s > 1.5 * rate.interval_s
+        is_gap = gap_s > GAP * rate.interval_s
+        self._counters["gyro_gaps"] += is_gap
+        self._watch_stall(rate, is_gap)
         if gap_s > self._gyro_silent_after_s:
             # It may have been switched off and on: its bias repeats only so well.
             track.kf.add_gyro_bias_variance(track.kf.noise.gyro_bias_restart_rad2_s2)
+
+    def _watch_stall(self, rate: CalibratedRate, is_gap: bool) -> None:
+        """A gyro that lost packets while the host stood still falls behind the wheels, until its times go on after a gap:
+        nobody knows which part of the turn it has not told. (18)
+        """
+        stall, track = self._stall, self.track
+        if self.is_stalled:
+            self._stall_ns = rate.t_ns
+            if stall.then is None:
+                stall.begin(track.hindsight.now(track.kf))
+        elif stall.then is not None:
+            is_behind = (self._silence.wheels_ns - rate.t_ns) * S_PER_NS > GAP * rate.interval_s
+            if is_behind or is_gap:
+                stall.cover(track)
+            if not is_behind or rate.t_ns - self._stall_ns > STALL_DOUBT_NS:
+                stall.begin(None)
 
     def add_travel(self, sample: WheelSample) -> bool:
         """Take a wheel sample. False: too late, nothing of it is left but its travel."""
@@ -174,6 +201,7 @@ class Progress:
         kf.move(self.newest(), onward(asked, moved))
         self._knowledge.pose_was_set()
         track.uncertain_heading.forget()
+        self._stall.pose_was_set(track)
         self.wheels.end_ns = max(self.wheels.end_ns, track.t_ns)  # what passed unseen is not caught up with
         # The filter's pose is older: its error has the wheels' travel and turn since then, too.
         between = self._covariance_from_now()

@@ -190,6 +190,10 @@ MENDED = {
                "fog.silent_after_s": 2.0, "encoders.rate_hz": 5.0, "encoders.gap_s": 0.25,
                "estimation.gate_sigma": 6.0}, (Leg(9.5, 0.99, -0.18), Leg(9.6, 0.0, 0.0), Leg(6.6, 0.81, 0.0),
                Leg(4.1, 0.38, -0.59), Leg(6.2, -0.31, 0.61)), (Event("gyro silent", 30.2, 10.1),)), 1.5),
+    "the gyro falls silent while the host stands still (2.0)": (
+        Genome(754465716, {"fog.protocol": "dsp3000"}, (Leg(8.7, 0.53, -0.17), Leg(7.2, 0.0, 0.27), Leg(6.3, 0.0, 0.0),
+               Leg(8.0, -0.44, -0.78), Leg(3.9, 0.0, -0.6)), (Event("host stands still", 16.9, 2.1),
+                Event("gyro silent", 17.1, 0.8))), 1.0),
 }  # fmt: skip
 
 
