@@ -71,6 +71,7 @@ class Filter(State):
         self.S = 0.0  # and its variance, rad^2
         self.noise = replace(noise)  # its own: some of it is learned on the way, see learning.py
         self._left_m_s = self._right_m_s = 0.0  # speeds of the last step
+        self._without_gyro = True  # was the last step
         self._half = 0.5 if midpoint else 0.0
         self._updates = 0
         # [F I]^T, and [P F^T over Q]: their product is F P F^T + Q, without a further call to add Q. F is kept
@@ -107,6 +108,7 @@ class Filter(State):
         self.corrected_rad = other.corrected_rad
         self.returned_m2, self.returned_rad2 = other.returned_m2, other.returned_rad2
         self._left_m_s, self._right_m_s = other._left_m_s, other._right_m_s
+        self._without_gyro = other._without_gyro
 
     def predict(
         self,
@@ -139,6 +141,7 @@ class Filter(State):
             turn, change = self._fused_turn(dt_s, abs(left_m) + abs(right_m), turn, gyro_turn)
         elif F.has_gyro:
             F.clear_gyro()
+        self._without_gyro = rate_rad_s is None
         c, s = cos(middle), sin(middle)
         step_x, step_y = U * c, U * s
         jitter = self._jitter_rad2(left_m / dt_s, right_m / dt_s, change)
@@ -177,8 +180,9 @@ class Filter(State):
             of_gyro = (N2 + bias_rad2_s2 * dt_s) * dt_s
             turn += (gyro_rad - wheels_rad) * of_wheels / (of_wheels + of_gyro)
         change = self._transition.fill_gyro(
-            self.nominal, dt_s, turn, gyro_rad, distance_m > 0.0, self.rate_rad_s, N2, bias_rad2_s2
-        )
+            self.nominal, dt_s, turn, gyro_rad, distance_m > 0.0, self.rate_rad_s, N2, bias_rad2_s2,
+            self._without_gyro,
+        )  # fmt: skip
         self.rate_rad_s += change
         return turn, change
 

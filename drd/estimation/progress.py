@@ -86,8 +86,8 @@ class Progress:
             track.kf.add_gyro_bias_variance(track.kf.noise.gyro_bias_restart_rad2_s2)
 
     def _watch_stall(self, rate: CalibratedRate, is_gap: bool) -> None:
-        """A gyro that lost packets while the host stood still falls behind the wheels, until its times go on after a gap:
-        nobody knows which part of the turn it has not told. (18)
+        """A gyro that lost packets while the host stood still is behind the wheels then, until its times go on after a
+        gap: nobody knows which part of the turn it has not told. (18)
         """
         stall, track = self._stall, self.track
         if self.is_stalled:

@@ -51,11 +51,12 @@ class Transition:
 
     def fill_gyro(
         self, n: Nominal, dt_s: float, turn: float, gyro_turn: float, moves: bool, rate_rad_s: float,
-        gyro_rad2_per_s: float, bias_rad2_s2: float,
+        gyro_rad2_per_s: float, bias_rad2_s2: float, is_back: bool,
     ) -> float:  # fmt: skip
         """Fill in the gyro's row. Returns the change of the yaw rate since `rate_rad_s`, 0 within its noise. (30)
 
-        `turn`: where F is taken (15); `gyro_rad2_per_s`: the gyro's noise; `bias_rad2_s2`: its bias's variance.
+        `turn`: where F is taken (15); `gyro_rad2_per_s`: the gyro's noise; `bias_rad2_s2`: its bias's variance;
+        `is_back`: it was away in the last step.
         """
         f = self._f
         # The reading that a gyro without noise would give for this turn. (12)
@@ -68,7 +69,8 @@ class Transition:
         )
         change = (gyro_turn if is_turned else turn) / dt_s - rate_rad_s
         if change * change * dt_s > CHANGE_SIGMAS2 * gyro_rad2_per_s:
-            f[G_LAG] = -change  # (30)
+            # A gyro that is back goes on from the heading of wheels that turn (35): no lag is in that yet. (30)
+            f[G_LAG] = 0.0 if is_back and moves else -change
             # Wheels that stand and a gyro that turns are made one: the lag is in both, and nothing tells it. (30)
             f[H_LAG] = 0.0 if moves else -change
             self._has_lag = True

@@ -194,6 +194,12 @@ MENDED = {
         Genome(754465716, {"fog.protocol": "dsp3000"}, (Leg(8.7, 0.53, -0.17), Leg(7.2, 0.0, 0.27), Leg(6.3, 0.0, 0.0),
                Leg(8.0, -0.44, -0.78), Leg(3.9, 0.0, -0.6)), (Event("host stands still", 16.9, 2.1),
                 Event("gyro silent", 17.1, 0.8))), 1.0),
+    "the gyro comes back in the first turn, wheels 0.3 s late, lag not learned yet (1.8)": (
+        Genome(3975183836, {"wheel_lag_s": 0.3, "encoders.layout": "agilex", "estimation.gate_sigma": 3.0,
+               "estimation.rejections_before_release": 10}, (Leg(6.8, 1.02, 0.0), Leg(8.9, 0.0, 0.0),
+               Leg(7.0, 1.11, 0.02), Leg(7.6, 0.0, -0.06), Leg(2.8, 0.57, -0.76), Leg(2.9, 0.42, -0.04)),
+               (Event("gyro in bunches", 16.3, 15.0, 0.117), Event("gyro noise", 24.9, 12.0, 4.53),
+                Event("gyro port lost", 25.1, 6.8))), 1.0),
 }  # fmt: skip
 
 
