@@ -98,6 +98,8 @@ class World:
             by_hand += e.size * RAD_PER_DEG * self.during(t, e)
         for e in self._events("other ground"):
             treads *= 1.0 + e.size * self.during(t, e)
+        if self.genome.gene("skids"):  # on any ground, by so much
+            treads = np.maximum(treads, SKID_TREAD[0] * robot.tread_m)
 
         def white(variance: Array) -> Array:
             return np.asarray(np.sqrt(variance * part2) * random.standard_normal(len(t)), float)
