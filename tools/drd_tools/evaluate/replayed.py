@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from drd.config.schema import ConfigError
-from drd_tools.evaluate.trajectory import Poses
+from drd_tools.evaluate.trajectory import Poses, poses_of_rows
 from drd_tools.recordings.folder import read_recording
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.result import Replayed, table
@@ -20,6 +20,4 @@ def replay_poses(folder: Path) -> Poses:
 
 def poses_of(replayed: Replayed, name: str) -> Poses:
     """The start and all poses with their covariances and bounds."""
-    rows = table(replayed)
-    covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
-    return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, 10], replayed.digest())
+    return poses_of_rows(name, table(replayed), replayed.digest())

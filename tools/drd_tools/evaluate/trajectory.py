@@ -15,6 +15,7 @@ from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import (
     BOUND,
     COVARIANCE,
+    ESTIMATES,
     POSES,
     VALID,
     Recording,
@@ -95,15 +96,26 @@ def wrapped(angle_rad: Array) -> Array:
     return np.asarray(math.pi - np.mod(math.pi - angle_rad, 2.0 * math.pi))
 
 
+def poses_of_rows(name: str, rows: Array, sha256: str = "") -> Poses:
+    """Poses of rows with the columns ESTIMATES, shape (n, columns), headings continuous."""
+    covariance = covariances(rows[:, [ESTIMATES.index(column) for column in COVARIANCE]])
+    return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, ESTIMATES.index(BOUND)], sha256)
+
+
+def covariances(upper: Array) -> Array:
+    """Matrices (n, 3, 3) of their upper triangles, row by row, (n, 6)."""
+    found = np.empty((len(upper), 3, 3))
+    found[:, *UPPER] = found[:, *UPPER[::-1]] = upper
+    return found
+
+
 def read_poses(file: Path) -> Poses:
     """Read a CSV file of poses. Raises ConfigError with file, line and column."""
     table = read_table(file, HEADERS, rows=2)
     values = dict(zip(table.header, table.values.T, strict=True))
     covariance = None
     if COVARIANCE[0] in values:
-        covariance = np.empty((len(table.values), 3, 3))
-        covariance[:, *UPPER] = np.column_stack([values[name] for name in COVARIANCE])
-        covariance[:, *UPPER[::-1]] = covariance[:, *UPPER]
+        covariance = covariances(np.column_stack([values[name] for name in COVARIANCE]))
         broken = np.flatnonzero(~_is_covariance(covariance))
         if broken.size:
             where, columns = f"{file}:{table.line[int(broken[0])]}", f"{COVARIANCE[0]} to {COVARIANCE[-1]}"

@@ -14,7 +14,7 @@ from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import consistency
 from drd_tools.evaluate.metrics import absolute_error, end_error, kitti_drift
-from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, associate, reference_of
+from drd_tools.evaluate.trajectory import MAX_GAP_S, associate, poses_of_rows, reference_of
 from drd_tools.recordings.folder import ESTIMATES, Recording, ReferenceLog
 from drd_tools.replay.folder_source import replay_folder
 from drd_tools.replay.nominal import with_model
@@ -38,10 +38,9 @@ def _figures(recording: Recording, rows: Array) -> Figures:
     """How far poses (n, columns) are from the reference; nothing where that has too little in common with them."""
     if recording.reference is None or len(recording.reference.time_s) < 2 or len(rows) < 2:
         return {}
-    covariance = rows[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
     reference = reference_of(recording)
     try:
-        pairs = associate(Poses(recording.name, rows[:, 0], rows[:, 1:4], covariance), reference, MAX_GAP_S)
+        pairs = associate(poses_of_rows(recording.name, rows), reference, MAX_GAP_S)
     except ConfigError:
         return {}  # start and end only, the start before the first pose
     aligned, alignment = align(pairs, "start")
