@@ -58,7 +58,11 @@ class EncoderMissedCounts(Effect):
         ]
 
     def live_variants(self, m: Motion) -> list[dict[str, float | str]]:
-        return [{"side": side, "speed": speed} for side in SIDES for speed in (0.2, 0.35, 0.6, 0.9, 1.2, 1.8, 3.0)]
+        return [
+            {"side": side, "speed": speed}
+            for side in SIDES
+            for speed in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0)
+        ]
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # More and more above the speed; no sharp edge.

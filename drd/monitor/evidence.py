@@ -19,7 +19,9 @@ from drd.monitor.sums import LEAST, Sums
 # looked after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
 HAZARD_PER_S: Final = 1.0 / (50.0 * 3600.0)
 START_S: Final = 60.0  # a start is worth so many seconds more of it
-WINDOW_S: Final = 120.0  # mean length of what comes and goes
+# What can end stays for the rest of the drive as often as not, or its length is exponential with this mean.
+STAYS: Final = 0.5
+WINDOW_S: Final = 120.0
 INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
 SHEET_SEGMENTS: Final = 40.0  # what the noise's stated size weighs, in segments
 UNLIKELY: Final = 1e-3  # of an onset: sizes since then are not looked at
@@ -141,6 +143,14 @@ class Bank:
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
+    def witnesses(self, e: Estimate) -> float:
+        """How many alike segments tell of it, (sum Lambda)^2/sum Lambda^2; of what has ended the later ones do."""
+        if e.end < len(self.sums.begins_s):
+            return math.inf
+        c = list(e.hypothesis.columns)
+        told = self.sums.each[e.begin : e.end, c, c].sum(1)
+        return float(told.sum() ** 2 / max(float(told @ told), LEAST))
+
     def wanders(self) -> float:
         """Log of the odds that the tread wanders, over that nothing does. (98)"""
         q, j = self._turns
@@ -244,6 +254,8 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
     n = len(length_s)
     names = list(dict.fromkeys(h.id for h in bank.hypotheses))
     prior = np.log(HAZARD_PER_S * (length_s + START_S * (np.arange(n) == 0)) / len(names))
+    begins_s, ends = bank.sums.begins_s, np.log((1.0 - STAYS) * length_s / WINDOW_S)
+    ends = ends - np.maximum(begins_s - begins_s[:, None], 0.0) / WINDOW_S
     free = bank.sums.free
     since = np.where(free[:n] < free[n], bank.nats().T + prior, -np.inf).T
     found = Posterior({}, {}, {}, -math.inf if skids else bank.wanders())
@@ -254,12 +266,12 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
         if skids and effect is not None and effect.acts_on is ActsOn.TIMING:
             continue
         for i in forms:
-            own = since[:, i]
+            own = since[:, i] + (math.log(STAYS) if bank.hypotheses[i].has_end else 0.0)
             if effect is not None and effect.begins is Begins.POWER_ON:
                 own = np.where(np.arange(n) == 0, own, -np.inf)
             most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=attrgetter("nats"))
             if bank.hypotheses[i].has_end:
-                spans = bank.windows(i) + prior[:, None] + np.log(length_s / WINDOW_S)[None, :]
+                spans = bank.windows(i) + prior[:, None] + ends
                 spans = np.where(free[:n, None] < free[None, :n], spans, -np.inf)
                 b, e = divmod(int(spans.argmax()), n)
                 most = max(most, Form(i, b, e, float(spans[b, e])), key=attrgetter("nats"))

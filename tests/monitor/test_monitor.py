@@ -63,6 +63,17 @@ def with_bias(recording: Recording, rad_s: float) -> Recording:
     return replace(recording, fog=replace(fog, rate_rad_s=fog.rate_rad_s + rad_s * (fog.time_s >= BEGIN_S)))
 
 
+def with_ground(recording: Recording, share: float, begin_s: float) -> Recording:
+    """From then on the wheels turn by a share more for the same turn of the robot."""
+    log = recording.encoders
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    left, right = (np.diff(counts, prepend=counts[0]) for counts in (log.left_counts, log.right_counts))
+    more = 0.5 * share * (right - left) * (log.time_s >= begin_s)
+    fewer, further = np.cumsum(left - more), np.cumsum(right + more)
+    return replace(recording, wheels=replace(log, left_counts=np.round(fewer), right_counts=np.round(further)))
+
+
 def found(recording: Recording) -> tuple[list[Finding], int]:
     """Findings, and the time in ns at which the recording's time is 0."""
     made = monitor_logs(recording.fog, recording.encoders, configuration(recording))
@@ -88,6 +99,26 @@ def test_a_tyre_that_is_smaller_is_named_with_its_begin_and_size() -> None:
     told = next(p for p in findings[0].parameters.values() if isinstance(p, Size) and p.std > 0.0)
     assert told.low < told.value < told.high
     assert 0.5 < sum(p for _, p in findings[0].also_fits) + findings[0].probability <= 1.0 + 1e-9
+    # That slip may end meanwhile, and has not, is no evidence for it; it fits by nothing else.
+    fits = {findings[0].effect: findings[0].probability, **dict(findings[0].also_fits)}
+    assert fits.get("surface_slip", 0.0) < 1.25 * fits["wheel_radius_error"]
+
+
+@pytest.mark.parametrize("seed", [0, 2, 5])
+def test_other_ground_from_the_last_second_of_a_turn_on_is_named_after_the_next_turn(seed: int) -> None:
+    recording = drive(seed, 180.0)
+    assert recording.fog is not None
+    time_s, turns = recording.fog.time_s, np.abs(recording.fog.rate_rad_s) > 0.15
+    ends_s = time_s[:-1][turns[:-1] & ~turns[1:]]
+    end_s, next_s = ends_s[ends_s > BEGIN_S][:2].tolist()
+    on_ground, told = with_ground(recording, 0.15, end_s - 0.8), dict[str, float]()
+
+    def watch(monitor: Monitor) -> None:
+        told.update({monitor.hypotheses[k.hypothesis].id: k.named_s for k in monitor.known})
+
+    monitor_logs(on_ground.fog, on_ground.encoders, configuration(on_ground), watch)
+    assert set(told) <= {"terrain_tread", "tread_error", "gyro_scale_error", "turn_scrub"}
+    assert next_s - 8.0 < min(told.values()) < next_s + 10.0
 
 
 def test_a_bias_that_jumps_is_named_and_no_wheel_is() -> None:
