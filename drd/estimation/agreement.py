@@ -28,7 +28,7 @@ class Agreement:
         self._rejections, self._rejected_ns = 0, 0
         self._is_slip, self._slipped_m = False, OneSided()
         self._drift = Drift()
-        # The gyro repeats itself, until which of its times.
+        # Doubt while the gyro repeats itself, and until which of its times it has done so.
         self._repeats, self._repeats_ns = Parted(), 0
         self.parted_rad = 0.0
 

@@ -268,7 +268,7 @@ class Estimator:
         What is the same, other than the configuration around it: `same_wheels`, what wheel scales and tread were
         learned with; `same_gyro`, the same of bias and scale; `same_model`, the compensation and where it stands.
         """
-        self._progress.take_over(other._progress, same_gyro)
+        self._progress.take_over(other._progress, same_wheels, same_gyro)
         self.counters.update(other.counters)
         self._tick_ns, self._gyro_pose_ns = other._tick_ns, other._gyro_pose_ns
         self._silence.take_over(other._silence, other._tick_ns)

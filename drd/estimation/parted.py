@@ -1,4 +1,6 @@
-"""By what wheels and gyro have turned apart since the gyro may be wrong: so wrong may both headings be. (18)"""
+"""How far wheels and gyro have turned apart since the gyro is in doubt: both headings may be wrong by so much. (18)"""
+
+import math
 
 from drd.estimation.hindsight import Memory
 from drd.estimation.track import Track
@@ -23,11 +25,15 @@ class Parted:
         if self.then is not None:
             self.then = track.hindsight.from_now(track.kf, self.then)
 
-    def cover(self, track: Track) -> float:
-        """Add what they have parted beyond the most before to the variances of both headings; returns that, rad^2."""
+    def cover(self, track: Track, most_rad: float = math.inf) -> float:
+        """Add what they have parted, `most_rad` at most, beyond the most before to the variances of both headings.
+
+        Returns that, rad^2.
+        """
         if self.then is None:
             return 0.0
-        growth_rad2 = self._covered_rad.growth_to(track.hindsight.apart_rad(self.then))
+        parted_rad = min(abs(track.hindsight.apart_rad(self.then)), most_rad)
+        growth_rad2 = self._covered_rad.growth_to(parted_rad)
         if growth_rad2 > 0.0:
             track.kf.add_heading_variance(growth_rad2, both=True)
         return growth_rad2

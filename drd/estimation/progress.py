@@ -1,7 +1,6 @@
 """Samples into the track: how far it may go on, where it leads to, and a pose from outside on the way."""
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -9,8 +8,8 @@ from drd.config.keys import Config
 from drd.estimation.corrections import Corrections
 from drd.estimation.knowledge import Knowledge
 from drd.estimation.lead import Lead, Place, onward, seen_from
-from drd.estimation.parted import Parted
 from drd.estimation.silence import Silence
+from drd.estimation.stall import Stall
 from drd.estimation.standstill import BiasMeasurement
 from drd.estimation.state import Six
 from drd.estimation.timeline import Stream
@@ -18,11 +17,6 @@ from drd.estimation.track import Track
 from drd.estimation.uncertainty import lead_moments
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
-
-# Between two samples, in intervals: jitter moves each by less than a quarter.
-GAP: Final = 1.5
-# A gyro that falls behind after that was not held up by the stall; its clock is measured anew from eight arrivals.
-STALL_DOUBT_NS: Final = 2 * NS_PER_S
 
 
 class Progress:
@@ -55,16 +49,17 @@ class Progress:
         # Longer than gap_s: within it a returning counter still tells the whole travel.
         self._wheel_wait_ns = round((config.encoders.gap_s + config.estimation.reorder_s) * NS_PER_S)
         self.is_stalled, self.pose_ns = False, 0
-        self._stall, self._stall_ns = Parted(), 0  # the gyro's newest time in it
+        self._stall = Stall(config)
         self.told: Place | None = None
 
-    def take_over(self, other: "Progress", same_gyro: bool) -> None:
+    def take_over(self, other: "Progress", same_wheels: bool, same_gyro: bool) -> None:
         """Go on in another's place: nothing that is on its way is lost."""
         self.track.copy_from(other.track)
         self.track.hindsight = other.track.hindsight
         self.wheels, self.gyro = other.wheels, other.gyro
         self.is_stalled, self.pose_ns, self.told = other.is_stalled, other.pose_ns, other.told
-        self._stall, self._stall_ns = other._stall, other._stall_ns
+        if same_gyro and same_wheels:
+            self._stall = other._stall
         if not same_gyro:
             self.gyro.segments.clear()
 
@@ -78,28 +73,13 @@ class Progress:
             return
         self._silence.gyro_ns = rate.t_ns
         gap_s = (rate.t_ns - last_ns) * S_PER_NS if last_ns else 0.0
-        is_gap = gap_s > GAP * rate.interval_s
+        is_gap = gap_s > 1.5 * rate.interval_s
         self._counters["gyro_gaps"] += is_gap
-        self._watch_stall(rate, is_gap)
+        behind_s = (self._silence.wheels_ns - rate.t_ns) * S_PER_NS
+        self._stall.gyro(track, rate, gap_s if is_gap else 0.0, behind_s, self.is_stalled)
         if gap_s > self._gyro_silent_after_s:
             # It may have been switched off and on: its bias repeats only so well.
             track.kf.add_gyro_bias_variance(track.kf.noise.gyro_bias_restart_rad2_s2)
-
-    def _watch_stall(self, rate: CalibratedRate, is_gap: bool) -> None:
-        """A gyro that lost packets while the host stood still is behind the wheels then, until its times go on after a
-        gap: nobody knows which part of the turn it has not told. (18)
-        """
-        stall, track = self._stall, self.track
-        if self.is_stalled:
-            self._stall_ns = rate.t_ns
-            if stall.then is None:
-                stall.begin(track.hindsight.now(track.kf))
-        elif stall.then is not None:
-            is_behind = (self._silence.wheels_ns - rate.t_ns) * S_PER_NS > GAP * rate.interval_s
-            if is_behind or is_gap:
-                stall.cover(track)
-            if not is_behind or rate.t_ns - self._stall_ns > STALL_DOUBT_NS:
-                stall.begin(None)
 
     def add_travel(self, sample: WheelSample) -> bool:
         """Take a wheel sample. False: too late, nothing of it is left but its travel."""
@@ -112,6 +92,7 @@ class Progress:
             self._counters["late_wheels"] += 1
             return False
         self._silence.wheels_ns, self.wheel_interval_s = sample.t_ns, sample.interval_s
+        self._stall.turns((right_m_s - left_m_s) / track.kf.nominal.tread_m)
         if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
             track.speed_m_s = max(abs(track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
         return True

@@ -97,7 +97,7 @@ def wrapped(angle_rad: Array) -> Array:
 
 
 def poses_of_rows(name: str, rows: Array, sha256: str = "") -> Poses:
-    """Poses of rows with the columns ESTIMATES, shape (n, columns), headings continuous."""
+    """Poses of rows (n, columns) with the columns ESTIMATES, but the heading in rad, continuous."""
     covariance = covariances(rows[:, [ESTIMATES.index(column) for column in COVARIANCE]])
     return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, ESTIMATES.index(BOUND)], sha256)
 

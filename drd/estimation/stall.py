@@ -1,0 +1,51 @@
+"""A gyro that has lost packets while the host stood still. (18)"""
+
+from typing import Final
+
+from drd.config.keys import Config
+from drd.estimation.parted import Parted
+from drd.estimation.track import Track
+from drd.samples import CalibratedRate
+from drd.units import NS_PER_S
+
+BEHIND: Final = 0.5  # of an interval, between what jitter makes of a gyro that has lost nothing and one lost packet
+# A gyro that is behind after that was not held up by the stall: its clock is measured anew from eight arrivals.
+DOUBT_NS: Final = 2 * NS_PER_S
+
+
+class Stall:
+    """Where packets have no numbers nobody knows which part of the turn was lost, nor that any was, until the gyro's
+    times are behind the wheels' and go on after a gap. No more is lost than the fastest turn times that.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._is_numbered = config.fog.protocol == "dsp17xx"
+        self._parted = Parted()
+        self._newest_ns = 0  # of the gyro, in the stall
+        self._fastest_rad_s = 0.0
+
+    def turns(self, rate_rad_s: float) -> None:
+        """The robot turns so fast, by either sensor."""
+        if self._parted.then is not None:
+            self._fastest_rad_s = max(self._fastest_rad_s, abs(rate_rad_s))
+
+    def gyro(self, track: Track, rate: CalibratedRate, gap_s: float, behind_s: float, is_stalled: bool) -> None:
+        """A sample of the gyro, after a gap (0: none), so far behind the wheels' newest."""
+        if self._is_numbered:
+            return
+        if is_stalled and self._parted.then is None:
+            self._parted.begin(track.hindsight.now(track.kf))
+            self._fastest_rad_s = abs(track.rate_rad_s)
+        self.turns(rate.rate_rad_s)
+        if is_stalled:
+            self._newest_ns = rate.t_ns
+        elif self._parted.then is not None:
+            is_behind = behind_s > BEHIND * rate.interval_s
+            if gap_s or is_behind:
+                self._parted.cover(track, self._fastest_rad_s * max(gap_s, behind_s))
+            if (gap_s and not is_behind) or rate.t_ns - self._newest_ns > DOUBT_NS:
+                self._parted.begin(None)
+
+    def pose_was_set(self, track: Track) -> None:
+        """Forget by how much the headings have parted: it is not in the pose."""
+        self._parted.pose_was_set(track)
