@@ -144,11 +144,15 @@ class Bank:
         return np.where(tells, nats, -np.inf)
 
     def witnesses(self, e: Estimate) -> float:
-        """How many alike segments tell of it, (sum Lambda)^2/sum Lambda^2; of what has ended the later ones do."""
-        if e.end < len(self.sums.begins_s):
+        """How many alike segments tell of it, (sum x^2)^2/sum x^4, x its columns; of what has ended, enough. (98)"""
+        if e.end < len(self.sums.begins_s) or not e.begin:
             return math.inf
-        c = list(e.hypothesis.columns)
-        told = self.sums.each[e.begin : e.end, c, c].sum(1)
+        c, each = np.array(e.hypothesis.columns), self.sums.each[e.begin :]
+        told = each[:, c, c]
+        if e.hypothesis.growth:
+            g, old = np.array(e.hypothesis.growth), -self.sums.begins_s[e.begin]
+            told = told + 2.0 * old * each[:, c, g] + old**2 * each[:, g, g]
+        told = told.sum(1)
         return float(told.sum() ** 2 / max(float(told @ told), LEAST))
 
     def wanders(self) -> float:
@@ -254,8 +258,9 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
     n = len(length_s)
     names = list(dict.fromkeys(h.id for h in bank.hypotheses))
     prior = np.log(HAZARD_PER_S * (length_s + START_S * (np.arange(n) == 0)) / len(names))
-    begins_s, ends = bank.sums.begins_s, np.log((1.0 - STAYS) * length_s / WINDOW_S)
-    ends = ends - np.maximum(begins_s - begins_s[:, None], 0.0) / WINDOW_S
+    begins_s = bank.sums.begins_s
+    ends = np.log((1.0 - STAYS) * length_s / WINDOW_S) - np.maximum(begins_s - begins_s[:, None], 0.0) / WINDOW_S
+    lasts = np.log(STAYS + (1.0 - STAYS) * np.exp((begins_s - begins_s[-1] - length_s[-1]) / WINDOW_S))
     free = bank.sums.free
     since = np.where(free[:n] < free[n], bank.nats().T + prior, -np.inf).T
     found = Posterior({}, {}, {}, -math.inf if skids else bank.wanders())
@@ -266,7 +271,7 @@ def posterior(bank: Bank, skids: bool = False) -> Posterior:
         if skids and effect is not None and effect.acts_on is ActsOn.TIMING:
             continue
         for i in forms:
-            own = since[:, i] + (math.log(STAYS) if bank.hypotheses[i].has_end else 0.0)
+            own = since[:, i] + (lasts if bank.hypotheses[i].has_end else 0.0)
             if effect is not None and effect.begins is Begins.POWER_ON:
                 own = np.where(np.arange(n) == 0, own, -np.inf)
             most = max(most, Form(i, int(own.argmax()), n, float(own.max())), key=attrgetter("nats"))

@@ -15,7 +15,7 @@ from drd.monitor.telling import SETTLES_S, Known, class_nats
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
 DROPPED_NATS: Final = 0.0  # odds below which it is taken back
 # Of one segment, within which it may have begun, nobody knows the form: half of a turn on another floor looks late.
-WITNESSES: Final = 2.0
+WITNESSES: Final = 2.0  # alike segments
 PATIENCE: Final = 2  # looks in a row until a finding is renamed or taken back: no flapping
 MOST: Final = 5  # findings at a time
 BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
@@ -51,13 +51,13 @@ class Judge:
         strongest = max((k.estimate.nats for k in self.known), default=0.0)
         least = NAMED_NATS + further_nats
         if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
-            self._looks += 1
-            # Another name for what is known already may explain this, too.
-            if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
-                estimate = self._bank.estimate(found.best[found.first], found.onsets[found.first])
-                if self._bank.witnesses(estimate) >= WITNESSES:
+            estimate = self._bank.estimate(found.best[found.first], found.onsets[found.first])
+            if self._bank.witnesses(estimate) >= WITNESSES:
+                self._looks += 1
+                # Another name for what is known already may explain this, too.
+                if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
                     self._name(estimate, found)
-            return
+                return
         self._looks = 0
         if self.known:  # one at a time, in turn
             self._turn += 1
