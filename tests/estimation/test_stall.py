@@ -17,9 +17,15 @@ Protocol = Literal["dsp3000", "dsp17xx"]
 TREAD_M, PARTED_RAD = 0.6, 0.1
 
 
-def tracked(protocol: Protocol) -> tuple[Config, Track]:
+def stalled(protocol: Protocol = "dsp3000", fastest_rad_s: float = 1.0) -> tuple[Stall, Track]:
+    """In a stall at 1 s, in which the wheels have turned by PARTED_RAD and the gyro by nothing."""
     config = Config(robot=keys.Robot(wheel_radius_m=0.1, tread_m=TREAD_M), fog=keys.Fog(protocol=protocol))
-    return config, make_track(config, initial_sigmas(config, False), make_noise("physical", keys.Noise(), TREAD_M))
+    track = make_track(config, initial_sigmas(config, False), make_noise("physical", keys.Noise(), TREAD_M))
+    stall = Stall(config)
+    assert heard(stall, track, 1.0, 0.0, 0.5, is_stalled=True) == 0.0
+    stall.turns(fastest_rad_s)
+    turn_by_wheels(track, PARTED_RAD)
+    return stall, track
 
 
 def heard(stall: Stall, track: Track, t_s: float, gap_s: float, behind_s: float, is_stalled: bool) -> float:
@@ -38,22 +44,14 @@ def turn_by_wheels(track: Track, turn_rad: float) -> None:
 def test_what_both_part_is_in_the_heading_while_the_gyro_is_behind_unless_its_packets_have_numbers(
     protocol: Protocol, fastest_rad_s: float, wrong_rad: float
 ) -> None:
-    config, track = tracked(protocol)
-    stall = Stall(config)
-    assert heard(stall, track, 1.0, 0.0, 0.5, is_stalled=True) == 0.0
-    stall.turns(fastest_rad_s)
-    turn_by_wheels(track, PARTED_RAD)
+    stall, track = stalled(protocol, fastest_rad_s)
     growth = heard(stall, track, 1.1, 0.0, 0.3, is_stalled=False)
     assert growth == pytest.approx(0.0 if protocol == "dsp17xx" else wrong_rad**2)
     assert heard(stall, track, 1.2, 0.0, 0.3, is_stalled=False) == 0.0  # counted once
 
 
 def test_the_doubt_ends_with_the_gap_that_shows_the_loss_or_after_two_seconds() -> None:
-    config, track = tracked("dsp3000")
-    stall = Stall(config)
-    heard(stall, track, 1.0, 0.0, 0.5, is_stalled=True)
-    stall.turns(1.0)
-    turn_by_wheels(track, PARTED_RAD)
+    stall, track = stalled()
     assert heard(stall, track, 1.5, 0.4, 0.0, is_stalled=False) == pytest.approx(PARTED_RAD**2)
     turn_by_wheels(track, PARTED_RAD)
     assert heard(stall, track, 2.0, 0.4, 0.0, is_stalled=False) == 0.0
@@ -64,10 +62,6 @@ def test_the_doubt_ends_with_the_gap_that_shows_the_loss_or_after_two_seconds() 
 
 
 def test_a_pose_that_is_set_has_no_part_of_what_was_turned_before() -> None:
-    config, track = tracked("dsp3000")
-    stall = Stall(config)
-    heard(stall, track, 1.0, 0.0, 0.5, is_stalled=True)
-    stall.turns(1.0)
-    turn_by_wheels(track, PARTED_RAD)
+    stall, track = stalled()
     stall.pose_was_set(track)
     assert heard(stall, track, 1.5, 0.4, 0.0, is_stalled=False) == 0.0
