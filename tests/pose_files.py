@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.evaluate.trajectory import UPPER, Poses, Reference
+from drd.estimation.covariance import UPPER
+from drd_tools.evaluate.trajectory import Poses, Reference
 from drd_tools.recordings.folder import COVARIANCE, POSES
 
 STEP_S = 0.1

@@ -13,10 +13,8 @@ from drd.batch.samples import check_times, rate_hz
 from drd.config.robot import Robot, nominal_config
 from drd.effects.model import Model, Term, load_model
 from drd.estimation.calibration import Calibration, load_calibration
+from drd.estimation.covariance import of_upper
 from drd.units import S_PER_NS
-
-# Row and column of a pose's six numbers in its covariance.
-UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True)
@@ -72,14 +70,12 @@ def run_filter(
 def _poses(made: Filtered) -> Poses:
     poses = latest(made.poses)
     rows = np.array([(p.x_m, p.y_m, p.heading_rad, p.position_bound_m, *p.covariance) for p in poses]).reshape(-1, 10)
-    covariance = np.empty((len(poses), 3, 3))
-    covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = rows[:, 4:]
     return Poses(
         time_s=np.array([(p.t_ns - made.zero_ns) * S_PER_NS for p in poses]),
         x_m=rows[:, 0],
         y_m=rows[:, 1],
         heading_rad=rows[:, 2],
-        covariance_m_rad=covariance,
+        covariance_m_rad=of_upper(rows[:, 4:]),
         position_bound_m=rows[:, 3],
         validity=np.array([p.validity.value for p in poses], np.str_),
         notes=tuple(made.notes),

@@ -1,10 +1,22 @@
-"""Whether a matrix that comes from a file is a covariance."""
+"""Covariances as files have them: their upper triangles, and whether a matrix is one."""
+
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 # Rounding, and correlations that were rounded when they were written down, make a matrix a little indefinite.
 INDEFINITE = 1e-6
+
+# Row and column of a pose's six numbers in its covariance.
+UPPER: Final = np.triu_indices(3)
+
+
+def of_upper(numbers: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Covariances (n, 3, 3) of their upper triangles, row by row, (n, 6)."""
+    found = np.empty((len(numbers), 3, 3))
+    found[:, *UPPER] = found[:, *UPPER[::-1]] = numbers
+    return found
 
 
 def unfit(P: npt.NDArray[np.float64]) -> tuple[str, str] | None:

@@ -19,7 +19,7 @@ from drd.monitor.sums import LEAST, Sums
 # looked after; with odds of 20 to 1 a mean time of 1,000 hours between false names follows, see (98).
 HAZARD_PER_S: Final = 1.0 / (50.0 * 3600.0)
 START_S: Final = 60.0  # a start is worth so many seconds more of it
-# What can end stays for the rest of the drive as often as not, or its length is exponential with this mean.
+# An effect that can end stays for the rest of the drive as often as not; else its length is exponential with this mean.
 STAYS: Final = 0.5
 WINDOW_S: Final = 120.0
 INFORMATION: Final = 64.0  # prior variance of a size, in its own variances: an effect that shows itself, d = 8
@@ -143,17 +143,17 @@ class Bank:
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
-    def witnesses(self, e: Estimate) -> float:
-        """How many alike segments tell of it, (sum x^2)^2/sum x^4, x its columns; of what has ended, enough. (98)"""
-        if e.end < len(self.sums.begins_s) or not e.begin:
+    def effective_segments(self, form: Form) -> float:
+        """Segments that inform a form, by Kish's effective number: (sum w)^2/sum w^2, w = X^T X. (98)
+
+        Infinite where it began with the drive, and where it has ended.
+        """
+        if form.end < len(self.sums.begins_s) or not form.begin:
             return math.inf
-        c, each = np.array(e.hypothesis.columns), self.sums.each[e.begin :]
-        told = each[:, c, c]
-        if e.hypothesis.growth:
-            g, old = np.array(e.hypothesis.growth), -self.sums.begins_s[e.begin]
-            told = told + 2.0 * old * each[:, c, g] + old**2 * each[:, g, g]
-        told = told.sum(1)
-        return float(told.sum() ** 2 / max(float(told @ told), LEAST))
+        place, each = self._places[form.hypothesis], self.sums.each[form.begin :]
+        c, g, old = self._at[place], self._grows[place], self._old[form.begin, place]
+        w = (each[:, c, c] + 2.0 * old * each[:, c, g] + old**2 * each[:, g, g]).sum(1)
+        return float(w.sum() ** 2 / max(float(w @ w), LEAST))
 
     def wanders(self) -> float:
         """Log of the odds that the tread wanders, over that nothing does. (98)"""

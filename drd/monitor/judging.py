@@ -14,8 +14,9 @@ from drd.monitor.telling import SETTLES_S, Known, class_nats
 
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
 DROPPED_NATS: Final = 0.0  # odds below which it is taken back
-# Of one segment, within which it may have begun, nobody knows the form: half of a turn on another floor looks late.
-WITNESSES: Final = 2.0  # alike segments
+# Effective number: an effect that shows in the segment of its onset alone has no form yet; half of a turn on another
+# floor looks like a delay.
+LEAST_SEGMENTS: Final = 2.0
 PATIENCE: Final = 2  # looks in a row until a finding is renamed or taken back: no flapping
 MOST: Final = 5  # findings at a time
 BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
@@ -51,12 +52,12 @@ class Judge:
         strongest = max((k.estimate.nats for k in self.known), default=0.0)
         least = NAMED_NATS + further_nats
         if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
-            estimate = self._bank.estimate(found.best[found.first], found.onsets[found.first])
-            if self._bank.witnesses(estimate) >= WITNESSES:
+            form = found.best[found.first]
+            if self._bank.effective_segments(form) >= LEAST_SEGMENTS:
                 self._looks += 1
                 # Another name for what is known already may explain this, too.
                 if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
-                    self._name(estimate, found)
+                    self._name(self._bank.estimate(form, found.onsets[found.first]), found)
                 return
         self._looks = 0
         if self.known:  # one at a time, in turn

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.config.schema import ConfigError
+from drd.estimation.covariance import of_upper
 from drd.units import RAD_PER_DEG
 from drd_tools.recordings.folder import (
     BOUND,
@@ -29,7 +30,6 @@ from drd_tools.recordings.path_length import path_length_m
 HEADERS: Final = tuple(
     (*POSES, *covariance, *bound) for covariance, bound in product(((), COVARIANCE), ((), (BOUND,), (BOUND, VALID)))
 )
-UPPER: Final = np.triu_indices(3)
 MAX_GAP_S: Final = 1.0  # between estimates that are interpolated: 20 poses, of which any may be lost
 DENSE_S: Final = 2.0  # a reference with this median step, or a finer one, shows the path by itself
 
@@ -98,15 +98,8 @@ def wrapped(angle_rad: Array) -> Array:
 
 def poses_of_rows(name: str, rows: Array, sha256: str = "") -> Poses:
     """Poses of rows (n, columns) with the columns ESTIMATES, but the heading in rad, continuous."""
-    covariance = covariances(rows[:, [ESTIMATES.index(column) for column in COVARIANCE]])
+    covariance = of_upper(rows[:, [ESTIMATES.index(column) for column in COVARIANCE]])
     return Poses(name, rows[:, 0], rows[:, 1:4], covariance, rows[:, ESTIMATES.index(BOUND)], sha256)
-
-
-def covariances(upper: Array) -> Array:
-    """Matrices (n, 3, 3) of their upper triangles, row by row, (n, 6)."""
-    found = np.empty((len(upper), 3, 3))
-    found[:, *UPPER] = found[:, *UPPER[::-1]] = upper
-    return found
 
 
 def read_poses(file: Path) -> Poses:
@@ -115,7 +108,7 @@ def read_poses(file: Path) -> Poses:
     values = dict(zip(table.header, table.values.T, strict=True))
     covariance = None
     if COVARIANCE[0] in values:
-        covariance = covariances(np.column_stack([values[name] for name in COVARIANCE]))
+        covariance = of_upper(np.column_stack([values[name] for name in COVARIANCE]))
         broken = np.flatnonzero(~_is_covariance(covariance))
         if broken.size:
             where, columns = f"{file}:{table.line[int(broken[0])]}", f"{COVARIANCE[0]} to {COVARIANCE[-1]}"
