@@ -173,7 +173,7 @@ class View:
             counts = dict(_counters(health.get("counters"), ""))
             self._changed = {k: n - self._counts[k] for k, n in counts.items() if n != self._counts.get(k, n)}
             self._counts = counts
-            self._found = _findings(health.get("findings"))
+            self._found = [*_findings(health.get("findings")), *_suspicion(health.get("monitor"))]
             self.heard = True
 
     def line(self, now_s: float) -> str:
@@ -244,6 +244,11 @@ def _findings(value: Any) -> list[str]:
         for f in found
         if f.get("until_ns") is None
     ]
+
+
+def _suspicion(monitor: Any) -> list[str]:
+    text = monitor.get("suspected") if isinstance(monitor, dict) else None
+    return [f"monitor: {_text(text)}"] if text else []
 
 
 def _sigma(covariance: Any, i: int) -> float | None:

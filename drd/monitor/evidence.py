@@ -251,6 +251,12 @@ class Posterior:
         found = {name: math.exp(x - self._total) for name, x in self.nats.items()}
         return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
+    def shares(self) -> dict[str, float]:
+        """Probability of each name if one of them is there, the likeliest first."""
+        most = np.logaddexp.reduce(list(self.nats.values()))
+        found = {name: math.exp(x - most) for name, x in self.nats.items()}
+        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+
 
 def posterior(bank: Bank, skids: bool = False) -> Posterior:
     """Shiryaev and Roberts' sum over the onsets, of each name; of a robot that skids no timing is judged. (98)"""

@@ -42,6 +42,22 @@ class Finding(Struct, frozen=True, kw_only=True):
     settle: str
 
 
+class Suspicion(Struct, frozen=True, kw_only=True):
+    """That something is more likely there than not, while no name is sure enough for a finding.
+
+    `text`: that, for people. `probability`: that anything is. `names`: with theirs, the likeliest first; the rest of it
+    is other names'. `since_ns` and `settle`: as in Finding.
+    """
+
+    text: str
+    probability: float
+    names: tuple[tuple[str, float], ...]
+    since_ns: int
+    since_std_s: float
+    since_m: float
+    settle: str
+
+
 class NotObservable(Struct, frozen=True):
     """An effect that gyro and wheels alone do not show, and why."""
 

@@ -6,18 +6,19 @@ from typing import Final
 
 import numpy as np
 
+from drd.arrays import Array
 from drd.monitor.evidence import Bank, Estimate, Form, Posterior, posterior
 from drd.monitor.library import Library
 from drd.monitor.segments import Segments
 from drd.monitor.sums import Component, Sums
-from drd.monitor.telling import SETTLES_S, Known, class_nats
+from drd.monitor.telling import SETTLES_S, Known, Onset, Suspected, class_nats
 
 NAMED_NATS: Final = math.log(20.0)  # odds at which something is named, (98)
-DROPPED_NATS: Final = 0.0  # odds below which it is taken back
+EVEN_NATS: Final = 0.0  # odds from which something is suspected, and below which a name is taken back
 # Effective number: an effect that shows in the segment of its onset alone has no form yet; half of a turn on another
 # floor looks like a delay.
 LEAST_SEGMENTS: Final = 2.0
-PATIENCE: Final = 2  # looks in a row until a finding is renamed or taken back: no flapping
+PATIENCE: Final = 2  # looks in a row until what is told becomes another: no flapping
 MOST: Final = 5  # findings at a time
 BESIDE_SHARE: Final = 0.15  # of the strongest one's evidence, that another finding needs: else it mends its form
 BY_RATE: Final = ("gyro_scale_asymmetry", "gyro_scale_nonlinearity")  # look like a tread that does so
@@ -34,8 +35,9 @@ class Judge:
         self._segments, self._library, self._sigmas, self.skids = segments, library, sigmas, skids
         self.known: list[Known] = []
         self.nothing: Posterior | None = None
+        self.suspected: Suspected | None = None
         self._walk = self._now_s = 0.0
-        self._turn = self._looks = 0
+        self._turn = self._looks = self._changing = 0
 
     def look(self, now_s: float, bias_walk: float) -> Sums:
         """All sums by now, beside what is known. `bias_walk`: of the gyro, rad/s/sqrt(s)."""
@@ -49,20 +51,38 @@ class Judge:
         """After a look: name what is sure, or judge one of the known again. `further_nats`: asked beyond NAMED_NATS."""
         found = self.nothing
         assert found is not None
-        strongest = max((k.estimate.nats for k in self.known), default=0.0)
-        least = NAMED_NATS + further_nats
-        if found.odds_nats > max(least, BESIDE_SHARE * strongest) and len(self.known) < MOST:
+        beside = BESIDE_SHARE * max((k.estimate.nats for k in self.known), default=0.0)
+        self._suspect(found, max(EVEN_NATS + further_nats, beside), further_nats)
+        if found.odds_nats > max(NAMED_NATS + further_nats, beside) and len(self.known) < MOST:
             form = found.best[found.first]
             if self._bank.effective_segments(form) >= LEAST_SEGMENTS:
                 self._looks += 1
                 # Another name for what is known already may explain this, too.
                 if not any(self._again(k, at_once=True) for k in self.known[::-1]) and self._looks >= PATIENCE:
                     self._name(self._bank.estimate(form, found.onsets[found.first]), found)
+                    self.suspected = None
                 return
         self._looks = 0
         if self.known:  # one at a time, in turn
             self._turn += 1
             self._again(self.known[self._turn % len(self.known)])
+
+    def _suspect(self, found: Posterior, least_nats: float, further_nats: float) -> None:
+        """Suspect something, or nothing more, once some looks in a row say so."""
+        suspects = self.suspected is not None
+        self._changing = self._changing + 1 if (found.odds_nats > least_nats) != suspects else 0
+        if self._changing >= PATIENCE:
+            suspects, self._changing = not suspects, 0
+        self.suspected = None
+        if suspects and found.best:
+            p = np.sum([share * found.onsets[name] for name, share in found.shares().items()], axis=0)
+            median = int(np.searchsorted(np.cumsum(p), 0.5))
+            self.suspected = Suspected(found, self._onset(median, p), found.odds_nats - further_nats)
+
+    def forget(self) -> None:
+        """Take back all that was named or suspected."""
+        self.known.clear()
+        self.suspected = None
 
     def _sums(self, known: Sequence[Known]) -> Sums:
         begins = self._segments.begins_s
@@ -86,7 +106,7 @@ class Judge:
         sums = self._sums([other for other in self.known if other is not k])
         bank = Bank(sums, self._library.hypotheses)
         found = posterior(bank, self.skids)
-        k.doubts = k.doubts + 1 if found.odds_nats < DROPPED_NATS else 0
+        k.doubts = k.doubts + 1 if found.odds_nats < EVEN_NATS else 0
         if k.doubts >= PATIENCE or found.odds_nats < -NAMED_NATS or not found.best:
             self.known.remove(k)
             return False
@@ -117,20 +137,22 @@ class Judge:
         return segments[estimate.end].begin_s if estimate.end < len(segments) else None
 
     def _place(self, k: Known, estimate: Estimate, found: Posterior) -> None:
+        k.hypothesis, k.estimate, k.rivalry, k.end_s = self._number(estimate), estimate, 0, self._end(estimate)
+        k.onset = self._onset(estimate.begin, found.onsets[estimate.hypothesis.id])
+
+    def _number(self, estimate: Estimate) -> int:
+        return next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
+
+    def _onset(self, begin: int, p: Array) -> Onset:
+        """The begin of a segment, with the deviation of the onsets of probabilities p (n,)."""
         segments = self._segments.all
-        k.hypothesis = next(i for i, h in enumerate(self._library.hypotheses) if h is estimate.hypothesis)
-        k.estimate, k.rivalry = estimate, 0
-        k.begin_s, k.end_s = segments[estimate.begin].begin_s, self._end(estimate)
-        k.begin_m = segments[estimate.begin].distance_m
-        p = found.onsets[estimate.hypothesis.id]
+        begin_s, end_s = segments[begin].begin_s, segments[begin].end_s
         middle = np.array([0.5 * (s.begin_s + s.end_s) for s in segments])
         mean = float(p @ middle)
-        k.begin_std_s = math.sqrt(
-            float(p @ (middle - mean) ** 2) + (segments[estimate.begin].end_s - k.begin_s) ** 2 / 12.0
-        )
+        std_s = math.sqrt(float(p @ (middle - mean) ** 2) + (end_s - begin_s) ** 2 / 12.0)
+        return Onset(begin_s, std_s, segments[begin].distance_m)
 
     def _name(self, estimate: Estimate, found: Posterior) -> None:
-        k = Known(0, 0.0, None, estimate, self._now_s, 0.0, found)
-        k.probabilities = found.probabilities()
-        self._place(k, estimate, found)
+        h, onset = self._number(estimate), self._onset(estimate.begin, found.onsets[estimate.hypothesis.id])
+        k = Known(h, onset, self._end(estimate), estimate, self._now_s, found, probabilities=found.probabilities())
         self.known.append(k)

@@ -12,7 +12,7 @@ from drd.effects.catalogue import catalogue
 from drd.estimation.noise import SKID_TURN_RAD_PER_SQRT_RAD, SKID_WHEEL_M_PER_SQRT_M
 from drd.estimation.steering import TAPE_PART, TAPE_SIGMAS
 from drd.monitor.constants import CHANGE_S, Constants, stated_constants
-from drd.monitor.findings import Finding, NotObservable
+from drd.monitor.findings import Finding, NotObservable, Suspicion
 from drd.monitor.first_turns import FirstTurns, Turns
 from drd.monitor.fixes import Fixes
 from drd.monitor.judging import Judge
@@ -178,7 +178,7 @@ class Monitor:
             means, sigmas = self._constants.means, self._constants.sigmas
             self._constants = Constants({**means, CHANGE: means[CHANGE] - first.lag_s / CHANGE_S}, sigmas)
         self._segments.all.clear()
-        self.known.clear()
+        self._judging.forget()
         self._theta, self._noise = None, RowNoise(self._skids, self._noise)
 
     def _tread_of(self, by_wheels: Array, turn: Array) -> None:
@@ -197,7 +197,7 @@ class Monitor:
         self._bias_rad_s = float(self._theta[BIAS])
         self._unfit = 0 if self._noise.is_fit else self._unfit + 1
         if not self.is_judging:
-            self.known.clear()
+            self._judging.forget()
         elif self._drive != "auto" or self._first.is_over:  # of a robot that may skid nothing is known before
             self._judging.decide(SKID_NATS * self._skids)
 
@@ -254,6 +254,11 @@ class Monitor:
                 before = [g.distance_m for g in self._segments.all if g.begin_s <= seen.begin_s]
                 told.append(teller.of_symptom(seen, before[-1] if before else self._distance_m))
         return sorted([*told, *self._fixes.findings()], key=lambda f: f.named_ns)
+
+    def suspected(self) -> Suspicion | None:
+        """What is more likely there than not, while no name is sure; None where nothing is. (98)"""
+        suspected = self._judging.suspected
+        return None if suspected is None else self._teller().suspicion(suspected)
 
     @property
     def is_judging(self) -> bool:

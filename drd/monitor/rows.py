@@ -28,7 +28,8 @@ class Rows:
     """Rows of a block, shape (n,), with `lead` rows of before and one that is still to come at its end.
 
     `end_s` counts from the first sample. `is_good`: both sensors saw all of the row. `left_m`, `right_m`: the wheels'
-    distances in it. `left_total_m`, `right_total_m`: at its end, since the start.
+    distances in it. `left_total_m`, `right_total_m`: at its end, since the start. `readings_rad_s`: the gyro's own, in
+    the block.
     """
 
     end_s: Array
@@ -42,6 +43,7 @@ class Rows:
     is_good: npt.NDArray[np.bool_]
     lead: int
     end_ns: int
+    readings_rad_s: Array
 
     @property
     def inner(self) -> slice:
@@ -97,26 +99,30 @@ class RowMaker:
         lead = len(self._kept)
         rows = np.vstack([self._kept, fresh[: count + 1]])
         self._kept = rows[: lead + count][-LEAD_ROWS:]
-        self._forget(float(ends[count - 1]) if count else end_s)
+        readings = self._forget(float(ends[count - 1]) if count else end_s)
         if count < 2 or len(rows) < lead + count + 1:
             return None
         columns = rows.T
         assert self.zero_ns is not None
         end_ns = self.zero_ns + round(end_s * NS_PER_S)
         end_s_, length, turn, warm, left, right, left_total, right_total, good = columns
-        return Rows(end_s_, length, turn, warm, left, right, left_total, right_total, good > 0.5, lead, end_ns)
+        return Rows(
+            end_s_, length, turn, warm, left, right, left_total, right_total, good > 0.5, lead, end_ns, readings
+        )
 
     def _since(self, t_ns: int) -> float:
         if self.zero_ns is None:
             self.zero_ns = t_ns
         return (t_ns - self.zero_ns) * S_PER_NS
 
-    def _forget(self, before_s: float) -> None:
-        """What no later row needs."""
+    def _forget(self, before_s: float) -> Array:
+        """Forget what no later row needs; the gyro's readings among it."""
+        readings = []
         while self._gyro and self._gyro[0][0] <= before_s + 1e-9:
-            self._gyro.popleft()
+            readings.append(self._gyro.popleft()[2])
         while len(self._wheels) > 2 and self._wheels[1][0] < before_s - 1.0:
             self._wheels.popleft()
+        return np.array(readings)
 
     def _table(self, until_s: float) -> Array:
         """Rows of the samples that wait and end by a time, shape (n, 9): the columns of Rows, without the last two."""

@@ -1,8 +1,9 @@
 """What a look at the readings shows by logic, before any regression: clipped and muted rates, stopped counters. (99)"""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +27,10 @@ MISSED_M: Final = 0.15
 STOPPED_S: Final = 0.5
 ZERO_RAD_S: Final = 1e-6  # no gyro has so small a digit
 FEWEST_ZEROS: Final = 30
+FEWEST_SILENT: Final = 10  # zeros: no gyro that reads its noise has so many and nothing small beside them
 MUTED_SIGMAS: Final = 6.0  # of the gyro's noise, below which no rate is seen though there should be some
 BLOCKS: Final = 30  # in which muted rates are counted: a minute
+LEAST_READINGS: Final = 8  # that tell where a dead band ends: more lie too far beyond for readings to be as dense
 
 
 @dataclass
@@ -38,11 +41,22 @@ class Seen:
     side: str
     begin_s: float
     end_s: float
-    size: float
+    size: float = 0.0
+    std: float = 0.0
     count: float = 0.0
     sure: bool = False
     is_told: bool = False
     named_s: float = 0.0
+
+
+class _Small(NamedTuple):
+    """Of a block: its begin, rows of no rate and others, the least of these, and the least readings besides zeros."""
+
+    begin_s: float
+    zeros: int
+    others: int
+    least_rad_s: float
+    readings_rad_s: Array
 
 
 class Symptoms:
@@ -51,7 +65,8 @@ class Symptoms:
     def __init__(self, tread_m: float):
         self._tread_m = tread_m
         self.seen: dict[tuple[Symptom, str], Seen] = {}
-        self._small: deque[tuple[float, int, int, float]] = deque(maxlen=BLOCKS)
+        self._small: deque[_Small] = deque(maxlen=BLOCKS)
+        self._shown = self._older = np.zeros(0)  # readings beyond a dead band since it was found, and of before
         self._stops: dict[str, tuple[float, float, float]] = {}
         self._below_rad = 0.0, 0.0  # turn of the wheels and of the gyro, at rates below the largest
 
@@ -99,7 +114,7 @@ class Symptoms:
         end_s = rows.end_s[inner]
         found = self.seen.get(key)
         if found is None or abs(found.size - limit) > ALIKE * limit:
-            found = self.seen[key] = Seen(Symptom.CLIPPED, "", float((end_s - h)[at][0]), 0.0, limit)
+            found = self.seen[key] = Seen(Symptom.CLIPPED, "", float((end_s - h)[at][0]), 0.0, limit, ALIKE * limit)
         found.end_s, found.count = float(end_s[at][-1]), found.count + float(at.sum())
         found.sure |= found.count >= FEWEST_CLIPPED and float(excess.sum()) > SIGMAS * float(variance[at].sum()) ** 0.5
         return _beside(at) | none
@@ -122,25 +137,45 @@ class Symptoms:
             return ~good
         begin_s = float(rows.end_s[inner][0] - rows.interval_s[inner][0])
         others = rate[rate > ZERO_RAD_S]
-        self._small.append(
-            (begin_s, int((rate <= ZERO_RAD_S).sum()), len(others), float(others.min()) if len(others) else np.inf)
-        )
+        readings = np.abs(rows.readings_rad_s)
+        readings = np.sort(readings[readings > ZERO_RAD_S])[:LEAST_READINGS]
+        least = float(others.min()) if len(others) else np.inf
+        self._small.append(_Small(begin_s, len(rate) - len(others), len(others), least, readings))
         typical_s = float(np.median(rows.interval_s[inner]))
         # From the newest block backwards: no small rate, and zeros.
-        zeros = seen = 0
-        band, since_s = np.inf, begin_s
-        for start_s, none, some, least in reversed(self._small):
-            if least < MUTED_SIGMAS * gyro_s / typical_s:
+        muted: list[_Small] = []
+        for block in reversed(self._small):
+            if block.least_rad_s < MUTED_SIGMAS * gyro_s / typical_s:
                 break
-            zeros, seen, band = zeros + none, seen + some, min(band, least)
-            if none:
-                since_s = start_s
-        key = (Symptom.MUTED, "")
-        if zeros >= FEWEST_ZEROS and seen >= FEWEST_ZEROS:
-            found = self.seen.setdefault(key, Seen(Symptom.MUTED, "", since_s, 0.0, band, sure=True))
-            found.size, found.end_s = min(found.size, band), begin_s
-            return np.asarray(np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * rows.interval_s[inner])
-        return np.zeros(len(good), bool)
+            muted.append(block)
+        zeros = sum(b.zeros for b in muted)
+        found = self.seen.get((Symptom.MUTED, ""))
+        if found is None and min(zeros, sum(b.others for b in muted)) >= FEWEST_ZEROS:
+            since_s = min(b.begin_s for b in muted if b.zeros)
+            found = self.seen[Symptom.MUTED, ""] = Seen(Symptom.MUTED, "", since_s, begin_s, sure=True)
+            self._ended(found, [], [b.readings_rad_s for b in muted])
+        elif found is not None and muted:
+            self._ended(found, [muted[0].readings_rad_s])
+            found.end_s = begin_s if zeros else found.end_s
+        # A zero that is none would pass for another bias.
+        if found is None and zeros < FEWEST_SILENT:
+            return np.zeros(len(good), bool)
+        return np.asarray(np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * rows.interval_s[inner])
+
+    def _ended(self, found: Seen, readings: Sequence[Array], before: Sequence[Array] = ()) -> None:
+        """Where a dead band ends: as far before the least reading beyond it as the least are apart, in the mean, give
+        or take as much (Robson and Whitlock 1964). `before`: readings that may be older than the dead band.
+        """
+        # A steady rate, read again and again, tells no more than once.
+        self._shown = least = np.unique(np.concatenate([self._shown, *readings]))[:LEAST_READINGS]
+        self._older = np.concatenate([self._older, *before])
+        if len(least) < LEAST_READINGS:
+            least = np.unique(np.concatenate([least, self._older]))[:LEAST_READINGS]
+        if not len(least):
+            return
+        first = float(least[0])
+        found.std = float(least[-1] - first) / (len(least) - 1) if len(least) > 1 else 0.5 * first
+        found.size = first - found.std
 
     def _stopped(self, rows: Rows, side: str, mine: Array, its: Array, should_m: Array) -> Flags:
         inner = rows.inner
@@ -156,7 +191,7 @@ class Symptoms:
             travel, other = travel + float(should_m[k]), other + abs(float(its[k]))
             if end_s[k] - begin >= STOPPED_S and abs(travel) > max(MISSED_M, MISSED_SHARE * other):
                 key = (Symptom.STOPPED, side)
-                found = self.seen.setdefault(key, Seen(Symptom.STOPPED, side, begin, 0.0, 0.0, sure=True))
+                found = self.seen.setdefault(key, Seen(Symptom.STOPPED, side, begin, 0.0, sure=True))
                 found.end_s = float(end_s[k])
         self._stops[side] = begin, travel, other
         return _beside(missing)

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from drd.effects.catalogue import catalogue, showing
 from drd.effects.effect import Calibrated
 from drd.monitor.evidence import INFORMATION, Estimate, Posterior
-from drd.monitor.findings import Finding, Size, settling, size
+from drd.monitor.findings import Finding, Size, Suspicion, settling, size
 from drd.monitor.library import Hypothesis
 from drd.monitor.symptoms import Seen
 from drd.units import NS_PER_S
@@ -18,11 +18,21 @@ from drd.units import NS_PER_S
 FORGIVEN_NATS: Final = 0.5 * math.log1p(INFORMATION)  # what each size costs
 CLASS_NATS: Final = 3.0  # names so near are told, too, and one so much better takes the place
 FORM_SHARE: Final = 0.08  # of the evidence, that a form which is a bit wrong costs: 0.15^2, and some
+LEAST_SHARE: Final = 0.1  # of what is suspected: names of less are not told
 RULED_OUT_NATS: Final = 10.0
 SYMPTOM_SURE: Final = 0.98
+SYMPTOM_STD_S: Final = 0.1  # a row
 COMMON: Final = 0.01  # relative: what of both radii alike nobody knows without a position
 LAG_STD_S: Final = 0.01  # of a lag that correlation tells, of rows of 0.1 s
 SETTLES_S: Final = 120.0  # so long the begin of a finding is looked for again
+
+
+class Onset(NamedTuple):
+    """The segment within which something began: its begin, that one's deviation, and the distance until then."""
+
+    begin_s: float
+    std_s: float
+    distance_m: float
 
 
 @dataclass
@@ -30,16 +40,27 @@ class Known:
     """A finding in the making: where it is in the sums, and what is to be told of it."""
 
     hypothesis: int
-    begin_s: float
+    onset: Onset
     end_s: float | None
     estimate: Estimate
     named_s: float
-    begin_m: float
     others: Posterior | None = None
     doubts: int = 0
     rivalry: int = 0
-    begin_std_s: float = 0.0
     probabilities: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def begin_s(self) -> float:
+        """Begin of the segment within which it began."""
+        return self.onset.begin_s
+
+
+class Suspected(NamedTuple):
+    """What is more likely there than not, while no name is sure; since when, and the odds that anything is there."""
+
+    found: Posterior
+    onset: Onset
+    odds_nats: float
 
 
 def class_nats(nats: float) -> float:
@@ -85,12 +106,27 @@ class Teller:
             probability=k.probabilities[h.id],
             also_fits=tuple(sorted(alike, key=lambda pair: -pair[1])),
             since_ns=self._ns(k.begin_s),
-            since_std_s=k.begin_std_s,
-            since_m=k.begin_m,
+            since_std_s=k.onset.std_s,
+            since_m=k.onset.distance_m,
             until_ns=None if k.end_s is None else self._ns(k.end_s),
             named_ns=self._ns(k.named_s),
             ruled_out=out,
             settle=settling(h.effect, channels),
+        )
+
+    def suspicion(self, suspected: Suspected) -> Suspicion:
+        """What is suspected."""
+        p, onset = 1.0 / (1.0 + math.exp(-suspected.odds_nats)), suspected.onset
+        names = tuple((name, share * p) for name, share in suspected.found.shares().items() if share > LEAST_SHARE)
+        effects = [catalogue().get(name) for name, _ in names]
+        return Suspicion(
+            text=f"Something may have changed: {' or '.join(f'{name} ({own:.2f})' for name, own in names)}.",
+            probability=p,
+            names=names,
+            since_ns=self._ns(onset.begin_s),
+            since_std_s=onset.std_s,
+            since_m=onset.distance_m,
+            settle=settling(effects[0] if effects else None, {e.channel for e in effects if e is not None}),
         )
 
     def _parameters(self, h: Hypothesis, k: Known) -> dict[str, Size | str]:
@@ -130,12 +166,15 @@ class Teller:
         units = {q.name: q for q in effect.parameters}
         shown = effect.shown(s.side, s.begin_s, s.end_s, s.size)
         parameters: dict[str, Size | str] = {
-            n: v if isinstance(v, str) else size(v, 0.01 * abs(v), units[n].si, units[n].unit) for n, v in shown.items()
+            n: v
+            if isinstance(v, str)
+            else size(v, SYMPTOM_STD_S if units[n].moment else s.std, units[n].si, units[n].unit)
+            for n, v in shown.items()
         }
         until_ns = self._ns(s.end_s) if self._now_s - s.end_s > SETTLES_S else None
         return Finding(
             effect=effect.id, text=effect.sentence, parameters=parameters, probability=SYMPTOM_SURE, also_fits=(),
-            since_ns=self._ns(s.begin_s), since_std_s=0.1, since_m=distance_m, until_ns=until_ns,
+            since_ns=self._ns(s.begin_s), since_std_s=SYMPTOM_STD_S, since_m=distance_m, until_ns=until_ns,
             named_ns=self._ns(s.named_s), ruled_out=(), settle=effect.manoeuvre,
         )  # fmt: skip
 

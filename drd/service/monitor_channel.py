@@ -9,7 +9,7 @@ from drd.config.keys import Config
 from drd.estimation.applied import Constant
 from drd.estimation.calibration import Calibration
 from drd.monitor.constants import Constants
-from drd.monitor.findings import Finding, NotObservable
+from drd.monitor.findings import Finding, NotObservable, Suspicion
 from drd.monitor.memory import Day, Memory
 
 # One record: its kind, the time, four numbers. Of a gyro sample: interval, rate, temperature, nothing; of a wheel
@@ -47,6 +47,7 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     findings: list[Finding] = []
+    suspected: Suspicion | None = None
     not_observable: list[NotObservable] = []
     is_judging: bool = True
     tread_wanders: float = 0.0

@@ -71,6 +71,7 @@ class Feed:
         self._applying.look(self.monitor, [f for f in findings if not is_wear(f)])
         return Report(
             findings=findings,
+            suspected=self.monitor.suspected(),
             not_observable=self.monitor.not_observable(),
             is_judging=self.monitor.is_judging,
             tread_wanders=self.monitor.wanders,

@@ -33,7 +33,7 @@ class Monitoring(Observer):
     """Has a monitor, in a process of its own, look at the pipeline's samples.
 
     Whatever becomes of that process, the daemon goes on: samples that it does not take are dropped and counted, and it
-    is started again, after pauses that double. `on_change` is called when the findings are others than before,
+    is started again, after pauses that double. `on_change` is called when the findings or suspicion are others,
     `on_constants` with each report's `wanted`. `is_enabled`: whether the configuration asks for it.
     """
 
@@ -93,11 +93,12 @@ class Monitoring(Observer):
     # ---- what it says ------------------------------------------------------------------------------------------
 
     def findings(self) -> dict[str, Any]:
-        """What is published: state, findings, and the effects that gyro and wheels do not show."""
+        """What is published: state, findings, suspicion, and the effects that gyro and wheels do not show."""
         report = self._report
         return {
             "state": self._state,
             "findings": msgspec.to_builtins(report.findings),
+            "suspected": msgspec.to_builtins(report.suspected),
             "began_ns": report.began_ns,
             "known": msgspec.to_builtins(report.known, str_keys=True),
             "not_observable": msgspec.to_builtins(report.not_observable),
@@ -116,6 +117,7 @@ class Monitoring(Observer):
         return {
             "state": self._state,
             "reason": self._reason or None,
+            "suspected": report.suspected.text if report.suspected is not None else None,
             "tread_wanders": report.tread_wanders,
             "samples": report.samples,
             "dropped": self._dropped + (process.dropped if process is not None else 0),
@@ -209,7 +211,7 @@ class Monitoring(Observer):
             log.log(level, "monitor: %s", text)
 
     def _tell(self, state: str, report: Report) -> None:
-        before = self._state, self._report.findings
+        before = self._state, self._report.findings, self._report.suspected
         self._state, self._report = state, report
-        if (state, report.findings) != before:
+        if (state, report.findings, report.suspected) != before:
             self._on_change()

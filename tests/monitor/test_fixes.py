@@ -65,7 +65,7 @@ def rows_of(turn_rad: np.ndarray, distance_m: np.ndarray, good: bool = True) -> 
     pad = (1, 1)
     end_s, way, none = np.asarray(0.1 * np.arange(n)), np.pad(distance_m, pad), np.zeros(n)
     flags = np.full(n, good)
-    return Rows(end_s, np.full(n, 0.1), np.pad(turn_rad, pad), none, way, way, none, none, flags, 1, 0)
+    return Rows(end_s, np.full(n, 0.1), np.pad(turn_rad, pad), none, way, way, none, none, flags, 1, 0, none)
 
 
 def test_the_chord_is_as_unsure_as_simulated_noise_makes_it() -> None:

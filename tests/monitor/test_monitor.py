@@ -11,7 +11,7 @@ from drd.batch.samples import gyro_samples, wheel_samples, zero_of
 from drd.config.schema import ConfigError
 from drd.effects.effect import Symptom
 from drd.monitor import wandering
-from drd.monitor.findings import Finding, Size
+from drd.monitor.findings import Finding, Size, Suspicion
 from drd.monitor.first_turns import FirstTurns
 from drd.monitor.library import BIAS, OWN, TURN
 from drd.monitor.monitor import Monitor
@@ -132,6 +132,52 @@ def test_a_finding_keeps_its_name_while_another_one_waits_for_a_second_turn() ->
     monitor_logs(recording.fog, recording.encoders, configuration(recording), watch)
     assert len(names_at) > 3
     assert len(set(names_at.values())) == 1
+
+
+def test_what_no_name_is_sure_of_yet_is_suspected_and_no_longer_once_it_is_named() -> None:
+    recording, told = with_left_tyre(drive(3), 0.004), list[tuple[Suspicion | None, int]]()
+
+    def watch(monitor: Monitor) -> None:
+        suspected = monitor.suspected()
+        if not told or (suspected is not None, len(monitor.known)) != (told[-1][0] is not None, told[-1][1]):
+            told.append((suspected, len(monitor.known)))
+
+    zero_ns = monitor_logs(recording.fog, recording.encoders, configuration(recording), watch).zero_ns
+    assert [(s is not None, named) for s, named in told] == [(False, 0), (True, 0), (False, 1)]
+    suspected = told[1][0]
+    assert suspected is not None
+    assert abs((suspected.since_ns - zero_ns) / NS_PER_S - BEGIN_S) < 2.0 * suspected.since_std_s < 100.0
+    assert 0.5 < suspected.probability <= 1.0
+    assert "wheel_radius_error" in dict(suspected.names)
+    assert sum(p for _, p in suspected.names) <= suspected.probability + 1e-9
+    assert "wheel_radius_error (0." in suspected.text
+
+
+def test_a_dead_band_is_named_with_its_size_and_is_no_other_bias_while_the_robot_stands() -> None:
+    recording, band_rad_s = drive(5, 420.0), 0.004
+    fog = recording.fog
+    assert fog is not None
+    log = recording.encoders
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    # It stands from 240 s on: longer than readings of turns are remembered.
+    stands = log.time_s > 240.0
+    counts = [np.where(stands, c[~stands][-1], c) for c in (log.left_counts, log.right_counts)]
+    rate = np.where(fog.time_s > 240.0, np.abs(fog.rate_rad_s).min(), fog.rate_rad_s)
+    rate = np.where((fog.time_s > BEGIN_S) & (np.abs(rate) < band_rad_s), 0.0, rate)
+    findings, zero_ns = found(
+        replace(
+            recording,
+            fog=replace(fog, rate_rad_s=rate),
+            wheels=replace(log, left_counts=counts[0], right_counts=counts[1]),
+        )
+    )
+    assert [f.effect for f in findings] == ["gyro_deadband"]
+    told = findings[0].parameters["band"]
+    assert isinstance(told, Size)
+    assert told.low < np.degrees(band_rad_s) < told.high
+    assert abs((findings[0].since_ns - zero_ns) / NS_PER_S - BEGIN_S) < 10.0
+    assert findings[0].until_ns is None
 
 
 def test_a_bias_that_jumps_is_named_and_no_wheel_is() -> None:
@@ -293,7 +339,7 @@ def test_a_limit_of_the_gyro_is_told_from_a_steady_turn_on_ground_of_another_tre
         distances_m = 0.1 * wheels[part] * 0.25
         end_s, steps_s = np.asarray(times_s[part], float), np.full(32, 0.1)
         is_good = np.ones(32, bool)
-        rows = Rows(end_s, steps_s, 0.1 * gyro[part], none, -distances_m, distances_m, none, none, is_good, 12, 0)
+        rows = Rows(end_s, steps_s, 0.1 * gyro[part], none, -distances_m, distances_m, none, none, is_good, 12, 0, none)
         symptoms.look(rows, 0.1 * wheels[part], 1.0, 0.0, np.full(32, 1e-6), 1e-5)
     found = symptoms.seen.get((Symptom.CLIPPED, ""))
     assert (found is not None and found.sure) == is_limited

@@ -186,6 +186,17 @@ def test_findings_that_last_are_shown() -> None:
     assert "monitor: - (probability -)" in view.line(0.0)
 
 
+def test_what_is_suspected_is_shown() -> None:
+    view = View("drd", "here")
+    view.take_pose(b"{}", 0.0)
+    text = "Something may have changed: wheel_radius_error (0.61)."
+    view.take_health(encode({"monitor": {"suspected": text}}))
+    assert f"monitor: {text}" in view.line(0.0)
+    for nothing in ({"suspected": None}, None, "off"):
+        view.take_health(encode({"monitor": nothing}))
+        assert "monitor" not in view.line(0.0)
+
+
 def test_text_from_the_network_cannot_steer_the_terminal() -> None:
     view = View("drd", "here")
     message = {"validity": "\x1b[2J", "reasons": [{"source": "a\nb", "text": "\x07", "since_s": 1}]}

@@ -46,7 +46,7 @@ def test_the_replay_says_what_the_live_monitor_said(samples: list[GyroSample | W
     assert (live.starts, live.known) == (1, KNOWN)
     assert len(live.told) > 2
     assert told.comparison(live) == f"the live monitor's {len(live.told)} lists of findings are repeated to the bit"
-    (text,) = sentences(told.findings, samples[0].t_ns)
+    (text,) = sentences(told, samples[0].t_ns)
     assert text.startswith("monitor: ")
     assert "wheel_radius_error" in text
 
@@ -60,5 +60,5 @@ def test_a_monitor_that_began_twice_is_not_compared() -> None:
     for began_ns in (None, 1, 2):
         twice.take({"began_ns": began_ns, "findings": []})
     assert twice.starts == 2
-    assert "began 2 times" in Reported([], frozenset()).comparison(twice)
-    assert Reported([], frozenset()).comparison(Live()) == ""
+    assert "began 2 times" in Reported([], None, frozenset()).comparison(twice)
+    assert Reported([], None, frozenset()).comparison(Live()) == ""

@@ -9,7 +9,7 @@ import msgspec
 from drd.config.keys import Config
 from drd.estimation.calibration import Calibration
 from drd.monitor.constants import Constants
-from drd.monitor.findings import Finding, Size
+from drd.monitor.findings import Finding, Size, Suspicion
 from drd.monitor.monitor import Monitor
 from drd.monitor.wear import is_wear
 from drd.samples import GyroSample, WheelSample
@@ -52,9 +52,10 @@ def bits(findings: Sequence[Finding]) -> bytes:
 
 @dataclass(frozen=True)
 class Reported:
-    """The findings at the end, and all lists of them on the way."""
+    """The findings and the suspicion at the end, and all lists of findings on the way."""
 
     findings: list[Finding]
+    suspected: Suspicion | None
     lists: frozenset[bytes]
 
     def comparison(self, live: Live) -> str:
@@ -91,13 +92,13 @@ def monitored(
         if monitor.now_s != now_s:
             now_s = monitor.now_s
             lists.add(bits(monitor.findings()))
-    return Reported(monitor.findings(), frozenset({*lists, bits([])}))
+    return Reported(monitor.findings(), monitor.suspected(), frozenset({*lists, bits([])}))
 
 
-def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
-    """One for each finding; at least one."""
-    found = [] if findings else ["monitor: nothing is found"]
-    for f in findings:
+def sentences(told: Reported, zero_ns: int) -> list[str]:
+    """One for each finding, and one for a suspicion; at least one."""
+    found = [] if told.findings else ["monitor: nothing is found"]
+    for f in told.findings:
         sizes = [f"{n} {_text(v)}" for n, v in f.parameters.items()]
         others = f", or {', '.join(name for name, _ in f.also_fits)}" if f.also_fits else ""
         until = "" if f.until_ns is None else f" until {(f.until_ns - zero_ns) * S_PER_NS:.1f} s"
@@ -105,6 +106,11 @@ def sentences(findings: Sequence[Finding], zero_ns: int) -> list[str]:
             f"monitor: {f.effect} with probability {f.probability:.2f}{others}; since "
             f"{max(f.since_ns - zero_ns, 0) * S_PER_NS:.1f} s (sigma {f.since_std_s:.1f}){until}, named at "
             f"{(f.named_ns - zero_ns) * S_PER_NS:.1f} s{''.join(f'; {size}' for size in sizes)}. {f.text}"
+        )
+    if (s := told.suspected) is not None:
+        since_s = max(s.since_ns - zero_ns, 0) * S_PER_NS
+        found.append(
+            f"monitor: suspects something, with probability {s.probability:.2f}, since {since_s:.1f} s. {s.text}"
         )
     return found
 

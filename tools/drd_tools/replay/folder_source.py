@@ -41,7 +41,7 @@ def replay_folder(
     if monitors and fog is not None and in_use.fog.protocol != "none" and not recording.terms:
         zero_ns = zero_of(fog, encoders)
         samples = gyro_samples(fog, in_use, zero_ns)[0], wheel_samples(encoders, in_use, zero_ns)[0]
-        told = findings.sentences(findings.monitored(*samples, in_use, gyro_calibration).findings, zero_ns)
+        told = findings.sentences(findings.monitored(*samples, in_use, gyro_calibration), zero_ns)
     made = filter_logs(fog, encoders, in_use, gyro_calibration, recording.terms, late_ns, new_track, PROGRESS)
     return Replayed(
         folder,

@@ -93,7 +93,7 @@ def _monitored(
         return [findings.NOT_WATCHED]
     told = findings.monitored(kept.gyro_samples, kept.wheel_samples, config, calibration, live)
     same = told.comparison(live) if live is not None else ""
-    return [*findings.sentences(told.findings, zero_ns), *([same] if same else [])]
+    return [*findings.sentences(told, zero_ns), *([same] if same else [])]
 
 
 class _Replay:

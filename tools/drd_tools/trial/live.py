@@ -51,8 +51,8 @@ class Said(Struct, frozen=True):
 class LiveRow(Struct, frozen=True, kw_only=True):
     """The monitor's answer to a case. `begin_s`: of the effect, None: nothing is there. `limit_s`: the end of time.
 
-    `seen_d`: how far it can be told from nothing by then, in deviations. `sigmas`: errors of its parameters in their
-    own deviations, of the finding that has its name. `build`: of the monitor that gave it.
+    `seen_d`: how far it can be told from nothing by then, in deviations. `suspected_s`: when each suspicion began.
+    `sigmas`: errors of its parameters in their own deviations, of the finding with its name. `build`: the monitor's.
     """
 
     case: Case
@@ -63,6 +63,7 @@ class LiveRow(Struct, frozen=True, kw_only=True):
     hours: float = 0.0
     parameters: dict[str, float | str] = {}
     said: list[Said] = []
+    suspected_s: list[float] = []
     sigmas: list[float] = []
     cost_ms_per_s: float = 0.0
     is_made: bool = True
@@ -77,6 +78,13 @@ class LiveRow(Struct, frozen=True, kw_only=True):
         """Whether that one came in time."""
         return self.right is not None and self.right.named_s <= self.limit_s + TURN_S
 
+    @property
+    def is_told(self) -> bool:
+        """Whether that one, or that something is there, came in time."""
+        begin_s = self.begin_s or 0.0
+        told_s = [s.named_s for s in self.said if not s.is_wrong] + self.suspected_s
+        return any(begin_s <= s <= self.limit_s + TURN_S for s in told_s)
+
 
 class Watch:
     """Keeps what the monitor tells, as it comes."""
@@ -84,6 +92,8 @@ class Watch:
     def __init__(self, right: frozenset[str], begin_s: float):
         self._right, self._begin_s = right, begin_s
         self.said: dict[int, Said] = {}
+        self.suspected_s: list[float] = []
+        self._suspects = False
         self._known: dict[int, Known] = {}  # kept, so that no identity is used twice
         self._now_s = -1.0
 
@@ -92,6 +102,9 @@ class Watch:
         if monitor.now_s == self._now_s:
             return
         self._now_s = monitor.now_s
+        suspects = monitor.suspected() is not None
+        self.suspected_s += [monitor.now_s] * (suspects and not self._suspects)
+        self._suspects = suspects
         for known in monitor.known:
             name, near = monitor.hypotheses[known.hypothesis].id, monitor.alike(known)
             self._known[id(known)], before = known, self.said.get(id(known))
@@ -174,6 +187,7 @@ def judged(case: Case) -> LiveRow:
         hours=seconds / 3600.0,
         parameters=dict(one.values or {}),
         said=sorted(said, key=lambda s: s.named_s),
+        suspected_s=[s + later_s for s in watch.suspected_s],
         sigmas=[] if told is None or one.effect is None else _sigmas(one.effect, one.values or {}, told.parameters),
         cost_ms_per_s=1e3 * took_s / seconds,
     )

@@ -12,12 +12,12 @@ from drd.monitor.findings import Z_90
 from drd.monitor.library import UNKNOWN
 from drd_tools.trial.figures import Table
 from drd_tools.trial.live import LiveRow
-from drd_tools.trial.live_cases import DISTANCES, NULLS, TURN_S, WAY_M, seen_live
+from drd_tools.trial.live_cases import DISTANCES, NULLS, WAY_M, seen_live
 from drd_tools.trial.score import calibration_error, exact_error, wilson
 
 GOAL_S: Final = 1000.0 * 3600.0  # between false names
 HEADER: Final = [
-    "", "n", "in time", "95 %", "ceiling", "or unknown", "ever", "unknown", "wrong too", "onset off, s",
+    "", "n", "in time", "95 %", "ceiling", "or suspected", "ever", "unknown", "wrong too", "onset off, s",
     "named after, s",
 ]  # fmt: skip
 
@@ -57,9 +57,6 @@ def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
         return []
     rights = [(r, s) for r in rows if (s := r.right) is not None]
     timely = sum(r.is_timely for r in rows)
-    told = sum(
-        any(not s.is_wrong and (r.begin_s or 0.0) <= s.named_s <= r.limit_s + TURN_S for s in r.said) for r in rows
-    )
     low, high = wilson(timely, len(rows))
     ceilings = [ceiling(r.seen_d, r.limit_s - (r.begin_s or 0.0)) for r in rows if r.case.d]
     off = [abs(s.since_s - (r.begin_s or 0.0)) for r, s in rights]
@@ -70,7 +67,7 @@ def _line(name: str, rows: Sequence[LiveRow]) -> list[str]:
         f"{timely / len(rows):.2f}",
         f"{low:.2f}..{high:.2f}",
         f"{np.mean(ceilings):.2f}" if ceilings else "",
-        f"{told / len(rows):.2f}",
+        f"{sum(r.is_told for r in rows) / len(rows):.2f}",
         f"{len(rights) / len(rows):.2f}",
         str(sum(any(s.effect == UNKNOWN for s in r.said) for r in rows)),
         str(sum(s.is_wrong for r in rows for s in r.said)),
@@ -85,11 +82,15 @@ def _nulls(made: Sequence[LiveRow]) -> Table:
         own = [r for r in made if r.case.kind == kind]
         hours, wrong = sum(r.hours for r in own), sum(s.is_wrong for r in own for s in r.said)
         unknown = sum(s.effect == UNKNOWN for r in own for s in r.said)
+        suspected = sum(len(r.suspected_s) for r in own)
         timely = sum(r.is_timely for r in own) if any(r.begin_s is not None for r in own) else ""
         if own:
-            lines.append([kind, str(len(own)), f"{hours:.1f}", str(wrong), f"{1e3 * wrong / hours:.0f}",
-                          f"{1e3 * most_by_chance(wrong) / hours:.0f}", str(unknown), str(timely)])  # fmt: skip
-    header = ["kind", "n", "hours", "false names", "in 1,000 hours", "at most (95 %)", "unknown", "in time"]
+            counts = (f"{1e3 * wrong / hours:.0f}", f"{1e3 * most_by_chance(wrong) / hours:.0f}")
+            lines.append(
+                [kind, f"{len(own)}", f"{hours:.1f}", f"{wrong}", *counts, f"{unknown}", f"{suspected}", f"{timely}"]
+            )
+    header = ["kind", "n", "hours", "false names", "in 1,000 hours", "at most (95 %)", "unknown", "suspected"]
+    header += ["in time"]
     return Table("Nothing to be named (or, on floors, other ground only)", header, lines)
 
 

@@ -72,6 +72,7 @@ function healthFindings(health) {
   for (const finding of health.findings ?? []) {
     if (finding.until_ns === null) found.push(["warn", `monitor: ${finding.text}`, ""]);
   }
+  if (health.monitor?.suspected) found.push(["wait", `monitor: ${health.monitor.suspected}`, ""]);
   if (health.recording?.lost) found.push(["warn", `recording: ${health.recording.lost} messages lost`, ""]);
   if (health.reload?.error) found.push(["warn", `reload refused: ${health.reload.error}`, ""]);
   if (health.reload?.waiting?.length) found.push(["wait", `restart drd for ${health.reload.waiting.join(", ")}`, ""]);
