@@ -101,19 +101,14 @@ class Bank:
         c, v = self._at[place], self._v[:, onsets, place].transpose(1, 0, 2)
         own = slice(c[0], c[-1] + 1)
         information = self.sums.since(self.sums.each[:, own, own])[onsets] - v.transpose(0, 2, 1) @ v
-        score = self._score[onsets, place]
-        diagonal = np.diagonal(information, axis1=1, axis2=2)
-        scale = np.sqrt(np.maximum(diagonal, LEAST))
-        unit = information / (scale[:, :, None] * scale[:, None, :]) + 1e-6 * np.eye(len(c))
-        z = score / scale
-        sizes = np.linalg.solve(unit, z[:, :, None])[:, :, 0]
-        gain = 0.5 * np.einsum("sk,sk->s", sizes, z) * _plausible((np.abs(sizes) / scale / h.limits).max(1))
-        half = np.square(np.array(h.limits) / 2.0)
-        prior = np.clip((diagonal * half).min(1), 0.0, INFORMATION)
-        nats = self._told(np.array([i]), gain[:, None], prior[:, None], shares=len(c) if h.effect is None else 1)[
-            :, 0
-        ] - 0.5 * (len(c) - 1) * np.log1p(prior)
-        return np.where((diagonal > LEAST).all(1), nats, -np.inf)
+        score, half = self._score[onsets, place], np.array(h.limits) / 2.0
+        # Along directions that tell apart, of sizes over the prior's largest: what few headings show is one of two.
+        e, W = np.linalg.eigh(half[:, None] * information * half)
+        e, z = np.maximum(e, LEAST), np.einsum("skj,sk->sj", W, half * score)
+        gain = 0.5 * z**2 / e * _plausible(0.5 * np.abs(z) / e)
+        gain, shrunk, cost = (x.sum(1, keepdims=True) for x in (gain, *_by_prior(gain, np.minimum(e, INFORMATION))))
+        nats = self._told(np.array([i]), gain, shrunk, cost, shares=len(c) if h.effect is None else 1)
+        return np.where((np.diagonal(information, axis1=1, axis2=2) > LEAST).all(1), nats[:, 0], -np.inf)
 
     def windows(self, i: int) -> Array:
         """The same of one, of a single column, until before each later segment, shape (begins, ends); -inf: none."""
@@ -139,7 +134,7 @@ class Bank:
         safe = np.where(tells, information, 1.0)
         prior = np.clip(safe * np.square(self._limit[i] / 2.0), 0.0, INFORMATION)
         gain = 0.5 * score**2 / safe * _plausible(np.abs(score) / safe / self._limit[i])
-        nats = self._told(i, gain, prior, edges[0]) - edges[1]
+        nats = self._told(i, gain, *_by_prior(gain, prior), edges[0]) - edges[1]
         nats = nats + np.where(self._positive[i], math.log(2.0) + _log_above(score / np.sqrt(safe)), 0.0)
         return np.where(tells, nats, -np.inf)
 
@@ -161,18 +156,24 @@ class Bank:
         return wandering.nats(self.sums, lambda gain: self._student(gain, (q - 2.0 * gain) / j))
 
     def _told(
-        self, i: npt.NDArray[np.integer], gain: Array, prior: Array, further: Array | float = 0.0, shares: int = 1
+        self,
+        i: npt.NDArray[np.integer],
+        gain: Array,
+        shrunk: Array,
+        cost: Array,
+        further: Array | float = 0.0,
+        shares: int = 1,
     ) -> Array:
         """Student's t for a noise whose size the segments tell, less Occam's factor. (97)
 
-        `further`: gain, besides. `shares`: columns that share the rows out, as those of a curve do; q is their mean.
+        `shrunk`, `cost`: see _by_prior. `further`: gain, besides. `shares`: columns that share the rows out, as those
+        of a curve do; q is their mean.
         """
         j, q = np.maximum(self._j[i], 1.0), self._q[i]
         left = (q - 2.0 * (gain + further) / shares) / j
         # A tread that wanders is no white noise: what an effect leaves of its scatter is left for this one, too.
         left = np.maximum(left, (self._turns[0] - 2.0 * (gain + further)) / self._turns[1])
-        gain = gain * prior / (1.0 + prior) + further
-        return np.asarray(self._student(gain, left) - 0.5 * np.log1p(prior))
+        return np.asarray(self._student(shrunk + further, left) - cost)
 
     def _student(self, gain: Array, left: Array) -> Array:
         """Nats of a gain in squares; `left`: mean square of what is left in a row, of which noise is 1. (97)"""
@@ -311,6 +312,11 @@ def _edge(score: Array, information: Array, own_score: Array, own: Array, both: 
     gain = (0.5 * rest**2 * variance + rest * mean - 0.5 * left * mean**2) / inflated
     # Where that segment tells more than all the rest, it is not one in which it begins or ends.
     return np.where(own < information, np.stack([gain, 0.5 * np.log(inflated)]), 0.0)
+
+
+def _by_prior(gain: Array, prior: Array) -> tuple[Array, Array]:
+    """What a prior of so many times a size's own variance leaves of a gain, and Occam's factor, nats."""
+    return gain * prior / (1.0 + prior), 0.5 * np.log1p(prior)
 
 
 def _plausible(size: Array) -> Array:

@@ -18,7 +18,7 @@ from drd.monitor.fixes import Fixes
 from drd.monitor.judging import Judge
 from drd.monitor.library import BIAS, CHANGE, OWN, TRAVEL, Hypothesis, Library
 from drd.monitor.noise import KINDS, RowNoise
-from drd.monitor.rows import STANDS_M, RowMaker, Rows
+from drd.monitor.rows import ROW_S, STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
 from drd.monitor.sums import Sums
 from drd.monitor.symptoms import Symptoms
@@ -31,7 +31,7 @@ ANEW: Final = 100.0  # times as loose as stated is what has changed
 EVEN: Final = 0.5  # a tread that wanders more likely than not is no constant
 FEWEST_SEGMENTS: Final = 10  # half a minute: of less no constant is remembered
 EVERY: Final = 2  # blocks: what is judged more often is not known earlier, but costs
-CREEP_ROWS: Final = 2  # beside those in which it counts
+SLOWING_M_S2: Final = 0.1  # of a wheel that comes to rest, or sets off: gentler ones are rare
 TREAD_RAD2: Final = 0.1  # what the nominal tread weighs: some turns
 # More evidence asked of a robot that skids, whose slip is no white noise: false names on real drives had up to so much.
 SKID_NATS: Final = 12.0
@@ -55,6 +55,8 @@ class Monitor:
         self._wheel_noise = noise.wheel_m_per_sqrt_m
         counts = config.encoders.counts_per_revolution
         self._count_m = 2.0 * math.pi * robot.wheel_radius_m / counts if counts else 0.0
+        # A wheel that creeps may stand by its counts: on its last one it takes so long. Rows beside those that count.
+        self._creep_rows = max(1, math.ceil(math.sqrt(2.0 * self._count_m / SLOWING_M_S2) / ROW_S))
         self._rows, self._segments = RowMaker(), Segments(self._white)
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
@@ -103,8 +105,7 @@ class Monitor:
             still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
             self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
         distances, gyro_var = np.abs(rows.left_m) + np.abs(rows.right_m), self._walk**2 * h
-        # A wheel that creeps may stand by its counts.
-        moves = np.convolve(distances > STANDS_M, np.ones(2 * CREEP_ROWS + 1), "same") > 0.5
+        moves = np.convolve(distances > STANDS_M, np.ones(2 * self._creep_rows + 1), "same") > 0.5
         wheel_var = self._wheel_variance(rows, distances, moves)
         tread = self._turned[0] / self._turned[1]
         share = gyro_var / (gyro_var + wheel_var + 1e-30)

@@ -74,6 +74,21 @@ def with_ground(recording: Recording, share: float, begin_s: float) -> Recording
     return replace(recording, wheels=replace(log, left_counts=np.round(fewer), right_counts=np.round(further)))
 
 
+def that_stands(recording: Recording, since_s: float) -> Recording:
+    """From then on the robot stands, its gyro's noise that of the first ten seconds."""
+    fog, log = recording.fog, recording.encoders
+    assert fog is not None
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    moves = log.time_s <= since_s
+    left, right = (np.where(moves, counts, counts[moves][-1]) for counts in (log.left_counts, log.right_counts))
+    at_rest = np.resize(fog.rate_rad_s[fog.time_s < 9.0], len(fog.time_s))
+    rate_rad_s = np.where(fog.time_s <= since_s, fog.rate_rad_s, at_rest)
+    return replace(
+        recording, fog=replace(fog, rate_rad_s=rate_rad_s), wheels=replace(log, left_counts=left, right_counts=right)
+    )
+
+
 def found(recording: Recording) -> tuple[list[Finding], int]:
     """Findings, and the time in ns at which the recording's time is 0."""
     made = monitor_logs(recording.fog, recording.encoders, configuration(recording))
@@ -154,30 +169,25 @@ def test_what_no_name_is_sure_of_yet_is_suspected_and_no_longer_once_it_is_named
 
 
 def test_a_dead_band_is_named_with_its_size_and_is_no_other_bias_while_the_robot_stands() -> None:
-    recording, band_rad_s = drive(5, 420.0), 0.004
+    recording, band_rad_s = that_stands(drive(5, 420.0), 240.0), 0.004
     fog = recording.fog
     assert fog is not None
-    log = recording.encoders
-    assert log.left_counts is not None
-    assert log.right_counts is not None
-    # It stands from 240 s on: longer than readings of turns are remembered.
-    stands = log.time_s > 240.0
-    counts = [np.where(stands, c[~stands][-1], c) for c in (log.left_counts, log.right_counts)]
-    rate = np.where(fog.time_s > 240.0, np.abs(fog.rate_rad_s).min(), fog.rate_rad_s)
-    rate = np.where((fog.time_s > BEGIN_S) & (np.abs(rate) < band_rad_s), 0.0, rate)
-    findings, zero_ns = found(
-        replace(
-            recording,
-            fog=replace(fog, rate_rad_s=rate),
-            wheels=replace(log, left_counts=counts[0], right_counts=counts[1]),
-        )
-    )
+    rate = np.where((fog.time_s > BEGIN_S) & (np.abs(fog.rate_rad_s) < band_rad_s), 0.0, fog.rate_rad_s)
+    findings, zero_ns = found(replace(recording, fog=replace(fog, rate_rad_s=rate)))
     assert [f.effect for f in findings] == ["gyro_deadband"]
     told = findings[0].parameters["band"]
     assert isinstance(told, Size)
     assert told.low < np.degrees(band_rad_s) < told.high
     assert abs((findings[0].since_ns - zero_ns) / NS_PER_S - BEGIN_S) < 10.0
     assert findings[0].until_ns is None
+
+
+def test_one_heading_does_not_tell_whether_a_bias_depends_on_it() -> None:
+    findings, _ = found(with_bias(that_stands(drive(3, 200.0), BEGIN_S - 10.0), 5e-4))
+    (finding,) = findings
+    probabilities = {finding.effect: finding.probability, **dict(finding.also_fits)}
+    step, by_heading = (probabilities[name] for name in ("gyro_bias_step", "gyro_heading_dependent_bias"))
+    assert min(step, by_heading) > 0.3
 
 
 def test_a_bias_that_jumps_is_named_and_no_wheel_is() -> None:
