@@ -69,20 +69,19 @@ class Judge:
 
     def _suspect(self, found: Posterior, least_nats: float, further_nats: float) -> None:
         """Suspect something, or nothing more, once some looks in a row say so."""
-        suspects = self.suspected is not None
-        self._changing = self._changing + 1 if (found.odds_nats > least_nats) != suspects else 0
+        suspects, is_likely = self.suspected is not None, found.odds_nats > least_nats
+        self._changing = self._changing + 1 if is_likely != suspects else 0
         if self._changing >= PATIENCE:
-            suspects, self._changing = not suspects, 0
-        self.suspected = None
-        if suspects and found.best:
+            self._changing, self.suspected = 0, None
+        if is_likely and self._changing == 0:
             p = np.sum([share * found.onsets[name] for name, share in found.shares().items()], axis=0)
             median = int(np.searchsorted(np.cumsum(p), 0.5))
             self.suspected = Suspected(found, self._onset(median, p), found.odds_nats - further_nats)
 
-    def forget(self) -> None:
-        """Take back all that was named or suspected."""
-        self.known.clear()
-        self.suspected = None
+    def forget(self, but: Sequence[Known] = ()) -> None:
+        """Take back all that was named, `but` some, and what is suspected."""
+        self.known[:] = but
+        self.suspected, self._looks, self._changing = None, 0, 0
 
     def _sums(self, known: Sequence[Known]) -> Sums:
         begins = self._segments.begins_s

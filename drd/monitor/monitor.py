@@ -18,7 +18,7 @@ from drd.monitor.fixes import Fixes
 from drd.monitor.judging import Judge
 from drd.monitor.library import BIAS, CHANGE, OWN, TRAVEL, Hypothesis, Library
 from drd.monitor.noise import KINDS, RowNoise
-from drd.monitor.rows import ROW_S, STANDS_M, RowMaker, Rows
+from drd.monitor.rows import LEAD_ROWS, ROW_S, STANDS_M, RowMaker, Rows
 from drd.monitor.segments import Segments
 from drd.monitor.sums import Sums
 from drd.monitor.symptoms import Symptoms
@@ -56,7 +56,8 @@ class Monitor:
         counts = config.encoders.counts_per_revolution
         self._count_m = 2.0 * math.pi * robot.wheel_radius_m / counts if counts else 0.0
         # A wheel that creeps may stand by its counts: on its last one it takes so long. Rows beside those that count.
-        self._creep_rows = max(1, math.ceil(math.sqrt(2.0 * self._count_m / SLOWING_M_S2) / ROW_S))
+        last_s = math.sqrt(2.0 * self._count_m / SLOWING_M_S2)
+        self._creep_rows = min(max(1, math.ceil(last_s / ROW_S)), LEAD_ROWS)
         self._rows, self._segments = RowMaker(), Segments(self._white)
         self._library = Library(robot.tread_m, robot.wheel_radius_m)
         self._symptoms = Symptoms(robot.tread_m)
@@ -105,7 +106,8 @@ class Monitor:
             still = np.maximum(np.abs(rows.left_m), np.abs(rows.right_m)) < STANDS_M
             self._bias_rad_s = float(np.median((rows.gyro_rad / h)[still])) if still.any() else 0.0
         distances, gyro_var = np.abs(rows.left_m) + np.abs(rows.right_m), self._walk**2 * h
-        moves = np.convolve(distances > STANDS_M, np.ones(2 * self._creep_rows + 1), "same") > 0.5
+        near = np.convolve(distances > STANDS_M, np.ones(2 * self._creep_rows + 1)) > 0.5
+        moves = near[self._creep_rows : self._creep_rows + len(distances)]
         wheel_var = self._wheel_variance(rows, distances, moves)
         tread = self._turned[0] / self._turned[1]
         share = gyro_var / (gyro_var + wheel_var + 1e-30)
@@ -163,7 +165,7 @@ class Monitor:
                 seen.is_told, seen.named_s = True, seen_s
                 self._segments.drop_since(seen.begin_s)
                 old = [k for k in self.known if k.named_s < seen.begin_s and (k.end_s or 0.0) < seen.begin_s]
-                self.known[:] = old
+                self._judging.forget(old)
 
     def _begin_anew(self, first: Turns) -> None:
         """Stamps are put right by a lag, a robot that skids has its noise; sums without that are forgotten. (99)"""

@@ -1,7 +1,7 @@
 """What a look at the readings shows by logic, before any regression: clipped and muted rates, stopped counters. (99)"""
 
+import itertools
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -30,6 +30,8 @@ FEWEST_ZEROS: Final = 30
 FEWEST_SILENT: Final = 10  # zeros: no gyro that reads its noise has so many and nothing small beside them
 MUTED_SIGMAS: Final = 6.0  # of the gyro's noise, below which no rate is seen though there should be some
 BLOCKS: Final = 30  # in which muted rates are counted: a minute
+SAME_SIGMAS: Final = 3.0  # of its noise, within which two readings may be one rate
+SURE_SIGMAS: Final = 3.0
 LEAST_READINGS: Final = 8  # that tell where a dead band ends: more lie too far beyond for readings to be as dense
 
 
@@ -66,6 +68,7 @@ class Symptoms:
         self._tread_m = tread_m
         self.seen: dict[tuple[Symptom, str], Seen] = {}
         self._small: deque[_Small] = deque(maxlen=BLOCKS)
+        self._dead = 0  # zeros in faster turns, and nothing else
         self._shown = self._older = np.zeros(0)  # readings beyond a dead band since it was found, and of before
         self._stops: dict[str, tuple[float, float, float]] = {}
         self._below_rad = 0.0, 0.0  # turn of the wheels and of the gyro, at rates below the largest
@@ -80,7 +83,7 @@ class Symptoms:
         inner = rows.inner
         wheels = by_wheels[inner] / tread
         useless = self._clipped(rows, wheels, wheel_var[inner], gyro_s)
-        useless |= self._muted(rows, gyro_s)
+        useless |= self._muted(rows, wheels, wheel_var[inner], gyro_s)
         for side, mine, its, sign in (
             (SIDES[0], rows.left_m, rows.right_m, -1.0),
             (SIDES[1], rows.right_m, rows.left_m, 1.0),
@@ -129,53 +132,55 @@ class Symptoms:
             self._below_rad = by_wheels, by_gyro
         return max(by_wheels / by_gyro, 1.0) if by_gyro > 0.0 else 1.0
 
-    def _muted(self, rows: Rows, gyro_s: float) -> Flags:
+    def _muted(self, rows: Rows, wheels: Array, variance: Array, gyro_s: float) -> Flags:
         inner = rows.inner
-        good = rows.is_good[inner]
-        rate = np.abs(rows.gyro_rad[inner] / rows.interval_s[inner])[good]
+        good, h = rows.is_good[inner], rows.interval_s[inner]
+        rate = np.abs(rows.gyro_rad[inner] / h)[good]
         if not len(rate):
             return ~good
-        begin_s = float(rows.end_s[inner][0] - rows.interval_s[inner][0])
+        begin_s = float(rows.end_s[inner][0] - h[0])
         others = rate[rate > ZERO_RAD_S]
-        readings = np.abs(rows.readings_rad_s)
-        readings = np.sort(readings[readings > ZERO_RAD_S])[:LEAST_READINGS]
+        sigma_rad_s = gyro_s / float(np.median(h))
+        shown = _apart(np.abs(rows.readings_rad_s), SAME_SIGMAS * sigma_rad_s)
         least = float(others.min()) if len(others) else np.inf
-        self._small.append(_Small(begin_s, len(rate) - len(others), len(others), least, readings))
-        typical_s = float(np.median(rows.interval_s[inner]))
+        self._small.append(_Small(begin_s, len(rate) - len(others), len(others), least, shown))
         # From the newest block backwards: no small rate, and zeros.
-        muted: list[_Small] = []
-        for block in reversed(self._small):
-            if block.least_rad_s < MUTED_SIGMAS * gyro_s / typical_s:
-                break
-            muted.append(block)
+        muted = list(itertools.takewhile(lambda b: b.least_rad_s >= MUTED_SIGMAS * sigma_rad_s, reversed(self._small)))
         zeros = sum(b.zeros for b in muted)
         found = self.seen.get((Symptom.MUTED, ""))
         if found is None and min(zeros, sum(b.others for b in muted)) >= FEWEST_ZEROS:
             since_s = min(b.begin_s for b in muted if b.zeros)
             found = self.seen[Symptom.MUTED, ""] = Seen(Symptom.MUTED, "", since_s, begin_s, sure=True)
-            self._ended(found, [], [b.readings_rad_s for b in muted])
-        elif found is not None and muted:
-            self._ended(found, [muted[0].readings_rad_s])
-            found.end_s = begin_s if zeros else found.end_s
-        # A zero that is none would pass for another bias.
-        if found is None and zeros < FEWEST_SILENT:
+            self._older = np.concatenate([b.readings_rad_s for b in muted])
+        elif found is not None and zeros:
+            self._shown = _apart(np.concatenate([self._shown, shown]), SAME_SIGMAS * sigma_rad_s)
+            found.end_s = begin_s if muted[0].zeros else found.end_s
+        if found is not None:
+            found.size, found.std = self._end_of_band(SAME_SIGMAS * sigma_rad_s)
+            most_rad_s = found.size + SURE_SIGMAS * found.std
+        elif zeros >= FEWEST_SILENT:
+            most_rad_s = min((b.least_rad_s for b in muted if b.others), default=0.0)
+        else:
             return np.zeros(len(good), bool)
-        return np.asarray(np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * rows.interval_s[inner])
+        # A zero that is none would pass for another bias; one in a faster turn is no dead band's.
+        slow = np.abs(wheels) <= most_rad_s * h + SURE_SIGMAS * np.sqrt(variance)
+        is_zero = np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * h
+        self._dead = 0 if len(others) else self._dead + int((is_zero & ~slow & good).sum())
+        if self._dead >= FEWEST_ZEROS:  # nor is it one if nothing else is read any more
+            self.seen.pop((Symptom.MUTED, ""), None)
+            return np.zeros(len(good), bool)
+        return np.asarray(is_zero & slow)
 
-    def _ended(self, found: Seen, readings: Sequence[Array], before: Sequence[Array] = ()) -> None:
-        """Where a dead band ends: as far before the least reading beyond it as the least are apart, in the mean, give
-        or take as much (Robson and Whitlock 1964). `before`: readings that may be older than the dead band.
+    def _end_of_band(self, step_rad_s: float) -> tuple[float, float]:
+        """Where a dead band ends, and its deviation: as far before the least reading beyond it as the least are apart,
+        in the mean, give or take as much (Robson and Whitlock 1964).
         """
-        # A steady rate, read again and again, tells no more than once.
-        self._shown = least = np.unique(np.concatenate([self._shown, *readings]))[:LEAST_READINGS]
-        self._older = np.concatenate([self._older, *before])
-        if len(least) < LEAST_READINGS:
-            least = np.unique(np.concatenate([least, self._older]))[:LEAST_READINGS]
-        if not len(least):
-            return
-        first = float(least[0])
-        found.std = float(least[-1] - first) / (len(least) - 1) if len(least) > 1 else 0.5 * first
-        found.size = first - found.std
+        least = self._shown
+        if len(least) < LEAST_READINGS:  # those of before may be older than the dead band
+            least = _apart(np.concatenate([least, self._older]), step_rad_s)
+        first, last = float(least[0]), float(least[-1])
+        std = min((last - first) / max(len(least) - 1, 1) or first, 0.5 * first)
+        return first - std, std
 
     def _stopped(self, rows: Rows, side: str, mine: Array, its: Array, should_m: Array) -> Flags:
         inner = rows.inner
@@ -195,6 +200,12 @@ class Symptoms:
                 found.end_s = float(end_s[k])
         self._stops[side] = begin, travel, other
         return _beside(missing)
+
+
+def _apart(readings: Array, step: float) -> Array:
+    """The least readings besides zeros, in order: a steady rate, read again and again, tells no more than once."""
+    some = np.sort(readings[readings > ZERO_RAD_S])
+    return np.asarray(some[np.unique(np.floor(some / step), return_index=True)[1]][:LEAST_READINGS])
 
 
 def _beside(flags: Flags) -> Flags:

@@ -18,7 +18,8 @@ from drd.units import NS_PER_S
 FORGIVEN_NATS: Final = 0.5 * math.log1p(INFORMATION)  # what each size costs
 CLASS_NATS: Final = 3.0  # names so near are told, too, and one so much better takes the place
 FORM_SHARE: Final = 0.08  # of the evidence, that a form which is a bit wrong costs: 0.15^2, and some
-LEAST_SHARE: Final = 0.1  # of what is suspected: names of less are not told
+LEAST_SHARE: Final = 0.1  # of the likeliest name's probability: what is suspected has no name of less
+IN_TEXT: Final = 3  # names
 RULED_OUT_NATS: Final = 10.0
 SYMPTOM_SURE: Final = 0.98
 SYMPTOM_STD_S: Final = 0.1  # a row
@@ -117,10 +118,11 @@ class Teller:
     def suspicion(self, suspected: Suspected) -> Suspicion:
         """What is suspected."""
         p, onset = 1.0 / (1.0 + math.exp(-suspected.odds_nats)), suspected.onset
-        names = tuple((name, share * p) for name, share in suspected.found.shares().items() if share > LEAST_SHARE)
+        shares = suspected.found.shares()
+        names = tuple((name, p * share) for name, share in shares.items() if share > LEAST_SHARE * max(shares.values()))
         effects = [catalogue().get(name) for name, _ in names]
         return Suspicion(
-            text=f"Something may have changed: {' or '.join(f'{name} ({own:.2f})' for name, own in names)}.",
+            text=f"Something may have changed: {' or '.join(f'{name} ({own:.2f})' for name, own in names[:IN_TEXT])}.",
             probability=p,
             names=names,
             since_ns=self._ns(onset.begin_s),

@@ -182,6 +182,27 @@ def test_a_dead_band_is_named_with_its_size_and_is_no_other_bias_while_the_robot
     assert findings[0].until_ns is None
 
 
+def test_a_gyro_that_says_nothing_but_zero_has_no_dead_band() -> None:
+    recording = drive(5, 300.0)
+    fog = recording.fog
+    assert fog is not None
+    dead = replace(recording, fog=replace(fog, rate_rad_s=np.where(fog.time_s > 60.0, 0.0, fog.rate_rad_s)))
+    made = monitor_logs(dead.fog, dead.encoders, configuration(dead))
+    assert "gyro_deadband" not in {f.effect for f in made.findings}
+    assert not made.monitor.is_judging
+
+
+def test_few_counts_in_a_turn_are_watched_as_well() -> None:
+    recording = drive(0, 60.0)
+    nominal = replace(recording.nominal, counts_per_revolution=6.0)
+    log = recording.encoders
+    assert log.left_counts is not None
+    assert log.right_counts is not None
+    left, right = (np.floor(counts * 6.0 / 20000.0) for counts in (log.left_counts, log.right_counts))
+    coarse = replace(recording, nominal=nominal, wheels=replace(log, left_counts=left, right_counts=right))
+    assert found(coarse)[0] == []
+
+
 def test_one_heading_does_not_tell_whether_a_bias_depends_on_it() -> None:
     findings, _ = found(with_bias(that_stands(drive(3, 200.0), BEGIN_S - 10.0), 5e-4))
     (finding,) = findings
