@@ -205,7 +205,8 @@ class Symptoms:
 def _apart(readings: Array, step: float) -> Array:
     """The least readings besides zeros, in order: a steady rate, read again and again, tells no more than once."""
     some = np.sort(readings[readings > ZERO_RAD_S])
-    return np.asarray(some[np.unique(np.floor(some / step), return_index=True)[1]][:LEAST_READINGS])
+    _, at = np.unique(np.floor(some / max(step, ZERO_RAD_S)), return_index=True)
+    return np.asarray(some[at][:LEAST_READINGS])
 
 
 def _beside(flags: Flags) -> Flags:
