@@ -17,7 +17,7 @@ from drd_tools.trial.score import calibration_error, exact_error, wilson
 
 GOAL_S: Final = 1000.0 * 3600.0  # between false names
 HEADER: Final = [
-    "", "n", "in time", "95 %", "ceiling", "or suspected", "ever", "unknown", "wrong too", "onset off, s",
+    "", "n", "in time", "95 %", "ceiling", "told", "ever", "unknown", "wrong too", "onset off, s",
     "named after, s",
 ]  # fmt: skip
 
