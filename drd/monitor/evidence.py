@@ -249,13 +249,14 @@ class Posterior:
 
     def probabilities(self) -> dict[str, float]:
         """Probability of each name, the likeliest first; the rest is nothing's, and the wandering tread's."""
-        found = {name: math.exp(x - self._total) for name, x in self.nats.items()}
-        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+        return self._over(self._total)
 
     def shares(self) -> dict[str, float]:
         """Probability of each name if one of them is there, the likeliest first."""
-        most = np.logaddexp.reduce(list(self.nats.values()))
-        found = {name: math.exp(x - most) for name, x in self.nats.items()}
+        return self._over(float(np.logaddexp.reduce(list(self.nats.values()))))
+
+    def _over(self, total: float) -> dict[str, float]:
+        found = {name: math.exp(x - total) for name, x in self.nats.items()}
         return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
 
@@ -315,7 +316,7 @@ def _edge(score: Array, information: Array, own_score: Array, own: Array, both: 
 
 
 def _by_prior(gain: Array, prior: Array) -> tuple[Array, Array]:
-    """What a prior of so many times a size's own variance leaves of a gain, and Occam's factor, nats."""
+    """A gain under a prior of so many times a size's own variance, and Occam's factor, nats."""
     return gain * prior / (1.0 + prior), 0.5 * np.log1p(prior)
 
 

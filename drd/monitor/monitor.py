@@ -259,7 +259,7 @@ class Monitor:
         return sorted([*told, *self._fixes.findings()], key=lambda f: f.named_ns)
 
     def suspected(self) -> Suspicion | None:
-        """What is more likely there than not, while no name is sure; None where nothing is. (98)"""
+        """The suspicion, while something is more likely there than not and no name is sure; else None. (98)"""
         suspected = self._judging.suspected
         return None if suspected is None else self._teller().suspicion(suspected)
 

@@ -52,7 +52,7 @@ class Seen:
 
 
 class _Small(NamedTuple):
-    """Of a block: its begin, rows of no rate and others, the least of these, and the least readings besides zeros."""
+    """A block's begin, its rows of no rate and others, the least of these, and the least readings besides zeros."""
 
     begin_s: float
     zeros: int
@@ -147,10 +147,11 @@ class Symptoms:
         # From the newest block backwards: no small rate, and zeros.
         muted = list(itertools.takewhile(lambda b: b.least_rad_s >= MUTED_SIGMAS * sigma_rad_s, reversed(self._small)))
         zeros = sum(b.zeros for b in muted)
-        found = self.seen.get((Symptom.MUTED, ""))
+        key = (Symptom.MUTED, "")
+        found = self.seen.get(key)
         if found is None and min(zeros, sum(b.others for b in muted)) >= FEWEST_ZEROS:
             since_s = min(b.begin_s for b in muted if b.zeros)
-            found = self.seen[Symptom.MUTED, ""] = Seen(Symptom.MUTED, "", since_s, begin_s, sure=True)
+            found = self.seen[key] = Seen(Symptom.MUTED, "", since_s, begin_s, sure=True)
             self._older = np.concatenate([b.readings_rad_s for b in muted])
         elif found is not None and zeros:
             self._shown = _apart(np.concatenate([self._shown, shown]), SAME_SIGMAS * sigma_rad_s)
@@ -167,7 +168,7 @@ class Symptoms:
         is_zero = np.abs(rows.gyro_rad[inner]) <= ZERO_RAD_S * h
         self._dead = 0 if len(others) else self._dead + int((is_zero & ~slow & good).sum())
         if self._dead >= FEWEST_ZEROS:  # nor is it one if nothing else is read any more
-            self.seen.pop((Symptom.MUTED, ""), None)
+            self.seen.pop(key, None)
             return np.zeros(len(good), bool)
         return np.asarray(is_zero & slow)
 

@@ -57,7 +57,7 @@ class Known:
 
 
 class Suspected(NamedTuple):
-    """What is more likely there than not, while no name is sure; since when, and the odds that anything is there."""
+    """A suspicion in the making: the names, since when, and the odds that anything is there."""
 
     found: Posterior
     onset: Onset
@@ -116,7 +116,7 @@ class Teller:
         )
 
     def suspicion(self, suspected: Suspected) -> Suspicion:
-        """What is suspected."""
+        """The suspicion, as it is told."""
         p, onset = 1.0 / (1.0 + math.exp(-suspected.odds_nats)), suspected.onset
         shares = suspected.found.shares()
         names = tuple((name, p * share) for name, share in shares.items() if share > LEAST_SHARE * max(shares.values()))

@@ -93,7 +93,7 @@ class Monitoring(Observer):
     # ---- what it says ------------------------------------------------------------------------------------------
 
     def findings(self) -> dict[str, Any]:
-        """What is published: state, findings, suspicion, and the effects that gyro and wheels do not show."""
+        """The published message: state, findings, suspicion, and the effects that gyro and wheels do not show."""
         report = self._report
         return {
             "state": self._state,

@@ -103,7 +103,8 @@ class Watch:
             return
         self._now_s = monitor.now_s
         suspects = monitor.suspected() is not None
-        self.suspected_s += [monitor.now_s] * (suspects and not self._suspects)
+        if suspects and not self._suspects:
+            self.suspected_s.append(monitor.now_s)
         self._suspects = suspects
         for known in monitor.known:
             name, near = monitor.hypotheses[known.hypothesis].id, monitor.alike(known)
