@@ -331,6 +331,32 @@ def test_whatever_the_samples_are_the_result_is_a_number(
         assert all(map(math.isfinite, numbers)), (term, numbers)
 
 
+@pytest.mark.parametrize(
+    ("effect", "parameters"),
+    [
+        ("terrain_tread", {"t0": 0.0, "t1": 9.0, "tread": -0.91, "gain": -1.98}),
+        ("slip_acceleration", {"k": 0.58}),
+        ("gyro_scale_nonlinearity", {"a2": 3.0, "a3": -4.1, "largest_rate": 8.7}),
+    ],
+)
+def test_an_effect_that_cannot_be_undone_does_not_run_away(effect: str, parameters: dict[str, float]) -> None:
+    """Each pass sets out from the last one's error: 100 of them would make 1e34 m of a metre."""
+    model = compensation({"effect": effect, "parameters": parameters})
+    largest, is_told = 0.0, False
+    for k in range(1, 161):
+        turn = 0.8 * math.sin(k / 9.0)
+        speed = 0.7 + 0.4 * math.sin(k / 17.0)
+        rate = corrected(model, turn / RAD_PER_DEG, k=k // 2) if k % 2 else None
+        is_told |= model.outside
+        left_m, right_m = (0.05 * (speed + side * 0.5 * turn * TREAD_M) for side in (-1.0, 1.0))
+        found = model.wheels(WheelSample(ZERO_NS + k * S // 20, 0.05, left_m, right_m, 0.0), 0.0)
+        is_told |= model.outside
+        shares = (abs(found.left_m) / 0.065, abs(found.right_m) / 0.065, abs(rate.rate_rad_s) / 0.8 if rate else 0.0)
+        largest = max(largest, *shares)
+    assert largest < 10.0
+    assert is_told
+
+
 def test_no_memory_grows_with_the_samples() -> None:
     one_of_each: list[dict[str, Any]] = [
         {
