@@ -54,6 +54,22 @@ def test_the_references_own_noise_counts() -> None:
     assert sum(n.verdict == "consistent" for n in parts) >= 0.9 * SEEDS
 
 
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e80])
+def test_only_rows_whose_covariance_has_no_inverse_are_left_out(size: float) -> None:
+    """An estimate that has run away is told as what it is, and nothing raised."""
+    estimate, reference = dead_reckoned(np.random.default_rng(1))
+    aligned, alignment = align(associate(estimate, reference, MAX_GAP_S), "none", 3.0)
+    assert aligned.covariance is not None
+    units = np.array([size, size, 1.0])
+    covariance = aligned.covariance * units[:, None] * units
+    together = units * np.random.default_rng(2).uniform(0.1, 1.0, (len(covariance), 3))
+    covariance[::2] = (together[:, :, None] * together[:, None])[::2]  # their least eigenvalue is rounding
+    exact = replace(reference, position_sigma_m=0.0, heading_sigma_rad=0.0)
+    pose, position, heading = consistency(replace(aligned, covariance=covariance), alignment, exact).nees
+    assert pose.rows == position.rows == pytest.approx(0.5 * len(covariance), abs=2)
+    assert heading.rows == pytest.approx(len(covariance), abs=2)
+
+
 @pytest.mark.parametrize("kind", ["se2", "first-metres"])
 def test_an_alignment_that_uses_the_errors_has_no_nees(kind: str) -> None:
     estimate, reference = dead_reckoned(np.random.default_rng(1))

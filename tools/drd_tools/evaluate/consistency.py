@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import chdtri
 
@@ -16,6 +17,8 @@ from drd_tools.evaluate.trajectory import Pairs, Reference
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
+LEAST_VARIANCE: Final = 1e-14  # (0.1 um)^2 or rad^2: what a perfect reference and an estimate that has not begun leave
+LEAST_EIGENVALUE: Final = 1e-12  # of a correlation: four digits of an inverse
 SIGMA_99: Final = math.sqrt(float(chdtri(1, 1.0 - LEVEL)))  # half the width of a Gaussian's 99 % interval
 
 
@@ -67,10 +70,21 @@ def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> C
     begin = 1 if alignment.kind == "start" else 0  # the first error is zero by definition
     for part, axes in PARTS.items():
         part_S = S[begin:, axes][:, :, axes]
-        regular = np.linalg.eigvalsh(part_S)[:, 0] > 1e-14
+        regular = _has_inverse(part_S)
         if regular.any():
             found.append(nees(part, aligned.error[begin:][regular][:, axes], part_S[regular]))
     return Consistency(found, "" if found else "not determined: the covariance is singular in every row", inside)
+
+
+def _has_inverse(S: Array) -> npt.NDArray[np.bool_]:
+    """Where covariances (k, d, d) have an inverse that rounding leaves some digits of, (k,).
+
+    Metres and radians are made alike first: 1e6 m^2 beside 1e-8 rad^2 is no degenerate ellipse.
+    """
+    variance = np.diagonal(S, axis1=1, axis2=2)
+    known: npt.NDArray[np.bool_] = np.all(variance > LEAST_VARIANCE, axis=1)
+    sigma = np.sqrt(np.where(known[:, None], variance, 1.0))
+    return np.asarray(known & (np.linalg.eigvalsh(S / sigma[:, :, None] / sigma[:, None])[:, 0] > LEAST_EIGENVALUE))
 
 
 def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference) -> Array | None:
