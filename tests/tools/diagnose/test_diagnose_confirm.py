@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, problem, selected
+from diagnosis_drives import SLALOM, WAREHOUSE, problem, selected
 from scipy import stats
 
 from drd_tools.diagnose.conclude import conclusion
@@ -93,6 +93,20 @@ def test_on_real_ground_a_name_has_to_hold_on_either_half(is_far: bool, monkeypa
     monkeypatch.setattr(test, "nats", (-4.0, 20.0))
     kept = conclusion._held(Found(p, fit, 0.0, 0.0), Search(p), [test], ())
     assert bool(kept.fit.selection) is not is_far
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_two_that_share_an_effect_and_each_fail_beside_the_other_one_is_kept(seed: int) -> None:
+    p = problem(WAREHOUSE, 3)
+    jump = selected("gyro_bias_step", t0=66.0, b=5e-4)
+    p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([jump]))
+    fit = refine(p, [replace(jump, values={"t0": t0, "b": 2.5e-4}, free=("b",)) for t0 in (65.8, 66.2)])
+    search = Search(p)
+    found = Found(p, fit, search.score(fit), 0.0)
+    tests = conclusion._tests(found, search)
+    assert all(sum(test.nats) < 0.0 for test in tests)
+    (kept,) = conclusion._held(found, search, tests, ()).fit.selection
+    assert kept.number("b") == pytest.approx(5e-4, abs=3.0 * kept.sigma("b"))
 
 
 def test_an_effect_that_was_fitted_to_noise_rarely_holds() -> None:

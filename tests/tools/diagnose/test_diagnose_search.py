@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
+import drd_tools.diagnose.select.search
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.conclude.rivals import FAR_NATS, near_sets
-from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.select.library import is_possible
 from drd_tools.diagnose.select.search import (
     Found,
@@ -69,6 +71,22 @@ def test_two_delays_that_stand_for_one_become_one() -> None:
     (only,) = found.fit.selection
     assert only.id == "gyro_latency"
     assert only.number("delay") == pytest.approx(0.08, abs=0.005)
+
+
+def test_a_set_whose_parameters_leave_all_sizes_when_it_is_linearised_around_is_not_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    p = problem(SLALOM, 3, selected("encoder_latency", delay=0.2))
+    search, empty = Search(p), refine(p, ())
+    found = Found(p, empty, search.score(empty), search.score(empty))
+    assert _other_set(search, found) is not None
+    runaway = selected("terrain_tread", t0=0.0, t1=9.0, tread=-0.91, gain=-1.98)
+
+    def linearised(problem: Problem, fit: Fit, null: float) -> Found:
+        return Found(problem, replace(fit, selection=(runaway,)), 0.0, null)
+
+    monkeypatch.setattr(drd_tools.diagnose.select.search, "linearised", linearised)
+    assert _other_set(search, found) is None
 
 
 def test_what_acts_all_the_way_is_no_stretch() -> None:

@@ -22,6 +22,7 @@ from drd_tools.diagnose.conclude.rivals import at_odds, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import BARELY, odds_over_the_reference, reported_estimates
 from drd_tools.diagnose.observe.events import Event
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.results import Array, Because, Smallest
 from drd_tools.diagnose.select.orders import ripples
@@ -171,21 +172,25 @@ def _tests(found: Found, search: Search) -> list[OtherHalf]:
     return [OtherHalf(found.problem, search.library, found.fit, c) for c in found.fit.selection]
 
 
+def _fails(problem: Problem, test: OtherHalf) -> bool:
+    """Whether data that an effect was not fitted to speak against it."""
+    return sum(test.nats) <= FAILING_NATS or not holds(problem, test.nats)
+
+
 def _held(
     found: Found, search: Search, tests: Sequence[OtherHalf], constants: Collection[str], expected: Collection[str] = ()
 ) -> Found:
     """Drop the selected effects that fail on data that they were not fitted to, or gain next to nothing.
 
-    One that shows in a single fix has no such data: nothing speaks against it there.
+    One at a time: of two that share an effect each fails beside the other. One that shows in a single fix has no such
+    data: nothing speaks against it there.
     """
     problem, fit = found.problem, found.fit
     stays = search.known.union(constants)
-    unseen = [(0.0, 0.0) if c.id in stays else t.nats for c, t in zip(fit.selection, tests, strict=True)]
-    kept = [
-        c for c, nats in zip(fit.selection, unseen, strict=True) if sum(nats) > FAILING_NATS and holds(problem, nats)
-    ]
-    if len(kept) < len(fit.selection):
-        fit = refine(problem, kept)
+    while failing := [(sum(t.nats), t.selected) for t in tests if t.selected.id not in stays and _fails(problem, t)]:
+        worst = min(failing, key=lambda f: f[0])[1]
+        fit = refine(problem, [c for c in fit.selection if c is not worst])
+        tests = _tests(replace(found, fit=fit), search)
     while others := [one for one in fit.selection if one.id not in search.known.union(expected)]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
         worth = [rest.cost - fit.cost for rest in rests]

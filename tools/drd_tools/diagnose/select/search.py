@@ -93,7 +93,7 @@ def _better(found: Found, known: Sequence[Selected]) -> Found | None:
     search, is_cleared = Search(found.problem, known), found.is_cleared
     better = _other_set(search, found)
     if better is None and not is_cleared and _turns_wheels(found):
-        better, is_cleared = linearised(found.problem, found.fit, found.null), True
+        better, is_cleared = _plausibly_linearised(found, found.fit) or found, True
     return None if better is None else replace(better, is_cleared=is_cleared)
 
 
@@ -138,10 +138,8 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
             rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > close]
             sets += [[*rest.selection, r] for r in rivals[:CLOSE_RIVALS]]
         for fit in refine_all(found.problem, sets):
-            if not _is_plausible(found.problem, fit):
-                continue
-            other = linearised(found.problem, fit, found.null)
-            if other.score > found.score + CLEARLY_BETTER:
+            other = _plausibly_linearised(found, fit)
+            if other is not None and other.score > found.score + CLEARLY_BETTER:
                 found = other
     return found
 
@@ -160,8 +158,17 @@ def _other_set(search: "Search", found: Found) -> Found | None:
     # Along another path, or with other noise, the best may explain less than nothing does here.
     margin = CLOSE_SHARE * max(search.score(best) - least, 0.0)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
-    chosen = max((linearised(found.problem, t, found.null) for t in close), key=lambda o: o.score)
+    held = (_plausibly_linearised(found, t) for t in close)
+    chosen = max((h for h in held if h is not None), key=lambda h: h.score, default=found)
     return chosen if chosen.score > found.score + CLEARLY_BETTER else None
+
+
+def _plausibly_linearised(found: Found, fit: Fit) -> Found | None:
+    """A fit of the problem linearised around; None where that drives a parameter beyond all sizes."""
+    if not _is_plausible(found.problem, fit):
+        return None
+    made = linearised(found.problem, fit, found.null)
+    return made if _is_plausible(made.problem, made.fit) else None
 
 
 def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:

@@ -12,7 +12,7 @@ from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import nuisance_columns, nuisance_design
 from drd_tools.diagnose.results import Array
-from drd_tools.diagnose.select.intervals import Columns, joined, same_window
+from drd_tools.diagnose.select.intervals import Columns, joined, moved, same_window
 from drd_tools.diagnose.select.library import Candidate, choices, columns_of, library_of
 from drd_tools.diagnose.selected import Selected, parameter, shape_of
 
@@ -67,8 +67,9 @@ class Sets:
         self._held, self._left = self._marginal.columns.astype(np.float32), left.astype(np.float32)
         # One by one, a long interval is found in pieces, or with another effect's name.
         pieces = [*(one for _, one in joined(near)), *(c for one in near for c in same_window(one))]
+        moments = moved(near, float(np.ptp(problem.evidence.edges_s)))
         self.intervals = list(self._intervals())
-        extra, columns = self._variants([*near, *others, *pieces, *self.intervals])
+        extra, columns = self._variants([*near, *others, *pieces, *moments, *self.intervals])
         own: Columns = np.concatenate([self._library.columns, columns], axis=1)
         between, count = columns.T @ own, self._library.columns.shape[1]
         products = np.block([[self._library.products, between[:, :count].T], [between]])
