@@ -282,3 +282,19 @@ def test_a_real_counter_that_starts_late_has_not_stopped_where_slip_makes_anothe
     slips = (log.time_s >= window_s[0]) & (log.time_s < window_s[1])
     counts = np.round(np.cumsum(np.diff(log.left_counts, prepend=0.0) * (1.0 + share * slips)))
     assert observe(replace(recording, wheels=replace(log, left_counts=counts)))[1].events == []
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
+def test_a_real_counter_that_stops_in_a_drive_of_30_cm_makes_no_other_robot() -> None:
+    """A calibration with it has wheels of 0.9 and 40 % of their size, by which the counter may well have stood."""
+    recording = read_recording(SHARED / "optiodom_ivanjko_250620201738_run-12")
+    log = recording.encoders
+    assert log.right_counts is not None
+    stopped = (log.time_s >= 8.2) & (log.time_s < 10.24)
+    counts = np.cumsum(np.diff(log.right_counts, prepend=0.0) * ~stopped)
+    measured, audited = observe(replace(recording, wheels=replace(log, right_counts=counts)))
+    assert (measured.robot.left, measured.robot.right, measured.robot.tread) == (1.0, 1.0, 1.0)
+    (event,) = audited.events
+    assert event.selected.id == "encoder_dropout"
+    assert event.windows[0] == pytest.approx((8.2, 10.24), abs=0.1)

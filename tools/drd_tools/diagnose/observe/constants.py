@@ -12,8 +12,8 @@ import numpy as np
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
-from drd_tools.calibrate.wheels.drive import make_drive
-from drd_tools.calibrate.wheels.fit import fit_wheels
+from drd_tools.calibrate.wheels.drive import Wheels, make_drive
+from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
 from drd_tools.calibrate.wheels.lag import Drift, Lag, find_drift, find_lag, reference_lag
 from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
@@ -26,6 +26,7 @@ SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
 LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: real drives' lags change by the first in a run; no clock is so far off
 # Their deviations are in the prior: a tread of 0.8 +- 0.06 sets out better than the nominal one does.
 NO_LIMIT: Final = np.full(3, np.inf)
+MOST_UNEQUAL: Final = 1.5  # radii: what a calibration makes of a counter that stopped in a drive of 30 cm
 WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
 REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
 
@@ -74,7 +75,7 @@ def constants(recording: Recording) -> Constants:
         drive = make_drive(recording)
     except ConfigError:  # hardly moves
         return Constants(recording)
-    fit, nominal, lag, growth = fit_wheels([drive], limit=NO_LIMIT), drive.nominal, find_lag([recording]), 0.0
+    fit, lag, growth = fit_wheels([drive], limit=NO_LIMIT), find_lag([recording]), 0.0
     drift = None if lag is None else find_drift(recording, lag)
     if lag is not None and drift is not None and _is_drift(drift):
         lag, growth = replace(lag, lag_s=drift.lag_s), drift.growth
@@ -84,28 +85,28 @@ def constants(recording: Recording) -> Constants:
     lag_s, lag_sigma_s = (
         (late.lag_s, late.sigma_s) if late is not None and late.determined and _is_late(late) else (0.0, 0.0)
     )
-    robot = Calibrated(
-        left=fit.wheels.left_radius_m / nominal.left_radius_m,
-        right=fit.wheels.right_radius_m / nominal.right_radius_m,
-        tread=fit.wheels.tread_m / nominal.tread_m,
+    robot, sigma = _geometry(fit, drive.nominal)
+    robot = robot._replace(
         wheels_lag_s=wheels_s if wheels_s > SURE * wheels_sigma_s else 0.0,
         lag_growth=growth,
         by_gyro=lag_s > 0.0 and recording.fog is not None,
         gyro_lag_s=-wheels_s if wheels_s < -SURE * wheels_sigma_s else 0.0,
     )
-    left, right, tread = fit.sigma
-    sigma = Calibrated(
-        left * robot.left,
-        right * robot.right,
-        tread * robot.tread,
-        wheels_sigma_s,
-        0.0 if drift is None else drift.sigma,
-        gyro_lag_s=wheels_sigma_s,
-    )
+    growth_sigma = 0.0 if drift is None else drift.sigma
+    sigma = sigma._replace(wheels_lag_s=wheels_sigma_s, lag_growth=growth_sigma, gyro_lag_s=wheels_sigma_s)
     if robot.by_gyro:  # no sensor tells a motion before it is: the earliest of them is in time
         lag_s += robot.gyro_lag_s
     put_right = replace(reference, time_s=reference.time_s - lag_s)
     return Constants(replace(recording, reference=put_right), robot, sigma, lag_s, lag_sigma_s)
+
+
+def _geometry(fit: WheelFit, nominal: Wheels) -> tuple[Calibrated, Calibrated]:
+    """Radii and tread over the nominal ones, and their deviations; robot.yaml's, where no robot has such wheels."""
+    left, right, tread = (float(a / b) for a, b in zip(fit.wheels, nominal, strict=True))
+    if min(left, right) <= 0.0 or max(left / right, right / left) > MOST_UNEQUAL:
+        return NOMINAL, Calibrated(0.0, 0.0, 0.0)
+    of_left, of_right, of_tread = fit.sigma
+    return Calibrated(left, right, tread), Calibrated(of_left * left, of_right * right, of_tread * tread)
 
 
 def _is_drift(drift: Drift) -> bool:
