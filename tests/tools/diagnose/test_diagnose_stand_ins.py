@@ -7,6 +7,7 @@ from pathlib import Path
 import diagnosis_files
 import numpy as np
 import pytest
+from diagnosis_drives import SLALOM, recorded, selected
 from msgspec.structs import replace
 
 from drd.effects.model import Model, load_model
@@ -16,7 +17,7 @@ from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.report.text import in_words
-from drd_tools.diagnose.results import Amount, Result, Term
+from drd_tools.diagnose.results import Amount, Result, Status, Term
 from drd_tools.diagnose.validate.held_out import prepared
 from drd_tools.diagnose.validate.validation import validate
 from drd_tools.trial.draw import make
@@ -88,3 +89,18 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
     (said,) = validate(file, build, terms, findings, []).findings
     assert load_model(file).terms == ()
     assert said.surrogate is None
+
+
+def test_what_is_only_suspected_is_not_in_the_model_unless_another_drive_bears_it_out(tmp_path: Path) -> None:
+    bent = selected("gyro_scale_nonlinearity", a2=0.01, a3=0.008, largest_rate=0.5)
+    result, file = analyse(recorded(SLALOM, 3, bent)), tmp_path / "model.yaml"
+    (finding,), terms = findings_of(result.conclusion), terms_of(result.conclusion)
+    build = partial(model_of, recording=result.recording, names=result.recording.name, version="0")
+    assert [t.effect for t in terms] == [finding.effect, "gyro_scale_error"]  # the straight line beside the bent one
+    for status, held_out, expected in (
+        (Status.CONFIRMED, [], [t.effect for t in terms]),
+        (Status.SUSPECTED, [], []),
+        (Status.SUSPECTED, [prepared(recorded(SLALOM, 4, bent))], [t.effect for t in terms]),
+    ):
+        validate(file, build, terms, [replace(finding, status=status)], held_out)
+        assert [t.effect.id for t in load_model(file).terms] == expected

@@ -4,13 +4,14 @@ There a term must hold: the data must not speak against it. What is only a surro
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
+from drd.effects.catalogue import catalogue
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose.conclude.judgement import CONFIRMING_E
 from drd_tools.diagnose.results import Figures, Finding, HeldOut, Status, Term, Validation
@@ -20,6 +21,7 @@ from drd_tools.diagnose.validate.trajectory import judged
 from drd_tools.recordings.folder import Recording
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
+BORNE_OUT: Final = {Status.SUSPECTED: Status.SUPPORTED, Status.SUPPORTED: Status.CONFIRMED}
 SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
 
 
@@ -41,18 +43,18 @@ def validate(
     held_out: Sequence[Prepared],
     each: Map = map,
 ) -> Validated:
-    """Save the model of the terms and of surrogates, less what does not hold in `held_out`.
+    """Save the model of the terms and of surrogates, less what is only suspected, also since `held_out` says so.
 
     The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
     """
     nats = held_out_nats(build(terms).terms, held_out, each)
-    refused = {effect for effect, worth in nats.items() if worth < CONTRADICTED_NATS}
     findings = [_with_verdict(f, nats.get(f.effect)) for f in findings]
+    accepted = _accepted(findings)
 
     before = [other.nominal for other in held_out]
 
     def saved(more: Sequence[Term]) -> tuple[Model, list[Figures]]:
-        model = build([t for t in (*terms, *more) if t.effect not in refused])
+        model = build([*(t for t in terms if t.effect in accepted), *more])
         save_model(file, model)
         if not model.terms:
             return model, before
@@ -74,14 +76,19 @@ def figures_of(recording: Recording, model: Path) -> Figures:
     return judged(recording, model)[0]
 
 
+def _accepted(findings: Iterable[Finding]) -> set[str]:
+    """Names that are more than suspected, and those beside which alone one of them is known."""
+    names = {f.effect for f in findings if f.is_named and f.status is not Status.SUSPECTED}
+    return names | {beside.id for name in names if (beside := catalogue()[name].beside) is not None}
+
+
 def _with_verdict(finding: Finding, worth: float | None) -> Finding:
     """Add to a finding what held-out recordings say of it."""
     if worth is None:
         return finding
     if worth < CONTRADICTED_NATS:
         return msgspec.structs.replace(finding, held_out=HeldOut(worth, "against"), status=Status.SUSPECTED)
-    is_sure = worth >= math.log(CONFIRMING_E) and finding.status is Status.SUPPORTED
-    status = Status.CONFIRMED if is_sure else finding.status
+    status = BORNE_OUT.get(finding.status, finding.status) if worth >= math.log(CONFIRMING_E) else finding.status
     said = HeldOut(worth, "for" if worth > -CONTRADICTED_NATS else "neither")
     return msgspec.structs.replace(finding, held_out=said, status=status)
 
