@@ -19,6 +19,7 @@ from drd.cli import main
 from drd.config.schema import ConfigError
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.audit import audit
+from drd_tools.diagnose.observe.constants import constants
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.grids import MOST_STEPS
 from drd_tools.recordings.folder import Recording
@@ -185,3 +186,43 @@ def test_an_effect_is_found_beside_holes() -> None:
         recording = changed(recording, which, (time_s < begin_s) | (time_s > begin_s + 3.0))
     (found,) = analyse(recording).conclusion.causes
     assert "gyro_scale_error" in (found.effect, *found.also_fits)
+
+
+def gyro(recording: Recording, factor: float) -> Recording:
+    assert recording.fog is not None
+    return replace(recording, fog=replace(recording.fog, rate_rad_s=factor * recording.fog.rate_rad_s))
+
+
+def headings(recording: Recording, factor: float) -> Recording:
+    reference = recording.reference
+    assert reference is not None
+    return replace(recording, reference=replace(reference, heading_rad=factor * reference.heading_rad))
+
+
+def swapped(recording: Recording) -> Recording:
+    log = recording.encoders
+    return replace(recording, wheels=replace(log, left_counts=log.right_counts, right_counts=log.left_counts))
+
+
+@pytest.mark.parametrize(
+    ("turned", "where", "told"),
+    [
+        (lambda r: gyro(r, -1.0), "fog.csv", "clockwise is positive"),
+        (lambda r: gyro(r, np.pi / 180.0), "", "radians were taken for degrees"),
+        (swapped, "encoders.csv", "left and right are swapped"),
+        (lambda r: headings(replace(r, fog=None), np.pi / 180.0), "", "degrees were taken for radians"),
+    ],
+)
+def test_a_sensor_that_turns_the_other_way_or_in_another_unit_is_no_missing_physics(
+    turned: Callable[[Recording], Recording], where: str, told: str
+) -> None:
+    right = recorded(SHORT, 1)
+    assert analyse(right).conclusion.causes == []
+    with pytest.raises(ConfigError, match=told) as error:
+        analyse(turned(right))
+    assert Path(error.value.where) == right.folder / where
+
+
+def test_headings_that_turn_the_other_way_than_wheels_do_not_end_the_calibration_in_an_overflow() -> None:
+    found = constants(headings(replace(recorded(("slalom", 120.0), 1), fog=None), -1.0))
+    assert all(map(np.isfinite, found.robot))

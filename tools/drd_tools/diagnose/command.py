@@ -9,6 +9,7 @@ from drd.commands import command, whole, writing
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.diagnosis import Diagnosis
+from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.report.page import write_report
@@ -82,6 +83,7 @@ def _read(paths: Sequence[Path]) -> list[Recording]:
         raise ConfigError("RECORDING", "", "recordings of different names", ", ".join(names))
     for recording in recordings:
         gather(recording)
+        check_conventions(recording)
     return recordings
 
 

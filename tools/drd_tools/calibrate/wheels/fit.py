@@ -29,6 +29,8 @@ OWN_STEP: Final = np.array([5e-3, 1e-4])
 LIMIT: Final = np.array([0.02, 0.02, 0.10])
 # How well nominal values are known, where they have to serve: each wheel on its own, and the tread.
 BELIEF: Final = np.array([WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0])
+# Where data contradict the model, a step may end beyond a tread of nothing, about which headings have no bound.
+LEAST: Final = np.array([-0.9, -np.inf, -0.9, -np.inf, -np.inf, -np.inf])
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation
@@ -146,10 +148,10 @@ def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tup
         g = sum((s.gradient for s in scores), shared / PRIOR**2)[free]
         move = np.zeros(len(shared))
         move[free] = -np.linalg.solve(A, g)
-        shared = shared + move
+        shared = np.maximum(shared + move, LEAST)
         for part, s in zip(parts, scores, strict=True):
             part.own = part.own + s.own_move(move)
-        if np.abs(move[free] / np.sqrt(np.diag(np.linalg.inv(A)))).max() < CONVERGED:
+        if np.all(move[free] ** 2 < CONVERGED**2 * np.diag(np.linalg.inv(A))):
             break
     return shared, scores
 

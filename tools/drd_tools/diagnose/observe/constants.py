@@ -16,6 +16,7 @@ from drd_tools.calibrate.wheels.drive import Wheels, make_drive
 from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
 from drd_tools.calibrate.wheels.lag import Drift, Lag, find_drift, find_lag, reference_lag
 from drd_tools.diagnose.observe.audit import Audit, audit
+from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
 from drd_tools.diagnose.observe.grids import DENSE_S
 from drd_tools.diagnose.observe.stops import Tread, repaired
@@ -127,9 +128,11 @@ def _is_late(lag: Lag) -> bool:
 def observe(recording: Recording, measured: Constants | None = None) -> tuple[Constants, Audit]:
     """Constants and events of a recording: where a counter stopped, the constants are those of the rest.
 
-    `measured`: the constants of all of it, where they are known. Raises ConfigError where there is nothing to compare.
+    `measured`: the constants of all of it, where they are known. Raises ConfigError where there is nothing to compare,
+    or sensors turn against each other.
     """
     check_comparable(recording)
+    check_conventions(recording)
     measured = constants(recording) if measured is None else measured
     audited = _audited(measured)
     if _has_stopped(audited):
