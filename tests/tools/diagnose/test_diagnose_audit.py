@@ -1,11 +1,13 @@
 """The audit finds the events that were there, where they were, and none in clean data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected, simulated
 
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.observe.audit import audit
+from drd_tools.diagnose.observe.audit import _alike_at_the_top, audit
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.selected import Selected
@@ -48,6 +50,36 @@ def test_two_dropouts_are_two_events() -> None:
     found = events(recorded(SLALOM, 1, *missing))
     assert [e.selected.values["side"] for e in found] == ["left", "right"]
     assert [round(e.windows[0][0]) for e in found] == [41, 60]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reading_that_many_rows_have_to_the_digit_is_a_limit_whatever_the_wheels_say(seed: int) -> None:
+    """With wheels that are late and a tread far off, nothing else tells so little."""
+    late = (selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
+    made = recorded(SLALOM, seed, *late, conditions=Conditions(quantise=False))
+    fog = made.fog
+    assert fog is not None
+    assert events(made) == []
+    limit = float(np.quantile(np.abs(fog.rate_rad_s), 0.96))
+    clipped = replace(made, fog=replace(fog, rate_rad_s=np.clip(fog.rate_rad_s, -limit, limit)))
+    (found,) = events(clipped)
+    assert found.selected.id == "gyro_saturation"
+    assert found.selected.number("limit") == pytest.approx(limit, rel=1e-6)
+    e = audit(clipped, gather(clipped)).evidence
+    over = np.abs(np.interp(e.time_s, fog.time_s, fog.rate_rad_s)) > 1.05 * limit
+    assert np.isinf(e.gyro_inflation_rad2[over]).all()
+    assert np.isinf(e.gyro_inflation_rad2).mean() < 0.3
+
+
+@pytest.mark.parametrize("drive", FLAT)
+def test_a_gyro_whose_noise_is_below_its_resolution_is_not_clipped_in_turns_at_a_constant_rate(
+    drive: tuple[str, float],
+) -> None:
+    made = recorded(drive, 1)
+    fog = made.fog
+    assert fog is not None
+    coarse = np.radians(0.5) * np.round(fog.rate_rad_s / np.radians(0.5))
+    assert _alike_at_the_top(replace(fog, rate_rad_s=coarse)) is None
 
 
 @pytest.mark.parametrize("limit", [0.4, 0.55])

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation, median_filter
 from scipy.special import bdtrc
 
-from drd.batch.logs import EncoderLog
+from drd.batch.logs import EncoderLog, FogLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import Symptom
 from drd_tools.diagnose.observe.events import Event, runs
@@ -22,6 +22,11 @@ from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording
 
 FEWEST_CLIPPED: Final = 10  # readings: fewer at one value are chance
+ALIKE_SHARE: Final = 1e-9  # of the limit: the digits of a file
+TURNING_SHARE: Final = 0.3  # of the limit, from which a robot turns
+NEAREST: Final = 100  # values below the limit, whose spacing is the usual one there
+# Resolution over the scatter from row to row: one that hides the noise piles up at each constant rate.
+FINE_SHARE: Final = 0.3
 FASTER_SHARE: Final = 0.05  # of the limit, by which the wheels must turn faster: no tread is so well known
 PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width below it
 SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: of 10^5 Gaussian rows none is further
@@ -50,7 +55,7 @@ def audit(recording: Recording, e: Evidence, tread: Tread = BELIEVED_TREAD) -> A
     gyro, left, right = (
         inflation.copy() for inflation in (e.gyro_inflation_rad2, e.left_inflation_m2, e.right_inflation_m2)
     )
-    events = clipped(e, gyro) if e.has_wheels else []
+    events = clipped(e, gyro, recording.fog) if e.has_wheels else []
     if recording.wheels is not None:
         events += stopped(recording, e, left, right, tread)
         events += bumps(recording.wheels, e, left, right)
@@ -82,36 +87,73 @@ def _with_jumps(e: Evidence) -> Evidence:
     return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2)
 
 
-def clipped(e: Evidence, inflation: Array) -> list[Event]:
-    """Readings that pile up at the largest rate, with the wheels turning faster."""
+def clipped(e: Evidence, inflation: Array, fog: FogLog | None = None) -> list[Event]:
+    """Readings that pile up at the largest rate: the very same one, or with the wheels turning faster."""
     if e.gyro_rad is None:
         return []
+    if fog is not None and (found := _alike_at_the_top(fog)) is not None:
+        limit, alike, below = found
+        begin_s = fog.time_s - np.diff(fog.time_s, prepend=2.0 * fog.time_s[0] - fog.time_s[1])
+        # A step is clipped where one of its rows is.
+        count = np.concatenate([[0], np.cumsum(alike)])
+        first, last = np.searchsorted(fog.time_s, e.time_s - e.step_s), np.searchsorted(begin_s, e.time_s)
+        at = count[np.maximum(last, first)] > count[first]
+        return [_clipping(e, inflation, at, limit, int(alike.sum()), below)]
     rate = e.gyro_rad / e.step_s
     limit = float(np.abs(rate).max())
     # Noise and resolution spread what is clipped before them.
     step_s = float(np.median(e.step_s))
     width = 6.0 * e.datasheet.walk_rad_per_sqrt_s / step_s**0.5 + 2.0 * e.datasheet.resolution_rad_s + 1e-6 * limit
     at = np.abs(rate) >= limit - width
-    below = (np.abs(rate) < limit - width) & (np.abs(rate) >= limit - 10.0 * width)
-    if at.sum() < FEWEST_CLIPPED or at.sum() < PILED_UP * below.sum():
+    below = int(((np.abs(rate) < limit - width) & (np.abs(rate) >= limit - 10.0 * width)).sum())
+    if at.sum() < FEWEST_CLIPPED or at.sum() < PILED_UP * below:
         return []
     limit = float(np.median(np.abs(rate[at])))
+    if not _wheels_are_faster(e, rate, at, limit):
+        return []
+    return [_clipping(e, inflation, at, limit, int(at.sum()), below)]
+
+
+def _alike_at_the_top(fog: FogLog) -> tuple[float, npt.NDArray[np.bool_], int] | None:
+    """The largest rate, which rows have it to the digit, (n,), and how many rows are near below it.
+
+    None where that may be chance, or a gyro whose noise is below its resolution.
+    """
+    rate = np.abs(fog.rate_rad_s)
+    limit = float(rate.max())
+    alike = rate >= limit * (1.0 - ALIKE_SHARE)
+    turning = ~alike & (rate > TURNING_SHARE * limit)
+    lower = np.unique(rate[turning])
+    if alike.sum() < FEWEST_CLIPPED or len(lower) < FEWEST_CLIPPED:
+        return None
+    steps = np.diff(lower)
+    below = int((~alike & (rate >= limit - 9.0 * float(np.median(steps[-NEAREST:])))).sum())
+    resolution = float(steps[steps > ALIKE_SHARE * limit].min(initial=limit))
+    scatter = float(np.median(np.abs(np.diff(rate, 2))[turning[1:-1]])) if turning[1:-1].any() else 0.0
+    is_fine = resolution < FINE_SHARE * scatter
+    return (limit, alike, below) if alike.sum() > PILED_UP * below and is_fine else None
+
+
+def _wheels_are_faster(e: Evidence, rate: Array, at: npt.NDArray[np.bool_], limit: float) -> bool:
+    """Whether the wheels turn faster than the limit at these steps (n,): a turn at a constant rate piles up as well."""
+    assert e.gyro_rad is not None
     wheels = (e.right_m - e.left_m) / e.tread_m
-    # A turn at a constant rate piles up as well; then the wheels turn no faster than the gyro says.
-    turning = (np.abs(rate) > 0.3 * limit) & (np.abs(rate) < 0.9 * limit)
+    turning = (np.abs(rate) > TURNING_SHARE * limit) & (np.abs(rate) < 0.9 * limit)
     usual = 1.0
     if turning.sum() > FEWEST_CLIPPED:
         usual = float(wheels[turning] @ e.gyro_rad[turning] / (e.gyro_rad[turning] @ e.gyro_rad[turning]))
     faster = (np.sign(rate) * wheels - usual * np.abs(e.gyro_rad))[at] / e.step_s[at]
     sure = float(faster.std()) / float(np.sqrt(at.sum()))
-    if float(faster.mean()) < max(5.0 * sure, FASTER_SHARE * limit):
-        return []
-    # A reading at the edge is clipped for a part of its time.
-    inflation[binary_dilation(at)] = np.inf
+    return float(faster.mean()) >= max(5.0 * sure, FASTER_SHARE * limit)
+
+
+def _clipping(e: Evidence, inflation: Array, at: npt.NDArray[np.bool_], limit: float, count: int, below: int) -> Event:
+    """The event of steps `at` (n,) that are clipped, whose gyro is not compared; so many readings at the limit."""
+    inflation[binary_dilation(at)] = np.inf  # a reading at the edge is clipped for a part of its time
     effect = showing(Symptom.CLIPPED)
-    nats = float(at.sum()) * np.log(2.0 * max(1.0, 20.0 * at.sum() / (below.sum() + 1.0)))
-    seen = f"{int(at.sum())} readings stand at the limit, {int(below.sum())} just below it"
-    return [Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)]
+    nats = count * float(np.log(2.0 * max(1.0, 20.0 * count / (below + 1.0))))
+    seen = f"{count} readings stand at the limit, {below} just below it"
+    return Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)
 
 
 def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event]:
