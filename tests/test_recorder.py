@@ -117,10 +117,12 @@ def test_full_files_are_continued_the_oldest_deleted_and_the_rest_left_alone(tmp
 
 def test_an_old_file_is_continued(tmp_path: Path) -> None:
     d = drive(tmp_path, "flush_s: 0.1, max_file_age_s: 10")
-    object.__setattr__(d.loaded.value.recording, "max_file_age_s", 0.05)
     recorder = d.start()
     d.run(2.0)
-    until(lambda: recorder.health()["file"] is None and recorder.health()["written"])
+    until(lambda: recorder.health()["written"] and not recorder.health()["waiting"])
+    object.__setattr__(d.loaded.value.recording, "max_file_age_s", 0.0)
+    until(lambda: recorder.health()["file"] is None)
+    object.__setattr__(d.loaded.value.recording, "max_file_age_s", 10.0)
     d.run(2.0)
     recorder.close(5.0)
     assert len(recordings(tmp_path)) == 2
@@ -210,7 +212,7 @@ def test_what_failed_before_its_first_message_leaves_no_file_and_no_hole_in_the_
     d = drive(tmp_path)
     recorder = d.start()
     d.run(1.0)
-    until(lambda: recorder.health()["written"])
+    until(lambda: recorder.health()["written"] and not recorder.health()["waiting"])
     recorder.close(5.0)
     (path,) = recordings(tmp_path)
     assert path.stem.endswith("-0001")
