@@ -73,10 +73,9 @@ class Compensation:
 
     `zero_ns`: where `time` is 0 (None: at the first sample). `end_s`: when the run ends, for what goes on to its end.
     `outside`: a covariate of the last sample was outside the range in which an effect was seen, or an effect could not
-    be undone. `lateral_m_s`: the
-    body's own sideways speed in the last wheel sample. `gyro_delay_ns`, `wheel_delay_ns`: how old the last samples
-    were. `relative_tread`: the effective tread over the stated one. `initial`: what the model leaves unsure of the
-    filter's states, by the keys of `estimation.initial`, in SI.
+    be undone. `lateral_m_s`: the body's own sideways speed in the last wheel sample. `gyro_delay_ns`,
+    `wheel_delay_ns`: how old the last samples were. `relative_tread`: the effective tread over the stated one.
+    `initial`: what the model leaves unsure of the filter's states, by the keys of `estimation.initial`, in SI.
     """
 
     def __init__(
@@ -204,10 +203,18 @@ class Compensation:
 
         `likely`: the error from which it sets out.
         """
+
+        def tried(x: Errors) -> tuple[Errors, Errors]:
+            """The error at x, and by how much x with it is off the reading."""
+            for channel, value in zip(channels, x, strict=True):
+                channel[0] = value
+            error = self._error(term, errors)
+            return error, tuple(a + b - c for a, b, c in zip(x, error, reading, strict=True))
+
         x = tuple(c - b for c, b in zip(reading, likely, strict=False))
         old_x = old_off = x
         for i in range(ROUNDS + 1):
-            error, off = self._tried(term, errors, channels, x, reading)
+            error, off = tried(x)
             if i == ROUNDS or max(map(abs, off)) < SOLVED:
                 break
             steps = off if i == 0 else tuple(map(_secant, x, off, old_x, old_off))
@@ -215,25 +222,12 @@ class Compensation:
             x = tuple(a - b for a, b in zip(x, steps, strict=True))
         if not (left := max(map(abs, off))) < SOLVED:
             # An effect that cannot be undone runs away: then the reading as it is comes nearer to the truth.
-            as_it_is = self._tried(term, errors, channels, reading, reading)[1]
-            if not left <= max(map(abs, as_it_is)):
+            if left <= max(map(abs, tried(reading)[1])):
+                tried(x)  # the motion is that of x again
+            else:
                 x, error, self.outside = reading, (0.0,) * len(reading), True
         term.error = error
         return x
-
-    def _tried(
-        self,
-        term: LiveTerm,
-        errors: Callable[[], Errors],
-        channels: tuple[Array, ...],
-        x: Errors,
-        reading: Errors,
-    ) -> tuple[Errors, Errors]:
-        """The error at x, and by how much x with it is off the reading."""
-        for channel, value in zip(channels, x, strict=True):
-            channel[0] = value
-        error = self._error(term, errors)
-        return error, tuple(a + b - c for a, b, c in zip(x, error, reading, strict=True))
 
     def _error(self, term: LiveTerm, errors: Callable[[], Errors]) -> Errors:
         """The error, its covariates clipped to where it was seen."""

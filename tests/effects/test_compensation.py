@@ -331,6 +331,14 @@ def test_whatever_the_samples_are_the_result_is_a_number(
         assert all(map(math.isfinite, numbers)), (term, numbers)
 
 
+@pytest.mark.parametrize("a3_deg_s", [5.0, 15.0, 20.0, 30.0])
+def test_the_spread_is_that_at_the_true_rate_also_where_the_secant_leaves_a_little(a3_deg_s: float) -> None:
+    parameters = {"a2": 0.0, "a3": {"value": a3_deg_s, "std": 0.1}, "largest_rate": 80.0}
+    found = corrected(compensation({"effect": "gyro_scale_nonlinearity", "parameters": parameters}), 75.0)
+    error_rad_s = 75.0 * RAD_PER_DEG - found.rate_rad_s  # in proportion to a3
+    assert found.sigma_rad_s == pytest.approx(0.1 / a3_deg_s * error_rad_s, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("effect", "parameters"),
     [
