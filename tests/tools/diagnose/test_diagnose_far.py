@@ -1,9 +1,8 @@
 """A robot that is far from its robot.yaml, with a reference that is late and jumps: as real ones are."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.parts import _between
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.run import concluded
@@ -43,13 +43,6 @@ def late(recording: Recording, lag_s: float = REFERENCE_S) -> Recording:
 
 def far(*more: Selected, seed: int = 1) -> Recording:
     return late(recorded(("field", 200.0), seed, *GEOMETRY, *more))
-
-
-def until(log: Any, end_s: float) -> Any:
-    """The rows of a log up to a time."""
-    columns = {f.name: getattr(log, f.name) for f in fields(log)}
-    kept = log.time_s <= end_s
-    return replace(log, **{name: column[kept] for name, column in columns.items() if isinstance(column, np.ndarray)})
 
 
 @cache
@@ -231,7 +224,7 @@ def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
 def test_a_jump_in_a_real_drive_is_found_at_its_moment() -> None:
     """The moments 103.2, 106.0 and 108.4 s are each likelier than those beside it."""
     whole = read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39")
-    fog, wheels, reference = (until(log, 196.7) for log in (whole.fog, whole.wheels, whole.reference))
+    fog, wheels, reference = (_between(log, 0.0, 196.7) for log in (whole.fog, whole.wheels, whole.reference))
     jumped = replace(fog, rate_rad_s=fog.rate_rad_s - np.radians(0.919) * (fog.time_s >= 106.0))
     found = analyse(replace(whole, fog=jumped, wheels=wheels, reference=reference)).conclusion.causes
     (jump,) = (c.selected for c in found if c.effect == "gyro_bias_step")

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from drd.arrays import Array
 from drd.estimation.uncertainty import BOUND_SIGMAS
 from drd_tools.evaluate.alignment import Alignment, turned_covariance
-from drd_tools.evaluate.trajectory import Pairs, Reference
+from drd_tools.evaluate.trajectory import Pairs, Reference, least_eigenvalues
 
 PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
@@ -77,14 +77,9 @@ def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> C
 
 
 def _has_inverse(S: Array) -> npt.NDArray[np.bool_]:
-    """Where covariances (k, d, d) have an inverse that rounding leaves some digits of, (k,).
-
-    Metres and radians are made alike first: 1e6 m^2 beside 1e-8 rad^2 is no degenerate ellipse.
-    """
-    variance = np.diagonal(S, axis1=1, axis2=2)
-    known: npt.NDArray[np.bool_] = np.all(variance > LEAST_VARIANCE, axis=1)
-    sigma = np.sqrt(np.where(known[:, None], variance, 1.0))
-    return np.asarray(known & (np.linalg.eigvalsh(S / sigma[:, :, None] / sigma[:, None])[:, 0] > LEAST_EIGENVALUE))
+    """Where covariances (k, d, d) have an inverse of which rounding leaves some digits, (k,)."""
+    known: npt.NDArray[np.bool_] = np.all(np.diagonal(S, axis1=1, axis2=2) > LEAST_VARIANCE, axis=1)
+    return known & (least_eigenvalues(S) > LEAST_EIGENVALUE)
 
 
 def total_covariance(aligned: Pairs, alignment: Alignment, reference: Reference) -> Array | None:

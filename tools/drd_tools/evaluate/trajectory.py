@@ -121,10 +121,14 @@ def read_poses(file: Path) -> Poses:
 
 def _is_covariance(matrices: Array) -> npt.NDArray[np.bool_]:
     """Whether each has no eigenvalue below zero, beyond the rounding of printed digits."""
-    scale = np.sqrt(np.maximum(matrices[:, range(3), range(3)], 1e-30))
-    correlation = matrices / (scale[:, :, None] * scale[:, None, :])
-    positive: npt.NDArray[np.bool_] = np.linalg.eigvalsh(correlation)[:, 0] > -1e-3
+    positive: npt.NDArray[np.bool_] = least_eigenvalues(matrices) > -1e-3
     return positive & (matrices[:, range(3), range(3)] >= 0.0).all(axis=1)
+
+
+def least_eigenvalues(S: Array) -> Array:
+    """Least eigenvalue of the correlations of covariances (k, d, d), (k,): metres and radians are alike there."""
+    sigma = np.sqrt(np.maximum(np.diagonal(S, axis1=1, axis2=2), 1e-30))
+    return np.asarray(np.linalg.eigvalsh(S / sigma[:, :, None] / sigma[:, None])[:, 0])
 
 
 def read_reference(

@@ -120,13 +120,17 @@ def check_unit(found: Match | None, what: str, other: str) -> Finding:
     low, high = abs(found.gain), abs(found.gain) / found.correlation**2
     numbers = {"gain": found.gain, "gain_sigma": found.gain_sigma, "gain_at_most": math.copysign(high, found.gain)}
     told = f"turning of {what} over {other}: {low:.4g} to {high:.4g}, by whose noise is larger"
-    for factor, meaning in FACTORS.items():
-        if low < factor * SPREAD and high > factor / SPREAD:
-            if not meaning:
-                return Finding(check, OK, told, numbers)
-            return Finding(check, WRONG, f"{meaning} in one of the two: {told}", numbers)
+    meaning = mistaken_unit(low, high)
+    if meaning is not None:
+        text = f"{meaning} in one of the two: {told}"
+        return Finding(check, WRONG, text, numbers) if meaning else Finding(check, OK, told, numbers)
     text = f"{told}: neither 1 nor degrees for radians; look at wheel radius, counts per revolution, tread and units"
     return Finding(check, WRONG, text, numbers)
+
+
+def mistaken_unit(low: float, high: float) -> str | None:
+    """The mistake by which a gain from low to high comes about, "" for none; None where no unit is so far off."""
+    return next((m for factor, m in FACTORS.items() if low < factor * SPREAD and high > factor / SPREAD), None)
 
 
 def check_peak(rate_rad_s: Array) -> Finding | None:

@@ -55,7 +55,7 @@ def audit(recording: Recording, e: Evidence, tread: Tread = BELIEVED_TREAD) -> A
     gyro, left, right = (
         inflation.copy() for inflation in (e.gyro_inflation_rad2, e.left_inflation_m2, e.right_inflation_m2)
     )
-    events = clipped(e, gyro, recording.fog) if e.has_wheels else []
+    events = clipped(recording.fog, e, gyro) if e.has_wheels else []
     if recording.wheels is not None:
         events += stopped(recording, e, left, right, tread)
         events += bumps(recording.wheels, e, left, right)
@@ -87,11 +87,11 @@ def _with_jumps(e: Evidence) -> Evidence:
     return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2)
 
 
-def clipped(e: Evidence, inflation: Array, fog: FogLog | None = None) -> list[Event]:
+def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:
     """Readings that pile up at the largest rate: the very same one, or with the wheels turning faster."""
-    if e.gyro_rad is None:
+    if fog is None or e.gyro_rad is None:
         return []
-    if fog is not None and (found := _alike_at_the_top(fog)) is not None:
+    if (found := _alike_at_the_top(fog)) is not None:
         limit, alike, below = found
         begin_s = fog.time_s - np.diff(fog.time_s, prepend=2.0 * fog.time_s[0] - fog.time_s[1])
         # A step is clipped where one of its rows is.

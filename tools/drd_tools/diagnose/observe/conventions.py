@@ -3,7 +3,7 @@
 from typing import Final
 
 from drd.config.schema import ConfigError
-from drd_tools.importing.checks import FACTORS, SPREAD, WRONG, Finding
+from drd_tools.importing.checks import WRONG, Finding, mistaken_unit
 from drd_tools.importing.examine import GyroRates, WheelTravel, examine
 from drd_tools.recordings.folder import Recording
 
@@ -32,6 +32,6 @@ def check_conventions(recording: Recording) -> None:
 
 
 def _is_in_another_unit(finding: Finding) -> bool:
-    """Whether it is degrees for radians, and no wheel, tread or fault of another size."""
+    """Whether degrees were surely taken for radians, or the other way round: a wheel or tread makes another gain."""
     gain = abs(finding.numbers.get("gain", 0.0))
-    return any(gain / factor < SPREAD and factor / SPREAD < gain for factor, meaning in FACTORS.items() if meaning)
+    return bool(mistaken_unit(gain, gain))

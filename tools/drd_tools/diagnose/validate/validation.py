@@ -43,7 +43,7 @@ def validate(
     held_out: Sequence[Prepared],
     each: Map = map,
 ) -> Validated:
-    """Save the model of the terms and of surrogates, less what is only suspected, also since `held_out` says so.
+    """Save the model of the terms and of surrogates, less what is only suspected, by itself or by `held_out`.
 
     The findings get what those recordings say of them, and lose the surrogates by which not each of them gains.
     """
