@@ -142,6 +142,7 @@ def test_nesting_without_end_is_refused() -> None:
     assert refusal("outer: &o {inner: *o, length_m: 1}").path == "outer.inner.inner"
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 5), st.integers(0, 2**64), st.booleans(), st.floats(allow_nan=False, allow_infinity=False))
 def test_good_values_are_read_as_they_were_written(length: float, count: int, flag: bool, free: float) -> None:
     expected = Outer(length_m=length, count=count, flag=flag, free=free, inner=Inner(ratio=length, names=("x", "y")))
