@@ -117,7 +117,8 @@ class Calibrated(NamedTuple):
 
     Radii and tread over those believed; how much later than its motion the wheels tell it at time 0, s, and by how much
     that grows, s/s. `by_gyro`: the reference is late by itself, so that all lags are counted from the gyro;
-    `gyro_lag_s`: how much later than the wheels that is, which cannot be early.
+    `gyro_lag_s`: how much later than the wheels that is, which cannot be early. `gyro_clock`: actual rate of the gyro's
+    samples over that by which they are stamped.
     """
 
     left: float = 1.0
@@ -127,6 +128,7 @@ class Calibrated(NamedTuple):
     lag_growth: float = 0.0
     by_gyro: bool = False
     gyro_lag_s: float = 0.0
+    gyro_clock: float = 1.0
 
 
 NOMINAL = Calibrated()  # as robot.yaml has it

@@ -32,7 +32,7 @@ class GyroLag(Effect):
         return [{"tau": tau_s} for tau_s in (0.01, 0.05, 0.15)]
 
     def calibrated(self, constants: Calibrated) -> Values | None:
-        return {"tau": 0.0} if constants.by_gyro else None
+        return {"tau": 0.0} if constants.by_gyro else None  # wheels and reference smooth, too
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # An averager, or a filter of higher order: the same delay, but less of the second derivative.

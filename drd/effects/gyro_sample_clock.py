@@ -38,7 +38,7 @@ class GyroSampleClock(Effect):
         return [{"ratio": 1.0 + 1e-6}]
 
     def calibrated(self, constants: Calibrated) -> Values | None:
-        return {"ratio": 1.0} if constants.by_gyro else None  # neither is how that lag grows
+        return {"ratio": constants.gyro_clock}
 
     def shapes(self, m: Motion, p: Values) -> list[Errors]:
         # A clock that drifts as it warms; stamps from arrival, but increments divided by the nominal interval.

@@ -138,6 +138,53 @@ def test_a_clock_that_drifts_is_measured_by_the_lag_that_grows() -> None:
     assert constants(drifting).robot.lag_growth == pytest.approx(1500e-6, rel=0.15)
 
 
+@pytest.mark.parametrize("ratio", [0.97, 1.01])
+def test_a_gyros_clock_is_what_wheels_and_reference_run_away_from_together(ratio: float) -> None:
+    """A DSP-3000's samples come 2 to 3 % faster or slower than its data sheet has it."""
+    clock = selected("gyro_sample_clock", ratio=ratio)
+    recording = far(clock)
+    found = constants(recording).robot
+    assert found.gyro_clock == pytest.approx(ratio, abs=5e-4)
+    assert (found.wheels_lag_s, found.lag_growth) == pytest.approx((WHEELS_S, 0.0), abs=0.02)
+    causes = {c.effect: c.selected for c in analyse(recording).conclusion.causes}
+    assert causes.keys() == {*(c.id for c in GEOMETRY), clock.id}
+    cause = causes[clock.id]
+    assert cause is not None
+    assert cause.number("ratio") == pytest.approx(ratio, abs=3.0 * cause.sigma("ratio"))
+
+
+def test_a_wheels_clock_is_not_the_gyros() -> None:
+    found = constants(far(selected("encoder_clock_skew", ppm=-1500e-6))).robot
+    assert found.gyro_clock == 1.0
+    assert found.lag_growth == pytest.approx(1500e-6, rel=0.15)
+
+
+def test_wheels_that_run_ahead_a_little_are_no_late_gyro_and_reference() -> None:
+    found = constants(recorded(("field", 200.0), 2, selected("encoder_clock_skew", ppm=400e-6)))
+    assert (found.robot.gyro_lag_s, found.lag_s) == (0.0, 0.0)
+
+
+def test_of_three_sensors_the_earliest_is_in_time() -> None:
+    """A gyro that is later than the wheels, and as late as the reference."""
+    late_gyro = recorded(("field", 200.0), 1, *GEOMETRY, selected("gyro_latency", delay=REFERENCE_S))
+    found = constants(late(late_gyro))
+    assert found.robot.wheels_lag_s == 0.0
+    assert found.robot.gyro_lag_s == pytest.approx(REFERENCE_S - WHEELS_S, abs=0.02)
+    assert found.lag_s == pytest.approx(REFERENCE_S - WHEELS_S, abs=0.02)
+
+
+def test_cleared_wheels_turn_when_the_gyro_does() -> None:
+    """Of a tread that is far off the error is taken off where it is, and not where its late reading was."""
+    recording = recorded(("field", 200.0), 1, *GEOMETRY)
+    problem = Problem(gather(recording))
+    clear = problem.cleared(GEOMETRY)
+    wheels, gyro = (clear.right_m - clear.left_m) / clear.tread_m, clear.gyro_rad
+    assert gyro is not None
+    slope = np.gradient(gyro)
+    late_steps = -float(slope @ (wheels - gyro)) / float(slope @ slope)
+    assert late_steps * float(np.median(clear.step_s)) == pytest.approx(0.0, abs=0.01)
+
+
 def test_a_reference_that_jumps_names_nothing() -> None:
     """As a lidar's map does: from 60 s on it is turned, and moved."""
     recording = recorded(SLALOM, 3)

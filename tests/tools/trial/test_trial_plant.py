@@ -176,6 +176,9 @@ def test_from_the_command_and_again(
     small(tmp_path / "drives", "one")
     out = tmp_path / "out"
     arguments = ["trial", "--plant", str(tmp_path / "drives"), "--glob", "o*", "--jobs", "1", "--output", str(out)]
+    assert main([*arguments, "--only", "*.gyro_scale_error.*"]) == 0
+    assert [row.case for row in Store(out).read()[1]] == ["one", "one.gyro_scale_error.d25"]
+    capsys.readouterr()
     assert main(arguments) == 0
     captured = capsys.readouterr()
     assert main(arguments) == 0  # all is there

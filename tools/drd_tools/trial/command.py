@@ -201,7 +201,7 @@ def _plant(chosen: argparse.Namespace) -> None:
     done = store.begin(Head(seed=chosen.seed, plant=str(chosen.plant), glob=chosen.glob))
     if done:
         print(f"{len(done)} cases are there already", file=sys.stderr)
-    for row in plant.run(drives, chosen.seed, done, chosen.jobs):
+    for row in plant.run(drives, chosen.seed, done, chosen.jobs, chosen.only):
         store.add(row)
 
 

@@ -8,6 +8,7 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -38,8 +39,10 @@ def drives(folder: Path, pattern: str) -> list[Path]:
     return found
 
 
-def run(folders: Sequence[Path], seed: int, done: Sequence[Row], jobs: int) -> Iterator[Row]:
-    """Rows as they are ready, without those that are `done`."""
+def run(
+    folders: Sequence[Path], seed: int, done: Sequence[Row], jobs: int, only: Sequence[str] = ("*",)
+) -> Iterator[Row]:
+    """Rows as they are ready, without those that are `done`: drives, and effects in them whose names match `only`."""
     there = {row.case for row in done}
     by_name = {folder.name: folder for folder in folders}
 
@@ -47,7 +50,8 @@ def run(folders: Sequence[Path], seed: int, done: Sequence[Row], jobs: int) -> I
         if not isinstance(row, Untouched):
             return []
         folder = by_name[row.case]
-        todo = [(case, true) for case, true in row.plantings.items() if case not in there]
+        chosen = (case for case in row.plantings if any(fnmatchcase(case, pattern) for pattern in only))
+        todo = [(case, row.plantings[case]) for case in chosen if case not in there]
         return [partial(diagnosed, folder, case, true) for case, true in todo]
 
     todo: list[Call[Row]] = [partial(plan, folder, seed) for name, folder in by_name.items() if name not in there]

@@ -8,12 +8,13 @@ from typing import Any, Final
 import numpy as np
 
 from drd.effects.chain import add
-from drd.effects.effect import SIDES, START, ActsOn, Chance, Effect, Parameter, Values
+from drd.effects.effect import SIDES, START, ActsOn, Begins, Chance, Effect, Parameter, Values
 from drd.effects.motion import Motion
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
+from drd_tools.diagnose.select.library import is_absent
 from drd_tools.diagnose.select.search import CLASS_NATS, Search
 from drd_tools.diagnose.selected import BIAS, Selected
 from drd_tools.recordings.folder import Recording
@@ -50,10 +51,12 @@ class Whitener:
         return cls(found.problem.along(motion), motion, found.fit.selection)
 
     def detectability(self, effect: Effect, values: Values) -> float:
-        """Norm of an effect's whitened sensitivity, nuisances projected out.
+        """Norm of an effect's whitened sensitivity, nuisances projected out; 0 where the diagnosis says nothing of it.
 
         They are the reference's, with their priors, and the free parameters of other effects that were found, without.
         """
+        if is_absent(self.problem.evidence, effect) and effect.begins is not Begins.GROWING:
+            return 0.0  # how a lag grows the calibration tells, where that is more than lags change by themselves
         rows = self.problem.effect_rows([Selected(effect, dict(values), ())])
         free = self.problem.tangents([c for c in self.beside if c.id != effect.id])
         norms = np.maximum(np.linalg.norm(free, axis=0), TINY)

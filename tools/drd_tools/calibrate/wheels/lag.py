@@ -38,6 +38,14 @@ HELD_ROWS: Final = 1.5
 # A speed that stays for longer is constant, as simulated ones are: no drive is that slow.
 LONGEST_HOLD_S: Final = 1.0
 DERIVATIVE_S: Final = 0.01
+# By how much the lag of a reference, and of a skid-steer robot's wheels, changes in a drive, deviations: lidar
+# odometry's by 0.04 to 0.3 s beside a gyro, the wheels' by 0.02 to 0.05 s.
+REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
+# Growths of a lag that are looked at, of a gyro's clock: so close together that at the drive's end lags are END_GRID_S
+# apart.
+MOST_GROWTH: Final = 0.05
+END_GRID_S: Final = 0.2
+SOME_ROWS: Final = 500
 MAX_STEPS: Final = 25
 CONVERGED_S: Final = 1e-5
 
@@ -127,35 +135,38 @@ def find_lag(recordings: Sequence[Recording]) -> Lag | None:
 
 def reference_lag(recording: Recording) -> Lag | None:
     """Delay of the reference's headings behind the gyro; None without one, or where rows are too far apart."""
-    fog, reference = recording.fog, recording.reference
-    if fog is None or reference is None:
-        return None
-    turn = reference.time_s, reference.heading_rad
-    part = _compared(recording.name, *turn, np.zeros_like(turn[0]), turn[1], fog.time_s, _angle(fog))
+    part = _reference_part(recording)
     return None if part is None else _found("gyro", [part], 0.0)
 
 
 class Drift(NamedTuple):
-    """Lag of the wheels at time 0, s, and by how much it grows, s/s; `sigma`: standard deviation of that growth."""
+    """Lag at time 0, s, and by how much it grows, s/s; `sigma`: standard deviation of that growth."""
 
     lag_s: float
     growth: float
     sigma: float
 
 
-def find_drift(recording: Recording, lag: Lag) -> Drift | None:
-    """Fit how the wheels' lag grows in a recording, from its mean; None where the rows do not tell."""
-    part = _part(recording, lag.against)
+def find_drift(recording: Recording, against: str) -> Drift | None:
+    """Fit how the wheels' lag behind gyro or reference grows in a recording; None where the rows do not tell."""
+    return _drift(_part(recording, against), MOST_GROWTH if against == "gyro" else 0.0)
+
+
+def reference_drift(recording: Recording) -> Drift | None:
+    """Fit how the reference's lag behind the gyro grows; None without one, or where the rows do not tell."""
+    return _drift(_reference_part(recording), MOST_GROWTH)
+
+
+def _drift(part: _Part | None, most: float) -> Drift | None:
     if part is None:
         return None
-    middle_s = float(part.at_s.mean())
-    x = np.array([lag.lag_s, 0.0])
+    x = _likeliest_growth(part, most)
     for _ in range(MAX_STEPS):
-        late_s = x[0] + x[1] * (part.at_s - middle_s)
+        late_s = x[0] + x[1] * part.at_s
         part.reweigh(part.regress(late_s)[0])
         residual, slope, by_wheels, _ = part.regress(late_s)
         # The wheels' own slope as the instrument: the other's noise is not in it.
-        S, Z = (np.column_stack([column, column * (part.at_s - middle_s)]) for column in (slope, by_wheels))
+        S, Z = (np.column_stack([column, column * part.at_s]) for column in (slope, by_wheels))
         try:
             inverse = np.linalg.inv((Z * part.weights[:, None]).T @ S)
         except np.linalg.LinAlgError:
@@ -163,12 +174,29 @@ def find_drift(recording: Recording, lag: Lag) -> Drift | None:
         score = Z * (part.weights * residual)[:, None]
         move = inverse @ score.sum(axis=0)
         x = x + move
-        if np.abs(move * [1.0, part.at_s[-1] - part.at_s[0]]).max() < CONVERGED_S:
+        if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
             break
     blocks = np.add.reduceat(score, np.flatnonzero(np.diff(part.at_s // BLOCK_S, prepend=-1.0)), axis=0)
     covariance = inverse @ (blocks.T @ blocks) @ inverse.T
     sigma = math.sqrt(max(float(covariance[1, 1]), 0.0))
-    return Drift(float(x[0] - x[1] * middle_s), float(x[1]), sigma) if np.isfinite(x).all() else None
+    return Drift(float(x[0]), float(x[1]), sigma) if np.isfinite(x).all() else None
+
+
+def _likeliest_growth(part: _Part, most: float) -> Array:
+    """Lag at time 0, s, and its growth, up to `most` s/s, (2,), from which a fit sets out."""
+    at_s = part.at_s[:: max(1, len(part.at_s) // SOME_ROWS)]
+    turn = _over(part.time_s, part.turn, at_s)
+    turn -= turn.mean()
+
+    def alike(late: tuple[float, float]) -> float:
+        other = _over(part.other_s, part.other, at_s - late[0] - late[1] * at_s)
+        other -= other.mean()
+        return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
+
+    step = END_GRID_S / float(at_s[-1])
+    lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
+    growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
+    return np.array(max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike))
 
 
 def _found(against: str, parts: Sequence[_Part], hold_s: float) -> Lag | None:
@@ -219,6 +247,15 @@ def _part(recording: Recording, against: str) -> _Part | None:
     turn, travel = (right - left) * per_tread, 0.5 * (right + left) * per_tread
     moved = np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(left)), np.abs(np.diff(right))))]) * per_tread
     return _compared(recording.name, time_s, turn, travel, moved, other_s, other)
+
+
+def _reference_part(recording: Recording) -> _Part | None:
+    """The curves of reference and gyro; None without one of them, or where rows are too far apart."""
+    fog, reference = recording.fog, recording.reference
+    if fog is None or reference is None:
+        return None
+    turn = reference.time_s, reference.heading_rad
+    return _compared(recording.name, *turn, np.zeros_like(turn[0]), turn[1], fog.time_s, _angle(fog))
 
 
 def _angle(fog: FogLog) -> Array:

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
+from drd_tools.calibrate.wheels.lag import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.error_model.denoise import denoised
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
@@ -140,6 +141,12 @@ class Sensitivities:
         made.motion = motion
         return made
 
+    @property
+    def body(self) -> Sensitivity:
+        """The motion itself, as sensors without errors would tell it."""
+        m = self.motion
+        return self.of(Errors(m.rate_rad_s, m.left_m_s, m.right_m_s))
+
     @cached_property
     def calm_rate_rad_s(self) -> Array:
         """The motion's rate, smoothed: small rates with the gyro's own noise in them would explain themselves.
@@ -162,10 +169,13 @@ class Sensitivities:
         return Sensitivity(*(summed(rate) for rate in errors))
 
 
-def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float, Sensitivity]]:
-    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)
+def nuisances(
+    e: Evidence, path: Path, ahead_m: float, sensitivities: Sensitivities, readings: Motion
+) -> list[tuple[str, float, Sensitivity]]:
+    """Nuisances: errors that a reference may have by itself, and how the wheels' lag changes; name, prior sigma,
+    sensitivity. (70)
 
-    `ahead_m`: deviation of its lever arm ahead, where the robot is near.
+    `ahead_m`: deviation of its lever arm ahead, where the robot is near. `readings`: the motion as counters tell it.
     """
     if not len(e.fix):
         return []
@@ -179,6 +189,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
+    by_gyro = e.is_far and e.gyro_rad is not None
     latency_s = math.hypot(LATENCY_S, LAG_SHARE * e.reference_lag_s)
     found = [
         ("reference_latency", latency_s, Sensitivity(fix=-dp)),
@@ -186,8 +197,13 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
     if e.gyro_rad is None or e.is_far:
-        since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
-        found.append((DRIFT, DRIFT_S_PER_S, Sensitivity(fix=-dp * since_s)))
+        middle_s = float(e.fix_time_s.mean())
+        drive_s = float(e.edges_s[-1] - e.edges_s[0])
+        since_s = (e.fix_time_s - middle_s)[:, None]
+        drift = REFERENCE_WANDER_S / drive_s if by_gyro else DRIFT_S_PER_S
+        found.append((DRIFT, drift, Sensitivity(fix=-dp * since_s)))
+        if by_gyro:
+            found.append(("wheels_drift", WHEELS_WANDER_S / drive_s, sensitivities.of(_later(readings, middle_s))))
     if ahead_m := AHEAD_M if e.is_far else ahead_m:
         found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
@@ -195,3 +211,10 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
         found.append(("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found
+
+
+def _later(readings: Motion, middle_s: float) -> Errors:
+    """What wheels read less where their lag grows by 1 s/s, about the drive's middle."""
+    since_s = middle_s - readings.time_s
+    left, right = (np.gradient(v, readings.time_s) * since_s for v in (readings.left_m_s, readings.right_m_s))
+    return Errors(left_m_s=left, right_m_s=right)

@@ -180,7 +180,7 @@ def _headings(e: Evidence, time_s: Array) -> Array | None:
 
     None where neither tells.
     """
-    time_s = time_s - e.robot.wheels_lag_s - e.robot.lag_growth * time_s
+    time_s = time_s - e.robot.wheels_lag_s - (e.robot.lag_growth + 1.0 - e.robot.gyro_clock) * time_s
     if e.gyro_rad is not None:
         at, heading = e.edges_s, np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
     elif len(e.fix) < 2:  # no interval

@@ -82,7 +82,7 @@ class Problem:
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
         self._chain = tuple(chain)
-        self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m)
+        self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m, self.sensitivities, self.readings)
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
         self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
@@ -143,7 +143,7 @@ class Problem:
 
     def around(self, selection: Sequence[Selected]) -> "Problem":
         """Relinearise around the path, and along the motion, that the sensors give once the effects are taken off."""
-        cleared = self._cleared(selection)
+        cleared = self.cleared(selection)
         if len(cleared.fix):
             self._inflated = inflated_model(cleared, self.path, self._inflated)
             path = self._inflated.smoothed()
@@ -153,28 +153,22 @@ class Problem:
             self.evidence, path, self.noise, self.fix_inflation, cleared, self.inflation, self, chain_of(selection)
         )
 
-    def _cleared(self, selection: Sequence[Selected]) -> Evidence:
+    def cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
         gyro_s, wheels_s = delays_s(selection, raw.edges_s)
-        clear = replace(
-            raw,
-            gyro_rad=None if raw.gyro_rad is None else np.zeros_like(raw.gyro_rad),
-            left_m=np.zeros_like(raw.left_m),
-            right_m=np.zeros_like(raw.right_m),
-        )
-        added = Sensitivity()
+        clear, body, added = raw, Sensitivity(), Sensitivity()
         for _ in range(CLEARINGS):
-            gyro = clear.gyro_rad
-            if raw.gyro_rad is not None and gyro is not None:
-                # A delay is undone by a shift; subtracting it would amplify what is fast.
-                gyro = gyro + raw.earlier(raw.gyro_rad - gyro - added.gyro_rad, gyro_s)
-            left = clear.left_m + raw.earlier(raw.left_m - clear.left_m - added.left_m, wheels_s)
-            right = clear.right_m + raw.earlier(raw.right_m - clear.right_m - added.right_m, wheels_s)
+            # A delay is undone by a shift; subtracting it would amplify what is fast.
+            gyro = raw.gyro_rad
+            if gyro is not None:
+                gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
+            left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
+            right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
             sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
-            added = Sensitivity()
+            body, added = sensitivities.body, Sensitivity()
             chain = chain_of(selection)
             for selected in selection:
                 added = added + sensitivities.of(errors_of(sensitivities, chain, selected.effect, selected.values))

@@ -132,7 +132,7 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
             continue
         is_known, is_late = selected.id in search.known, any(map(_is_timing, rest.selection))
         # Two delays may stand for one, or a delay and another effect: each alone is far off until the time is shifted.
-        sets = [[*rest.selection]] if is_late and (_is_timing(selected) or not is_known) else []
+        sets = [[*rest.selection]] if is_late and not is_known else []
         if not is_known:
             close = (1.0 - CLOSE_SHARE) * worth
             rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > close]
