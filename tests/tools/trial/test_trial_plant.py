@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_drives import recorded, selected
 from trial_records import amount, finding
 
 from drd.arrays import Array
 from drd.cli import main
 from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Finding
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.conditions import PERFECT, Conditions
@@ -23,6 +26,7 @@ from drd_tools.trial import plant
 from drd_tools.trial.overlay import planted
 from drd_tools.trial.planted import Judged, composed, judged, not_visible, planted_table
 from drd_tools.trial.results import Planted, Store, TrueEffect, Untouched, si
+from drd_tools.trial.size import Whitener
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 SCRIPT = SHARED / "trials/plant.py"
@@ -212,3 +216,17 @@ def test_a_folder_without_drives_is_one_clear_error(
 def test_real_and_drawn_drives_do_not_mix(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["trial", "--plant", ".", "--each", "1", "--output", str(tmp_path)])
+
+
+def test_d_is_of_what_planting_does_to_readings_of_a_robot_far_off() -> None:
+    """Whose counters tell a tread 65 % too large, and are late: once, not twice."""
+    recording = recorded(("field", 200.0), 1, selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
+    whitener, effect, values = Whitener.of(recording), catalogue()["encoder_clock_skew"], {"ppm": 500e-6}
+    p = whitener.problem
+    rows = p.effect_rows([selected(effect.id, **values)])
+    changed = gather(planted(recording, effect, values), p.evidence.robot)
+    other = Problem(changed, p.path, p.noise, p.fix_inflation, inflation=p.inflation, near=p)
+    # The noise is moved, too.
+    assert float(rows @ (other.data - p.data) / (rows @ rows)) == pytest.approx(1.0, abs=0.15)
+    # A lag that grows is a longer one, and how lags change by themselves.
+    assert whitener.detectability(effect, values) < 0.15 * np.linalg.norm(rows)

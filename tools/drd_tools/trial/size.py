@@ -48,7 +48,8 @@ class Whitener:
         found = analyse(recording).conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
         motion, _ = add(found.problem.sensitivities.motion, selected)
-        return cls(found.problem.along(motion), motion, found.fit.selection)
+        beside = [_more(c) if c.effect.acts_on is ActsOn.TIMING else c for c in found.fit.selection]
+        return cls(found.problem.along(motion, is_read=True), motion, beside)
 
     def detectability(self, effect: Effect, values: Values) -> float:
         """Norm of an effect's whitened sensitivity, nuisances projected out; 0 where the diagnosis says nothing of it.
@@ -96,6 +97,11 @@ class Whitener:
         drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
         sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
         return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
+
+
+def _more(selected: Selected) -> Selected:
+    """A little more of a delay or clock's rate, of readings that have it already."""
+    return replace(selected, values={q.name: q.neutral * q.si for q in selected.effect.parameters})
 
 
 def scaled(

@@ -168,14 +168,22 @@ class Sensitivities:
 
         return Sensitivity(*(summed(rate) for rate in errors))
 
+    def wheels_drift(self, readings: Motion) -> tuple[str, float, Sensitivity]:
+        """How the wheels' lag grows by itself, of the motion as counters tell it; as `nuisances`. (70)"""
+        ends_s = self.e.edges_s[[0, -1]]
+        growth = WHEELS_WANDER_S / float(np.ptp(ends_s))
+        late_s = growth * (readings.time_s - ends_s.mean())
+        left, right = readings.left_m_s, readings.right_m_s
+        later = Errors(
+            left_m_s=readings.delayed(left, late_s) - left, right_m_s=readings.delayed(right, late_s) - right
+        )
+        return "wheels_drift", growth, self.of(later) * (1.0 / growth)
 
-def nuisances(
-    e: Evidence, path: Path, ahead_m: float, sensitivities: Sensitivities, readings: Motion
-) -> list[tuple[str, float, Sensitivity]]:
-    """Nuisances: errors that a reference may have by itself, and how the wheels' lag changes; name, prior sigma,
-    sensitivity. (70)
 
-    `ahead_m`: deviation of its lever arm ahead, where the robot is near. `readings`: the motion as counters tell it.
+def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float, Sensitivity]]:
+    """Nuisances: errors that a reference may have by itself; name, prior sigma, sensitivity. (70)
+
+    `ahead_m`: deviation of its lever arm ahead, where the robot is near.
     """
     if not len(e.fix):
         return []
@@ -189,7 +197,6 @@ def nuisances(
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
-    by_gyro = e.is_far and e.gyro_rad is not None
     latency_s = math.hypot(LATENCY_S, LAG_SHARE * e.reference_lag_s)
     found = [
         ("reference_latency", latency_s, Sensitivity(fix=-dp)),
@@ -197,13 +204,9 @@ def nuisances(
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
     if e.gyro_rad is None or e.is_far:
-        middle_s = float(e.fix_time_s.mean())
-        drive_s = float(e.edges_s[-1] - e.edges_s[0])
-        since_s = (e.fix_time_s - middle_s)[:, None]
-        drift = REFERENCE_WANDER_S / drive_s if by_gyro else DRIFT_S_PER_S
+        since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
+        drift = REFERENCE_WANDER_S / float(np.ptp(e.edges_s)) if e.has_three_clocks else DRIFT_S_PER_S
         found.append((DRIFT, drift, Sensitivity(fix=-dp * since_s)))
-        if by_gyro:
-            found.append(("wheels_drift", WHEELS_WANDER_S / drive_s, sensitivities.of(_later(readings, middle_s))))
     if ahead_m := AHEAD_M if e.is_far else ahead_m:
         found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
@@ -211,10 +214,3 @@ def nuisances(
         mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
         found.append(("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found
-
-
-def _later(readings: Motion, middle_s: float) -> Errors:
-    """What wheels read less where their lag grows by 1 s/s, about the drive's middle."""
-    since_s = middle_s - readings.time_s
-    left, right = (np.gradient(v, readings.time_s) * since_s for v in (readings.left_m_s, readings.right_m_s))
-    return Errors(left_m_s=left, right_m_s=right)

@@ -140,6 +140,11 @@ class Evidence:
         """Steps whose turn is the wheels' alone, (n,)."""
         return np.isinf(self.gyro_inflation_rad2) | (self.gyro_rad is None)
 
+    @property
+    def has_three_clocks(self) -> bool:
+        """Whether wheels, gyro and reference are of real ground, where the lags between them change by themselves."""
+        return self.is_far and self.gyro_rad is not None and self.has_wheels
+
     @cached_property
     def speed_changes_rad2_s2(self) -> Array:
         """Square of the turn per second of jitter (25), mean of the changes at a step's begin and end, (n,)."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Delays, Effect, Errors
+from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities
 from drd_tools.diagnose.results import Array
@@ -22,6 +22,11 @@ def chain_of(selection: Sequence[Selected]) -> tuple[Selected, ...]:
 
 def _is_delay(effect: Effect) -> bool:
     return effect.acts_on is ActsOn.TIMING and effect.channel == "wheels"
+
+
+def has_clock(chain: Sequence[Selected]) -> bool:
+    """Whether a clock of the wheels is among the effects of a chain."""
+    return any(_is_delay(c.effect) and c.effect.begins is Begins.GROWING for c in chain)
 
 
 def errors_of(sensitivities: Sensitivities, chain: Sequence[Selected], effect: Effect, values: Values) -> Errors:

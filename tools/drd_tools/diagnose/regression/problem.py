@@ -17,7 +17,7 @@ from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
-from drd_tools.diagnose.regression.chain import beside, chain_of, delays_s, errors_of, with_chain
+from drd_tools.diagnose.regression.chain import beside, chain_of, delays_s, errors_of, has_clock, with_chain
 from drd_tools.diagnose.regression.gram import Gram
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
@@ -82,7 +82,10 @@ class Problem:
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
         self._chain = tuple(chain)
-        self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m, self.sensitivities, self.readings)
+        self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m)
+        if evidence.has_three_clocks and not has_clock(self._chain):
+            told = with_chain(self.sensitivities.motion, self._chain)
+            self.nuisances.append(self.sensitivities.wheels_drift(told))
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
         self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
@@ -116,10 +119,13 @@ class Problem:
         """The motion, with the wheels' speeds as counters of the selected geometry tell them."""
         return with_chain(self.sensitivities.motion, [c for c in self._chain if c.effect.geometry])
 
-    def along(self, motion: Motion) -> "Problem":
-        """A problem with the effects' sensitivities along another motion."""
+    def along(self, motion: Motion, is_read: bool = False) -> "Problem":
+        """A problem with the effects' sensitivities along another motion; `is_read`: it is what sensors tell of it, to
+        which the selected geometry and delays are not added again.
+        """
         made = copy(self)
         made.sensitivities, made._cache, made._gram = self.sensitivities.along(motion), {}, None
+        made._chain = () if is_read else self._chain
         return made
 
     @property
