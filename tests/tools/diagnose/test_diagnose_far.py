@@ -13,6 +13,7 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.observe.lags import find_lags
 from drd_tools.diagnose.observe.parts import _between
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
@@ -151,6 +152,21 @@ def test_a_gyros_clock_is_what_wheels_and_reference_run_away_from_together(ratio
     cause = causes[clock.id]
     assert cause is not None
     assert cause.number("ratio") == pytest.approx(ratio, abs=3.0 * cause.sigma("ratio"))
+
+
+def test_a_gyros_clock_that_ran_off_before_the_recording_is_not_taken_for_one_that_begins_with_it() -> None:
+    recording = far(selected("gyro_sample_clock", ratio=1.01))
+    fog, wheels, reference = recording.fog, recording.wheels, recording.reference
+    assert fog is not None
+    assert wheels is not None
+    assert reference is not None
+    later = replace(
+        recording,
+        fog=replace(fog, time_s=fog.time_s + 1200.0),
+        wheels=replace(wheels, time_s=wheels.time_s + 1200.0),
+        reference=replace(reference, time_s=reference.time_s + 1200.0),
+    )
+    assert find_lags(later).clock == 1.0
 
 
 def test_a_wheels_clock_is_not_the_gyros() -> None:

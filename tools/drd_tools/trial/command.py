@@ -63,7 +63,7 @@ EXAMPLES = f"""\
 examples:
   {PROGRAM} --each 1 --only '*-d20-*' --minutes 4 5 --output out/singles
   {PROGRAM} --each 40 --only 'null-*' --no-baselines --output out/nulls
-  {PROGRAM} --large --seed 7 --output out/large                   (half an hour on two cores)
+  {PROGRAM} --large --seed 7 --output out/large                   (an hour on two cores)
   {PROGRAM} --folder ../shared/trials --output out/given
   {PROGRAM} --plant ../shared/recordings --glob 'warthog_*' --output out/planted   (15 minutes a drive)
   {PROGRAM} --distances --output out/distances                    (which effects each manoeuvre tells apart; a minute)

@@ -41,8 +41,7 @@ DERIVATIVE_S: Final = 0.01
 # By how much the lag of a reference, and of a skid-steer robot's wheels, changes in a drive, deviations: lidar
 # odometry's by 0.04 to 0.3 s beside a gyro, the wheels' by 0.02 to 0.05 s.
 REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
-# Growths of a lag that are looked at, of a gyro's clock: so close together that at the drive's end lags are END_GRID_S
-# apart.
+# Growths that are looked at: a gyro's clock may be 3 % off; at the drive's end their lags are END_GRID_S apart.
 MOST_GROWTH: Final = 0.05
 END_GRID_S: Final = 0.2
 SOME_ROWS: Final = 500
@@ -146,6 +145,11 @@ class Drift(NamedTuple):
     growth: float
     sigma: float
 
+    @property
+    def begins_usual(self) -> bool:
+        """Whether the lag at time 0 is one that sensors have: of a clock that ran off before that it is not."""
+        return EARLIEST_S < self.lag_s < LATEST_S
+
 
 def find_drift(recording: Recording, against: str) -> Drift | None:
     """Fit how the wheels' lag behind gyro or reference grows in a recording; None where the rows do not tell."""
@@ -185,18 +189,19 @@ def _drift(part: _Part | None, most: float) -> Drift | None:
 def _likeliest_growth(part: _Part, most: float) -> Array:
     """Lag at time 0, s, and its growth, up to `most` s/s, (2,), from which a fit sets out."""
     at_s = part.at_s[:: max(1, len(part.at_s) // SOME_ROWS)]
-    turn = _over(part.time_s, part.turn, at_s)
+    turn, since_s = _over(part.time_s, part.turn, at_s), at_s - at_s[0]
     turn -= turn.mean()
 
     def alike(late: tuple[float, float]) -> float:
-        other = _over(part.other_s, part.other, at_s - late[0] - late[1] * at_s)
+        other = _over(part.other_s, part.other, at_s - late[0] - late[1] * since_s)
         other -= other.mean()
         return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
 
-    step = END_GRID_S / float(at_s[-1])
+    step = END_GRID_S / float(since_s[-1])
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
     growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
-    return np.array(max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike))
+    lag_s, growth = max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike)
+    return np.array([lag_s - growth * at_s[0], growth])
 
 
 def _found(against: str, parts: Sequence[_Part], hold_s: float) -> Lag | None:

@@ -1,0 +1,120 @@
+"""Which of gyro, wheels and reference is late, and whose clock runs off. (79)"""
+
+import math
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd_tools.calibrate.wheels.lag import (
+    REFERENCE_WANDER_S,
+    WHEELS_WANDER_S,
+    Drift,
+    Lag,
+    find_drift,
+    find_lag,
+    reference_drift,
+    reference_lag,
+)
+from drd_tools.recordings.folder import Recording
+
+SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
+LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: without a gyro lags change by the first in a run; no clock is so far off
+REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
+
+
+class Lags(NamedTuple):
+    """How late sensors are, s, and their standard deviations; the earliest is in time.
+
+    `growth`: of the wheels' lag, s/s, which is then the one at time 0. `clock`: actual over nominal rate of the gyro's
+    samples.
+    """
+
+    wheels_s: float
+    wheels_sigma_s: float
+    growth: float
+    growth_sigma: float
+    reference_s: float
+    reference_sigma_s: float
+    gyro_s: float
+    clock: float
+    clock_sigma: float
+
+    def in_time(self, recording: Recording) -> Recording:
+        """The recording with the gyro's samples at the times at which they were taken."""
+        return _at_true_times(recording, self.clock)
+
+
+def find_lags(recording: Recording) -> Lags:
+    """Measure the lags of a recording with wheels and a dense reference; 0 where it does not tell."""
+    clock, clock_sigma = _gyro_clock(recording)
+    in_time = _at_true_times(recording, clock)
+    has_gyro = recording.fog is not None
+    lag = find_lag([in_time])
+    drift = None if lag is None else find_drift(in_time, lag.against)
+    growth = 0.0 if drift is None or not _is_drift(drift, in_time) else drift.growth
+    if lag is not None and drift is not None and growth:
+        lag = replace(lag, lag_s=drift.lag_s)
+    wheels_s, wheels_sigma_s = _determined(lag)
+    behind_s, reference_sigma_s = _determined(reference_lag(in_time) if has_gyro else _reversed(lag))
+    # Wheels that are a little early on the whole may have a clock that runs off.
+    early_s = SURE * math.hypot(wheels_sigma_s, WHEELS_WANDER_S)
+    wheels_s = wheels_s if wheels_s > SURE * wheels_sigma_s or wheels_s < -early_s else 0.0
+    behind_s = behind_s if abs(behind_s) > SURE * math.hypot(reference_sigma_s, REFERENCE_LAG_S) else 0.0
+    # No sensor tells a motion before it is: the earliest of them is in time.
+    gyro_s = -min(0.0, wheels_s, behind_s) if has_gyro else 0.0
+    return Lags(
+        wheels_s=max(0.0, wheels_s + gyro_s),
+        wheels_sigma_s=wheels_sigma_s,
+        growth=growth,
+        growth_sigma=0.0 if drift is None else drift.sigma,
+        reference_s=max(0.0, behind_s + gyro_s),
+        reference_sigma_s=reference_sigma_s,
+        gyro_s=gyro_s,
+        clock=clock,
+        clock_sigma=clock_sigma,
+    )
+
+
+def _determined(lag: Lag | None) -> tuple[float, float]:
+    """A lag and its standard deviation, s; 0 where it is not determined."""
+    return (lag.lag_s, lag.sigma_s) if lag is not None and lag.determined else (0.0, 0.0)
+
+
+def _reversed(lag: Lag | None) -> Lag | None:
+    """How late the reference is against the wheels."""
+    return None if lag is None else replace(lag, lag_s=-lag.lag_s)
+
+
+def _gyro_clock(recording: Recording) -> tuple[float, float]:
+    """Rate of the gyro's clock and its deviation, where wheels and reference both run away from it: rather it than both
+    of them.
+    """
+    wheels, reference = find_drift(recording, "gyro"), reference_drift(recording)
+    if wheels is None or reference is None or not (wheels.begins_usual and reference.begins_usual):
+        return 1.0, 0.0
+    w, r = wheels.growth, reference.growth
+    w_variance = wheels.sigma**2 + (WHEELS_WANDER_S / _length_s(recording)) ** 2
+    r_variance = reference.sigma**2 + (REFERENCE_WANDER_S / _length_s(recording)) ** 2
+    squares_of_one = w**2 / w_variance, r**2 / r_variance  # where it is the other's
+    squares = (w - r) ** 2 / (w_variance + r_variance)
+    if squares > min(*squares_of_one, sum(squares_of_one) - SURELY**2):
+        return 1.0, 0.0
+    variance = 1.0 / (1.0 / w_variance + 1.0 / r_variance)
+    # What is at t is stamped t ratio: all else is later by the rest of t.
+    return 1.0 - variance * (w / w_variance + r / r_variance), math.sqrt(variance)
+
+
+def _at_true_times(recording: Recording, clock: float) -> Recording:
+    fog = recording.fog
+    return recording if fog is None else replace(recording, fog=replace(fog, time_s=fog.time_s / clock))
+
+
+def _is_drift(drift: Drift, recording: Recording) -> bool:
+    """Whether the lag grows by more than a drive's own changes of it, and by no more than a clock's may."""
+    least = LEAST_DRIFT if recording.fog is None else SURE * WHEELS_WANDER_S / _length_s(recording)
+    return abs(drift.growth) > SURELY * drift.sigma and least < abs(drift.growth) < MOST_DRIFT
+
+
+def _length_s(recording: Recording) -> float:
+    return float(np.ptp(recording.encoders.time_s))
