@@ -78,7 +78,7 @@ def test_a_short_drive_of_a_robot_is_told_with_the_names_of_the_long_ones(tmp_pa
     *each, whole = (w.diagnosis for w in run_all(recordings, [], tmp_path / "out", 1, "a, b, short"))
     assert [f.effect for d in each for f in d.findings] == 3 * ["gyro_scale_error"]
     finding = each[-1].findings[0]
-    assert finding.evidence.prior_odds == 3.0
+    assert finding.evidence.prior_odds == pytest.approx(3.0)
     assert "2 other recordings show it" in finding.sentence
     # Their own values are not counted twice.
     two = combined([d.result for d in each[:2]], [d.statistics for d in each[:2] if d.statistics is not None])
