@@ -190,7 +190,7 @@ def test_of_three_sensors_the_earliest_is_in_time() -> None:
 
 
 def test_cleared_wheels_turn_when_the_gyro_does() -> None:
-    """Of a tread that is far off the error is taken off where it is, and not where its late reading was."""
+    """The error of a tread that is far off is taken off at the time of the turn, not at that of its late reading."""
     recording = recorded(("field", 200.0), 1, *GEOMETRY)
     problem = Problem(gather(recording))
     clear = problem.cleared(GEOMETRY)

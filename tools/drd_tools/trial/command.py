@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from drd_tools.report.terminal import columns
 from drd_tools.simulate.conditions import Reference
 from drd_tools.trial import baselines, distances, fleet, live, live_cases, live_figures, plant, sbmi
 from drd_tools.trial.figures import Figures, Table
-from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings
+from drd_tools.trial.plan import CONTACTS, LARGE, LARGE_BESIDE, NONE, Plan, drawings, is_chosen
 from drd_tools.trial.planted import not_visible, planted_table, reported
 from drd_tools.trial.results import Head, Row, Store, read_answers, save
 from drd_tools.trial.run import Others, calls
@@ -107,7 +106,7 @@ def _live(chosen: argparse.Namespace) -> None:
     todo = [
         case
         for case in live_cases.cases(chosen.live, NULLS_TIMES * chosen.live, chosen.seed, chosen.remembers)
-        if any(fnmatchcase(case.name, pattern) for pattern in chosen.only)
+        if is_chosen(case.name, chosen.only)
     ]
     if not todo:
         raise ConfigError("--only", "", "a pattern that some case's name matches", " ".join(chosen.only))
@@ -157,7 +156,7 @@ def _tell(file: Path, titles: tuple[str, str, str], tables: Sequence[Table], lin
 def _run(chosen: argparse.Namespace) -> None:
     only = tuple(chosen.only)
     answers = [] if chosen.folder is None else read_answers(chosen.folder)
-    answers = [a for a in answers if any(fnmatchcase(a.case, pattern) for pattern in only)]
+    answers = [a for a in answers if is_chosen(a.case, only)]
     Reference.parse(chosen.reference)
     low, high = chosen.minutes
     if not 0.5 <= low <= high <= 600.0:

@@ -1,7 +1,7 @@
 """Which cases a trial has: each is known by its name, and drawn from the name and the seed alone."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, Final, NamedTuple
@@ -63,6 +63,11 @@ LARGE: Final = Plan(nulls=150, singles=4, sets=25, unknowns=4, variants=8, conta
 LARGE_BESIDE: Final = 4  # one case in so many is given to the other methods, which take as long as the diagnosis
 
 
+def is_chosen(case: str, only: Iterable[str]) -> bool:
+    """Whether a case's name matches one of these patterns, as `--only` has them."""
+    return any(fnmatchcase(case, pattern) for pattern in only)
+
+
 def reversible() -> list[str]:
     """Names of the effects that come in any size, as far as a diagnosis may name them."""
     return [effect.id for effect in catalogue().values() if not effect.irreversible and effect.is_diagnosed]
@@ -79,7 +84,7 @@ def drawings(
     """The cases of a plan whose names match `only`, so that a trial that is stopped has some of each kind."""
     for number in range(max(plan)):
         for drawing in _numbered(plan, number, seed, minutes, reference):
-            if any(fnmatchcase(drawing.name, pattern) for pattern in only):
+            if is_chosen(drawing.name, only):
                 yield drawing
 
 

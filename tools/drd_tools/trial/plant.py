@@ -8,7 +8,6 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -22,6 +21,7 @@ from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.files import effect_rows
 from drd_tools.trial.ceiling import set_ceilings
 from drd_tools.trial.overlay import planted
+from drd_tools.trial.plan import is_chosen
 from drd_tools.trial.results import FAILED, Planted, Row, TrueEffect, Untouched, si
 from drd_tools.trial.size import Whitener, selected_of
 from drd_tools.trial.workers import Call, completed
@@ -50,7 +50,7 @@ def run(
         if not isinstance(row, Untouched):
             return []
         folder = by_name[row.case]
-        chosen = (case for case in row.plantings if any(fnmatchcase(case, pattern) for pattern in only))
+        chosen = (case for case in row.plantings if is_chosen(case, only))
         todo = [(case, row.plantings[case]) for case in chosen if case not in there]
         return [partial(diagnosed, folder, case, true) for case, true in todo]
 

@@ -47,11 +47,14 @@ class Lags(NamedTuple):
 
 def find_lags(recording: Recording) -> Lags:
     """Measure the lags of a recording with wheels and a dense reference; 0 where it does not tell."""
-    clock, clock_sigma = _gyro_clock(recording)
-    in_time = _at_true_times(recording, clock)
     has_gyro = recording.fog is not None
+    against = "gyro" if has_gyro else "reference"
+    drift = find_drift(recording, against)
+    clock, clock_sigma = _gyro_clock(recording, drift, reference_drift(recording))
+    in_time = _at_true_times(recording, clock)
+    if clock != 1.0:
+        drift = find_drift(in_time, against)
     lag = find_lag([in_time])
-    drift = None if lag is None else find_drift(in_time, lag.against)
     growth = 0.0 if drift is None or not _is_drift(drift, in_time) else drift.growth
     if lag is not None and drift is not None and growth:
         lag = replace(lag, lag_s=drift.lag_s)
@@ -86,11 +89,10 @@ def _reversed(lag: Lag | None) -> Lag | None:
     return None if lag is None else replace(lag, lag_s=-lag.lag_s)
 
 
-def _gyro_clock(recording: Recording) -> tuple[float, float]:
+def _gyro_clock(recording: Recording, wheels: Drift | None, reference: Drift | None) -> tuple[float, float]:
     """Rate of the gyro's clock and its deviation, where wheels and reference both run away from it: rather it than both
     of them.
     """
-    wheels, reference = find_drift(recording, "gyro"), reference_drift(recording)
     if wheels is None or reference is None or not (wheels.begins_usual and reference.begins_usual):
         return 1.0, 0.0
     w, r = wheels.growth, reference.growth
@@ -101,7 +103,7 @@ def _gyro_clock(recording: Recording) -> tuple[float, float]:
     if squares > min(*squares_of_one, sum(squares_of_one) - SURELY**2):
         return 1.0, 0.0
     variance = 1.0 / (1.0 / w_variance + 1.0 / r_variance)
-    # What is at t is stamped t ratio: all else is later by the rest of t.
+    # A sample that is taken at t is stamped t ratio: beside it all else is late by t (1 - ratio).
     return 1.0 - variance * (w / w_variance + r / r_variance), math.sqrt(variance)
 
 
