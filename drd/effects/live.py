@@ -92,7 +92,7 @@ class LiveMotion(Motion):
 
 def scalar(value: Array | float) -> float:
     """The value of one sample."""
-    return value if type(value) is float else float(np.asarray(value).reshape(-1)[0])
+    return value.item() if isinstance(value, np.ndarray) else float(value)
 
 
 class Clip:

@@ -16,7 +16,7 @@ from drd.arrays import Array
 from drd.config.keys import Robot
 from drd.effects.catalogue import catalogue
 from drd.effects.chain import add
-from drd.effects.compensation import Compensation
+from drd.effects.compensation import Compensation, LiveTerm
 from drd.effects.effect import Effect, Parameter
 from drd.effects.live import Clip, LiveMotion
 from drd.effects.model import COVARIATES, Amount, Term, make_model
@@ -152,6 +152,26 @@ def test_slip_that_takes_many_passes_is_removed_all_the_same(k: float, seed: int
     slip = catalogue()["slip_acceleration"]
     _, ways = remove(MOTIONS[seed], [Term(slip, {"k": Amount(k)})])
     assert ways.share() <= slip.remainder
+
+
+LOOKS = 9.0  # at each effect in a sample: 13 where each sample begins anew
+
+
+def test_effects_that_depend_on_each_other_are_taken_off_in_few_looks_at_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A skid-steer robot's model."""
+    sizes = {"tread_error": {"k": 0.65}, "wheel_radius_error": {"left": -0.05, "right": -0.03}}
+    sizes |= {"slip_acceleration": {"k": 0.09}, "encoder_latency": {"delay": 0.0}}
+    looks, look = [], LiveTerm.wheels
+
+    def counted(term: LiveTerm) -> tuple[float, ...]:
+        looks.append(term.effect.id)
+        return look(term)
+
+    monkeypatch.setattr(LiveTerm, "wheels", counted)
+    remove(MOTIONS[1], [Term(catalogue()[name], {q: Amount(v) for q, v in p.items()}) for name, p in sizes.items()])
+    samples = SECONDS / WHEEL_S
+    assert "encoder_latency" not in looks  # which acts on the stamps
+    assert 3.0 * samples < len(looks) < LOOKS * 3.0 * samples
 
 
 @pytest.mark.parametrize("effect", IRREVERSIBLE, ids=lambda effect: effect.id)
