@@ -128,6 +128,18 @@ def test_a_reference_that_scatters_by_less_than_it_states_is_off_by_the_rest(sha
     )
 
 
+@pytest.mark.parametrize(("period_s", "size_rad_s", "is_noise"), [(285.0, 3.5e-5, False), (6.0, 2e-4, True)])
+def test_what_a_gyro_does_over_minutes_is_no_noise_of_it(period_s: float, size_rad_s: float, is_noise: bool) -> None:
+    """Over seconds it is: there no effect of the catalogue could be told from it."""
+    recording = recorded(("stand", 600.0), 1)
+    assert recording.fog is not None
+    swing = size_rad_s * np.sin(2.0 * np.pi * recording.fog.time_s / period_s)
+    fog = replace(recording.fog, rate_rad_s=recording.fog.rate_rad_s + swing)
+    problem = Problem(gather(replace(recording, fog=fog)))
+    noise, _ = fitted(problem, refine(problem, ()), searched=True)
+    assert (noise.walk_rad_per_sqrt_s > problem.evidence.datasheet.walk_rad_per_sqrt_s) == is_noise
+
+
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
 @pytest.mark.parametrize(
     ("name", "faults"), [("square_231220200029_run-05", {"drift"}), ("square_230620202258_run-05", set())]

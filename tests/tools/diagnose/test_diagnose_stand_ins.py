@@ -91,6 +91,18 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
     assert said.surrogate is None
 
 
+def test_a_curve_that_stands_for_a_chance_find_does_not_hide_what_is_left_of_it() -> None:
+    """A step of the bias, which chance gives as well, and what is left beside it are the same curve of the scale."""
+    (drawing,) = drawings(Plan(unknowns=1), 2053, (4.0, 10.0), only=("unknown_scale_hysteresis-d20-000",))
+    conclusion = analyse(make(drawing, judged=False).recording).conclusion
+    assert [c.id for c in conclusion.found.fit.selection] == ["gyro_bias_step"]
+    (cause,) = conclusion.causes
+    assert cause.effect == "unknown"
+    assert cause.curve is not None
+    assert (cause.curve.channel, cause.curve.covariate) == ("gyro's scale", "time")
+    assert cause.explains == pytest.approx(1.0)
+
+
 def test_what_is_only_suspected_is_not_in_the_model_unless_another_drive_bears_it_out(tmp_path: Path) -> None:
     bent = selected("gyro_scale_nonlinearity", a2=0.01, a3=0.008, largest_rate=0.5)
     result, file = analyse(recorded(SLALOM, 3, bent)), tmp_path / "model.yaml"

@@ -212,14 +212,16 @@ class Figures:
         for kind, pairs in self._groups(self.single_kinds):
             add(f"{kind}: the right name first", pairs, lambda s: s.top_1, True)
             add(f"{kind}: the right name, or one that the drive cannot tell from it", pairs, lambda s: s.top_1_class)
-            apart = [p for p in pairs if _is_separable(p)]
+            apart = list(filter(_is_separable, pairs))
             text = f"{kind}: the right name first, on drives that tell it from all others"
             add(text, apart, lambda s: s.top_1, True)
         for kind, pairs in self._groups(self.named_kinds):
             if kind.startswith(("pair", "triple")):
-                add(f"{kind}: exactly the right set", pairs, lambda s: s.exact, True)
-                set_class = f"{kind}: exactly the right set, up to what cannot be told apart"
-                add(set_class, pairs, lambda s: s.exact_class)
+                right = f"{kind}: exactly the right set"
+                add(right, pairs, lambda s: s.exact, True)
+                add(f"{right}, up to what cannot be told apart", pairs, lambda s: s.exact_class)
+                apart = list(filter(_is_separable, pairs))
+                add(f"{right}, on drives that tell each from all others", apart, lambda s: s.exact, True)
         add("in no catalogue: flagged as unknown", self.of(*self.unknown_kinds), lambda s: s.flagged, True)
         rows += [[*row, *[""] * (len(self.methods) + 1)] for row in self._quoted_ours()]
         return Table("", ["figure (95 % Wilson interval)", "n", OURS, *self.methods, "ceiling"], rows)

@@ -79,7 +79,8 @@ class BiasAcceleration(Hidden):
 
     id = "unknown_bias_acceleration"
     covariate = "acceleration"
-    parameters = (_size("deg/s/(m/s^2)", "per acceleration", DEG),)
+    # Where it turns on the spot only, no plausible size shows.
+    parameters = (_size("deg/s/(m/s^2)", "per acceleration", DEG, high=1.0),)
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "k") * np.abs(m.acceleration_m_s2))

@@ -114,9 +114,10 @@ def _left_over(
     # What it leaves is the noise: a cause whose sign changes by itself looks like chance when blocks are flipped.
     rest = found.fit.left - splines.rows(left)
     p = family_wise_p(left.gain + splines.cost, chance_gains(found.problem, search.library, rest))
-    same = any(f.selected is None and f.curve is not None and f.curve.covariate == left.covariate for f in causes)
+    curves = [f.curve for f in causes if f.selected is None and f.curve is not None]
+    is_other = any(c.covariate == left.covariate and c.channel != left.channel for c in curves)
     unseen = curve_nats(found.problem, found.fit, splines.rows(left), splines.columns(left))
-    is_real = p <= FAMILY_WISE and not same and holds(found.problem, unseen)
+    is_real = p <= FAMILY_WISE and not is_other and holds(found.problem, unseen)
     return [judge_curve(left, p, explains, e=e_value(unseen))] if is_real else []
 
 

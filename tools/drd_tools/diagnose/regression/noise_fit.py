@@ -132,8 +132,11 @@ def not_inflated(problem: Problem, left: Array) -> tuple[Array, Array]:
     return left[:n] * problem.inflation.wheels, left[n:].reshape(-1, 3) * problem.inflation.fixes
 
 
-def _slow(rows: Array, every_s: float) -> float:
-    """Deviation of means over some seconds, times the root of their rows: 1 where the rows are white."""
+def _slow(rows: Array, every_s: float, drifts: bool = False) -> float:
+    """Deviation of means over some seconds, times the root of their rows: 1 where the rows are white.
+
+    `drifts`: of each mean from the one before, which is the Allan deviation: what changes over minutes is no noise.
+    """
     worst = 1.0
     for span_s in SPANS_S:
         m = max(1, round(span_s / every_s))
@@ -141,6 +144,8 @@ def _slow(rows: Array, every_s: float) -> float:
         if m < 2 or count < FEWEST_BLOCKS:
             continue
         means = rows[: count * m].reshape(count, m).sum(axis=1) / m**0.5
+        if drifts:
+            means = np.diff(means) / 2.0**0.5
         found = DEVIATION_PER_MAD * float(np.median(np.abs(means - np.median(means))))
         # The scatter of such an estimate must not pass for colour.
         worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
@@ -162,7 +167,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         # A gyro's samples may hang together: its walk is what it does over seconds.
         at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
         at_rest_scale = _scale(at_rest)
-        walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s)
+        walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s, drifts=True)
     else:
         slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
     way = slip
