@@ -12,7 +12,8 @@ from replay_folders import write_perfect
 from wheel_recordings import STRAIGHT, TOUR, Leg
 
 from drd.batch.logs import EncoderLog
-from drd_tools.calibrate.wheels.lag import EARLIEST_S, LATEST_S, Lag, find_lag
+from drd_tools.calibrate.wheels.lag import Lag, find_lag
+from drd_tools.calibrate.wheels.turns import EARLIEST_S, LATEST_S
 from drd_tools.recordings.folder import Recording, read_recording
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared/recordings"

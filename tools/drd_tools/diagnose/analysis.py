@@ -136,5 +136,5 @@ def _is_near(noise: Noise, inflation: Inflation, problem: Problem) -> bool:
         (noise.jitter_s + LEAST_JITTER_S, before.jitter_s + LEAST_JITTER_S),
     )
     sizes = ((inflation.wheels, was.wheels), *zip(np.transpose(inflation.fixes), np.transpose(was.fixes), strict=True))
-    same = all(np.ndim(a) == np.ndim(b) and float(np.mean(np.abs(a / b - 1.0))) < NOISE_CHANGED for a, b in sizes)
+    same = all(np.ndim(a) == np.ndim(b) and np.abs(a / b - 1.0).sum() <= NOISE_CHANGED * np.size(a) for a, b in sizes)
     return same and all(abs(a / b - 1.0) < NOISE_CHANGED for a, b in pairs)

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from drd.effects.effect import Errors
 from drd.effects.motion import Motion
-from drd_tools.calibrate.wheels.lag import REFERENCE_WANDER_S, WHEELS_WANDER_S
+from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.error_model.denoise import denoised
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
@@ -27,6 +27,7 @@ TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 LATENCY_S = 0.010  # of a reference, prior
+UNKNOWN_LATENCY_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
 DRIFT = "reference_drift"
 # Growth of a reference's delay, prior: real drives' lags change by twice that in a run, and no gyro tells whose.
 DRIFT_S_PER_S = 1.5e-4
@@ -197,7 +198,9 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
-    latency_s = math.hypot(LATENCY_S, LAG_SHARE * e.reference_lag_s)
+    latency_s = math.hypot(LATENCY_S, LAG_SHARE * (e.reference_lag_s or 0.0))
+    if e.is_far and e.reference_lag_s is None:
+        latency_s = UNKNOWN_LATENCY_S
     found = [
         ("reference_latency", latency_s, Sensitivity(fix=-dp)),
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),

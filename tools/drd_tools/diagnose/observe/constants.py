@@ -5,39 +5,46 @@ They are effects of the catalogue, whose parameters have the calibrator's values
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
-from drd_tools.calibrate.wheels.drive import Wheels, make_drive
-from drd_tools.calibrate.wheels.fit import WheelFit, fit_wheels
+from drd_tools.calibrate.wheels.by_gyro import fit_by_gyro
+from drd_tools.calibrate.wheels.drive import make_drive
+from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels
 from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
 from drd_tools.diagnose.observe.grids import DENSE_S
-from drd_tools.diagnose.observe.lags import SURE, find_lags
+from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
 from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, ReferenceLog
 
 # Their deviations are in the prior: a tread of 0.8 +- 0.06 sets out better than the nominal one does.
 NO_LIMIT: Final = np.full(3, np.inf)
 MOST_UNEQUAL: Final = 1.5  # radii: what a calibration makes of a counter that stopped in a drive of 30 cm
+CERTAIN: Final = Calibrated(0.0, 0.0, 0.0, gyro_clock=0.0)  # deviations
 WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator takes an effect for it
 
 
 @dataclass(frozen=True)
 class Constants:
-    """The recording with its reference's stamps put right by `lag_s`, the robot's constants, and their deviations."""
+    """The recording with its reference's stamps put right by `lag_s`, the robot's constants, and their deviations.
+
+    `unmeasured`: deviations, besides, of what nothing has measured. `has_lag`: whether anything tells the reference's.
+    """
 
     recording: Recording
     robot: Calibrated = NOMINAL
     sigma: Calibrated = NOMINAL
     lag_s: float = 0.0
     lag_sigma_s: float = 0.0
+    unmeasured: Calibrated = CERTAIN
+    has_lag: bool = True
 
     @property
     def selection(self) -> tuple[Selected, ...]:
@@ -47,58 +54,111 @@ class Constants:
             values = effect.calibrated(self.robot)
             if values is None or effect.is_neutral(values):
                 continue
-            prior = {name: (float(value), self._sigma(effect, name)) for name, value in values.items()}
-            if any(abs(mean) > sigma for mean, sigma in prior.values()):  # else it is as robot.yaml has it
+            sigma = {name: WIDER * self._spread(effect, name, self.sigma) for name in values}
+            if any(abs(number(values, name)) > sigma[name] for name in values):  # else it is as robot.yaml has it
+                prior = {
+                    name: (number(values, name), math.hypot(sigma[name], self._spread(effect, name, self.unmeasured)))
+                    for name in values
+                }
                 found.append(Selected(effect, values, tuple(values), prior=prior))
         return tuple(found)
 
-    def _sigma(self, effect: Effect, name: str) -> float:
-        """Deviation of a parameter: of all constants that it is made of."""
+    def _spread(self, effect: Effect, name: str, of: Calibrated) -> float:
+        """Deviation of a parameter by those of all constants that it is made of."""
         at = number(effect.calibrated(self.robot) or {}, name)
         square = 0.0
-        for constant, sigma in self.sigma._asdict().items():
+        for constant, sigma in of._asdict().items():
             moved = self.robot._replace(**{constant: getattr(self.robot, constant) + sigma})
             square += (number(effect.calibrated(moved) or {}, name) - at) ** 2
-        return WIDER * math.sqrt(square)
+        return math.sqrt(square)
+
+
+class _Geometry(NamedTuple):
+    """Radii and tread over the nominal ones, their deviations, and those, besides, of what nothing has measured."""
+
+    robot: Calibrated = NOMINAL
+    sigma: Calibrated = CERTAIN
+    unmeasured: Calibrated = CERTAIN
+
+    @property
+    def is_of_a_robot(self) -> bool:
+        """Whether any robot has such wheels."""
+        left, right = self.robot.left, self.robot.right
+        return min(left, right) > 0.0 and max(left / right, right / left) <= MOST_UNEQUAL
 
 
 def constants(recording: Recording) -> Constants:
-    """Measure the constants; without a dense reference, or where nothing is determined, they are those believed."""
-    reference = recording.reference
-    if recording.wheels is None or reference is None or len(reference.time_s) < 3:
-        return Constants(recording)
-    if float(np.median(np.diff(reference.time_s))) > DENSE_S:
+    """Measure the constants: by a dense reference, else by a gyro; where neither determines them they are nominal."""
+    is_dense = _is_dense(recording.reference)
+    if recording.fog is None and not is_dense:
         return Constants(recording)
     lags = find_lags(recording)
-    try:
-        drive = make_drive(lags.in_time(recording))
-    except ConfigError:  # hardly moves
+    in_time = lags.in_time(recording)
+    if recording.wheels is None:
+        geometry: _Geometry | None = _Geometry()
+    else:
+        geometry = _by_reference(in_time) if is_dense else _by_gyro(in_time, lags)
+    if geometry is None:
         return Constants(recording)
-    robot, sigma = _geometry(fit_wheels([drive], limit=NO_LIMIT), drive.nominal)
-    robot = robot._replace(
+    return _with_lags(recording, lags, geometry if geometry.is_of_a_robot else _Geometry())
+
+
+def _is_dense(reference: ReferenceLog | None) -> bool:
+    times_s = np.zeros(0) if reference is None else reference.time_s
+    return len(times_s) > 2 and float(np.median(np.diff(times_s))) <= DENSE_S
+
+
+def _by_reference(recording: Recording) -> _Geometry | None:
+    try:
+        drive = make_drive(recording)
+    except ConfigError:  # hardly moves
+        return None
+    fit = fit_wheels([drive], limit=NO_LIMIT)
+    left, right, tread = (float(a / b) for a, b in zip(fit.wheels, drive.nominal, strict=True))
+    of_left, of_right, of_tread = fit.sigma
+    return _Geometry(Calibrated(left, right, tread), Calibrated(of_left * left, of_right * right, of_tread * tread))
+
+
+def _by_gyro(recording: Recording, lags: Lags) -> _Geometry | None:
+    """The mean radius is as robot.yaml has it: a gyro tells what is in proportion to it."""
+    found = fit_by_gyro(recording, lags.wheels_s - lags.gyro_s, lags.growth)
+    if found is None:
+        return None
+    half, sigma, mean = 0.5 * found.difference, 0.5 * found.difference_sigma, float(PRIOR[0])
+    return _Geometry(
+        Calibrated(1.0 - half, 1.0 + half, found.tread),
+        Calibrated(sigma, sigma, found.tread_sigma),
+        CERTAIN._replace(left=mean, right=mean, tread=mean * found.tread),
+    )
+
+
+def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constants:
+    robot = geometry.robot._replace(
         wheels_lag_s=lags.wheels_s,
         lag_growth=lags.growth,
         by_gyro=lags.reference_s > 0.0 and recording.fog is not None,
         gyro_lag_s=lags.gyro_s,
         gyro_clock=lags.clock,
     )
-    sigma = sigma._replace(
+    sigma = geometry.sigma._replace(
         wheels_lag_s=lags.wheels_sigma_s,
         lag_growth=lags.growth_sigma,
         gyro_lag_s=lags.wheels_sigma_s,
         gyro_clock=lags.clock_sigma,
     )
-    put_right = replace(reference, time_s=reference.time_s - lags.reference_s)
-    return Constants(replace(recording, reference=put_right), robot, sigma, lags.reference_s, lags.reference_sigma_s)
-
-
-def _geometry(fit: WheelFit, nominal: Wheels) -> tuple[Calibrated, Calibrated]:
-    """Radii and tread over the nominal ones, and their deviations; robot.yaml's, where no robot has such wheels."""
-    left, right, tread = (float(a / b) for a, b in zip(fit.wheels, nominal, strict=True))
-    if min(left, right) <= 0.0 or max(left / right, right / left) > MOST_UNEQUAL:
-        return NOMINAL, Calibrated(0.0, 0.0, 0.0)
-    of_left, of_right, of_tread = fit.sigma
-    return Calibrated(left, right, tread), Calibrated(of_left * left, of_right * right, of_tread * tread)
+    reference = recording.reference
+    if reference is not None:
+        put_right = replace(reference, time_s=reference.time_s - lags.reference_s)
+        recording = replace(recording, reference=put_right)
+    return Constants(
+        recording,
+        robot,
+        sigma,
+        lags.reference_s,
+        lags.reference_sigma_s,
+        geometry.unmeasured,
+        has_lag=_is_dense(reference) or lags.reference_sigma_s > 0.0,
+    )
 
 
 def observe(recording: Recording, measured: Constants | None = None) -> tuple[Constants, Audit]:
@@ -127,7 +187,11 @@ def _audited(measured: Constants) -> Audit:
     tread = Tread(measured.robot.tread, measured.sigma.tread, measured.robot.tread != NOMINAL.tread)
     if abs(tread.ratio - NOMINAL.tread) <= SURE * tread.sigma:  # robot.yaml's is the better one
         tread = Tread(is_measured=tread.is_measured)
-    return audit(measured.recording, gather(measured.recording, measured.robot, measured.lag_s), tread)
+    return audit(
+        measured.recording,
+        gather(measured.recording, measured.robot, measured.lag_s if measured.has_lag else None),
+        tread,
+    )
 
 
 def _has_stopped(audited: Audit) -> bool:

@@ -105,7 +105,8 @@ class Evidence:
     `fix_step` (m,), `fix_share` (m,) of a step before its end. Without wheels (`has_wheels`) the travel is that of the
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
     `robot`: its constants as far as measured; `is_far`: they are far from those of robot.yaml, and so may the
-    reference's mounting be. `reference_lag_s`: what its stamps have been put right by.
+    reference's mounting be. `reference_lag_s`: what its stamps have been put right by; None
+    where nothing tells it.
     """
 
     name: str
@@ -132,7 +133,7 @@ class Evidence:
     jump_rad2: Array
     has_wheels: bool = True
     robot: Calibrated = NOMINAL
-    reference_lag_s: float = 0.0
+    reference_lag_s: float | None = 0.0
     is_far: bool = False
 
     @property
@@ -215,7 +216,7 @@ def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
     )
 
 
-def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: float = 0.0) -> Evidence:
+def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: float | None = 0.0) -> Evidence:
     """Resample a recording to steps. The gyro's own samples are the steps where there is a gyro.
 
     `robot`: its constants, as far as something has measured them; `reference_lag_s`: what its reference's stamps have

@@ -6,16 +6,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd_tools.calibrate.wheels.lag import (
+from drd_tools.calibrate.wheels.drift import (
     REFERENCE_WANDER_S,
     WHEELS_WANDER_S,
     Drift,
-    Lag,
     find_drift,
-    find_lag,
     reference_drift,
-    reference_lag,
 )
+from drd_tools.calibrate.wheels.lag import Lag, find_lag, reference_lag
 from drd_tools.recordings.folder import Recording
 
 SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
@@ -46,15 +44,15 @@ class Lags(NamedTuple):
 
 
 def find_lags(recording: Recording) -> Lags:
-    """Measure the lags of a recording with wheels and a dense reference; 0 where it does not tell."""
-    has_gyro = recording.fog is not None
+    """Measure the lags of a recording; 0 where it does not tell."""
+    has_gyro, has_wheels = recording.fog is not None, recording.wheels is not None
     against = "gyro" if has_gyro else "reference"
-    drift = find_drift(recording, against)
+    drift = find_drift(recording, against) if has_wheels else None
     clock, clock_sigma = _gyro_clock(recording, drift, reference_drift(recording))
     in_time = _at_true_times(recording, clock)
     if clock != 1.0:
         drift = find_drift(in_time, against)
-    lag = find_lag([in_time])
+    lag = find_lag([in_time]) if has_wheels else None
     growth = 0.0 if drift is None or not _is_drift(drift, in_time) else drift.growth
     if lag is not None and drift is not None and growth:
         lag = replace(lag, lag_s=drift.lag_s)

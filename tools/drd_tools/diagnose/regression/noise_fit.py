@@ -160,14 +160,12 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     e, noise = problem.evidence, problem.noise
     wheels, fixes = not_inflated(problem, fit.left)
     moving = ~e.still & (e.left_inflation_m2 + e.right_inflation_m2 + e.gyro_inflation_rad2 == 0.0)
-    walk = stated = e.datasheet.walk_rad_per_sqrt_s
-    jitter_s = 0.0
+    walk, jitter_s = e.datasheet.walk_rad_per_sqrt_s, 0.0
     if len(wheels):
         slip, jitter_s = _slip_and_jitter(problem, wheels, moving)
-        # A gyro's samples may hang together: its walk is what it does over seconds.
-        at_rest, step_s = wheels[e.still], float(np.median(e.step_s))
-        at_rest_scale = _scale(at_rest)
-        walk = noise.walk_rad_per_sqrt_s * at_rest_scale * _slow(at_rest / at_rest_scale, step_s, drifts=True)
+        walk = _walk(problem, wheels[e.still])
+    elif not e.has_wheels:
+        slip, walk = 1.0, _walk(problem, fit.left[: len(fit.left) - len(fixes)])
     else:
         slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
     way = slip
@@ -185,7 +183,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         replace(
             driving(noise, way),
             slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
-            walk_rad_per_sqrt_s=walk if walk > BELIEVED * stated else stated,
+            walk_rad_per_sqrt_s=walk,
             position_m=position_m,
             heading_rad=max(noise.heading_rad * heading, LEAST_RAD),
             jitter_s=jitter_s,
@@ -195,14 +193,22 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     )
 
 
+def _walk(problem: Problem, at_rest: Array) -> float:
+    """The gyro's walk by its rows at rest, over seconds: its samples may hang together. As stated, if it may be."""
+    stated, step_s = problem.evidence.datasheet.walk_rad_per_sqrt_s, float(np.median(problem.evidence.step_s))
+    scale = _scale(at_rest)
+    walk = problem.noise.walk_rad_per_sqrt_s * scale * _slow(at_rest / scale, step_s, drifts=True)
+    return walk if walk > BELIEVED * stated else stated
+
+
 def _most_likely(
     problem: Problem, selection: Sequence[Selected], fixes: Array, scaled: Callable[[Noise, float], Noise]
 ) -> tuple[float, Array]:
     """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
 
-    Without a gyro nothing else tells how much the wheels slip; with few fixes, or without wheels, it stays.
+    Without a gyro nothing else tells how much the wheels slip; with few fixes it stays.
     """
-    if not problem.evidence.has_wheels or len(fixes) < FEWEST_ROWS:
+    if len(fixes) < FEWEST_ROWS:
         return 1.0, fixes
     sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
     best, most = (1.0, fixes), -math.inf

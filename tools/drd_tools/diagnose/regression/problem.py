@@ -52,7 +52,8 @@ class Inflation(NamedTuple):
 
 def _mean_inflation(sizes: Array) -> Array:
     """The one, of each column, with the mean of the rows' information."""
-    return np.asarray(np.mean(np.atleast_2d(sizes) ** -2.0, axis=0) ** -0.5, float)
+    rows = np.atleast_2d(sizes)
+    return np.asarray(np.mean(rows**-2.0, axis=0) ** -0.5 if len(rows) else np.ones(rows.shape[1]), float)
 
 
 NOT_INFLATED: Final = Inflation()

@@ -1,0 +1,104 @@
+"""A robot far from its robot.yaml whose reference is sparse, knows the ends only, or is absent."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis_drives import WAREHOUSE, recorded, selected
+
+from drd_tools.calibrate.wheels.lag import reference_lag
+from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.observe.constants import constants, observe
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.select.start import started
+from drd_tools.recordings.folder import Recording, read_recording
+
+TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
+FAR = (
+    selected("tread_error", k=TREAD),
+    selected("wheel_radius_error", left=LEFT, right=RIGHT),
+    selected("encoder_latency", delay=WHEELS_S),
+)
+NAMES = {c.id for c in FAR}
+OVER_RADIUS = 1.0 - 0.5 * (LEFT + RIGHT)  # nominal over true, mean of both wheels
+SHARED = Path(__file__).parents[4] / "shared" / "recordings"
+
+
+def every(recording: Recording, seconds: float, late_s: float = 0.0) -> Recording:
+    """The recording with a fix every so many seconds, late; of inf with the ends only, of 0 without a reference."""
+    reference = recording.reference
+    assert reference is not None
+    if seconds == 0.0:
+        return replace(recording, reference=None)
+    times_s = reference.time_s
+    at: Array = np.array([0, len(times_s) - 1])
+    if np.isfinite(seconds):
+        at = np.unique(np.searchsorted(times_s, np.arange(times_s[0], times_s[-1], seconds)))
+    kept = {name: getattr(reference, name)[at] for name in ("x_m", "y_m", "heading_rad")}
+    return replace(recording, reference=replace(reference, time_s=times_s[at] + late_s, **kept))
+
+
+def far(seconds: float) -> Analysis:
+    return analyse(every(recorded(("field", 200.0), 1, *FAR), seconds, REFERENCE_S))
+
+
+@pytest.mark.parametrize("seconds", [0.0, np.inf, 20.0, 2.0], ids=["none", "ends", "20 s", "2 s"])
+def test_constants_far_off_are_named_and_nothing_else_is(seconds: float) -> None:
+    """A gyro tells the tread over the mean radius, the radii's difference and the wheels' lag."""
+    causes = {c.effect: c.selected for c in far(seconds).conclusion.causes}
+    assert causes.keys() == NAMES
+    tread, delay, radii = (causes[name] for name in ("tread_error", "encoder_latency", "wheel_radius_error"))
+    assert tread is not None
+    assert delay is not None
+    assert radii is not None
+    assert delay.number("delay") == pytest.approx(WHEELS_S, abs=0.01)
+    assert radii.number("right") - radii.number("left") == pytest.approx(RIGHT - LEFT, abs=0.003)
+    mean = 1.0 - 0.5 * (radii.number("left") + radii.number("right"))
+    assert (1.0 + tread.number("k")) * mean == pytest.approx((1.0 + TREAD) * OVER_RADIUS, rel=0.01)
+    assert tread.number("k") == pytest.approx(TREAD, abs=3.0 * tread.sigma("k"))
+    if seconds == 0.0:  # nothing tells how large the wheels are
+        assert tread.sigma("k") > 0.05
+
+
+def test_a_sparse_references_lag_is_measured_between_its_fixes_and_tells_no_clock() -> None:
+    found = constants(every(recorded(("field", 200.0), 1, *FAR), 2.0, REFERENCE_S))
+    assert found.lag_s == pytest.approx(REFERENCE_S, abs=0.02)
+    assert found.robot.gyro_clock == 1.0
+    few = constants(every(recorded(("field", 200.0), 1, *FAR), 20.0, REFERENCE_S))
+    assert (few.lag_s, few.has_lag) == (0.0, False)
+
+
+def test_a_lag_that_nothing_tells_may_be_that_of_real_references() -> None:
+    measured, audited = observe(every(recorded(("field", 200.0), 1, *FAR), 20.0, REFERENCE_S))
+    near = {name: sigma for name, sigma, _ in Problem(audited.evidence).nuisances}
+    wide = {name: sigma for name, sigma, _ in started(audited, measured).problem.nuisances}
+    assert near["reference_latency"] == 0.01
+    assert wide["reference_latency"] > REFERENCE_S
+
+
+def test_a_late_reference_is_put_right_where_there_are_no_wheels() -> None:
+    recording = every(replace(recorded(WAREHOUSE, 1), wheels=None), 0.1, REFERENCE_S)
+    analysis = analyse(recording)
+    assert analysis.conclusion.causes == []
+    assert analysis.reference["lag"].value == pytest.approx(REFERENCE_S, abs=0.02)
+
+
+def test_the_lag_between_fixes_is_as_sure_as_it_says() -> None:
+    z = []
+    for seed in range(10):
+        lag = reference_lag(every(recorded(WAREHOUSE, seed), 1.0, REFERENCE_S))
+        assert lag is not None
+        assert lag.determined
+        z.append((lag.lag_s - REFERENCE_S) / lag.sigma_s)
+    assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize("seconds", [0.0, np.inf], ids=["none", "ends"])
+@pytest.mark.parametrize("name", ["asphalt_2024_9_25_12h8s57", "grass_2024_7_29_14h8s51"])
+def test_a_real_skid_steer_robots_constants_are_named_without_a_reference(name: str, seconds: float) -> None:
+    analysis = analyse(every(read_recording(SHARED / f"warthog_{name}"), seconds))
+    assert {c.effect for c in analysis.conclusion.causes} == NAMES

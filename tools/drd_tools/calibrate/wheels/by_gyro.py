@@ -1,0 +1,50 @@
+"""Effective tread, and the difference of the wheels' radii, by a gyro: where no dense reference tells them. (56)"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.calibrate.wheels.turns import BLOCK_S, of_wheels
+from drd_tools.recordings.folder import Recording
+
+ROUNDS: Final = 10  # of weights, which then change by less than a thousandth
+
+
+class ByGyro(NamedTuple):
+    """Tread over the nominal one, for wheels whose mean radius is the nominal one; radius of the right wheel less that
+    of the left, over the nominal one; and their standard deviations.
+    """
+
+    tread: float
+    difference: float
+    tread_sigma: float
+    difference_sigma: float
+
+
+def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | None:
+    """Least squares of the wheels' turns over the gyro's, with Huber's weights; None where the rows do not tell.
+
+    `late_s`, `growth`: lag of the wheels behind the gyro at time 0, and by how much it grows, s/s.
+    """
+    turns = of_wheels(recording, "gyro")
+    if turns is None:
+        return None
+    y, X = turns.columns(late_s + growth * turns.at_s)
+    for _ in range(ROUNDS):
+        weighted = X * turns.weights[:, None]
+        try:
+            inverse = np.linalg.inv(weighted.T @ X)
+        except np.linalg.LinAlgError:  # it does not turn, or does not move ahead
+            return None
+        x = inverse @ (weighted.T @ y)
+        turns.reweigh(y - X @ x)
+    scores = X * (turns.weights * (y - X @ x))[:, None]
+    of_blocks: Array = np.add.reduceat(scores, np.flatnonzero(np.diff(turns.at_s // BLOCK_S, prepend=-1.0)), axis=0)
+    if len(of_blocks) < 2 or x[0] <= 0.0:
+        return None
+    V = inverse @ (of_blocks.T @ of_blocks) @ inverse * len(of_blocks) / (len(of_blocks) - 1)
+    tread_sigma, difference_sigma, _ = np.sqrt(np.diag(V)).tolist()
+    # A right wheel that is larger than believed reads too little: on a straight, a turn to the right.
+    return ByGyro(float(x[0]), -float(x[1]), tread_sigma, difference_sigma) if math.isfinite(tread_sigma) else None

@@ -1,0 +1,95 @@
+"""How the lag of wheels or a reference grows in a recording: whose clock runs off. (79)"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drd.arrays import Array
+from drd_tools.calibrate.wheels.lag import CONVERGED_S, GRID_S, MAX_STEPS
+from drd_tools.calibrate.wheels.turns import (
+    BLOCK_S,
+    EARLIEST_S,
+    LATEST_S,
+    LEAST_SIGMA_RAD,
+    Turns,
+    of_reference,
+    of_wheels,
+    over,
+)
+from drd_tools.recordings.folder import Recording
+
+# By how much the lag of a reference, and of a skid-steer robot's wheels, changes in a drive, deviations: lidar
+# odometry's by 0.04 to 0.3 s beside a gyro, the wheels' by 0.02 to 0.05 s.
+REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
+# Growths that are looked at: a gyro's clock may be 3 % off; at the drive's end their lags are END_GRID_S apart.
+MOST_GROWTH: Final = 0.05
+END_GRID_S: Final = 0.2
+SOME_ROWS: Final = 500
+
+
+class Drift(NamedTuple):
+    """Lag at time 0, s, and by how much it grows, s/s; `sigma`: standard deviation of that growth."""
+
+    lag_s: float
+    growth: float
+    sigma: float
+
+    @property
+    def begins_usual(self) -> bool:
+        """Whether the lag at time 0 is one that sensors have: of a clock that ran off before that it is not."""
+        return EARLIEST_S < self.lag_s < LATEST_S
+
+
+def find_drift(recording: Recording, against: str) -> Drift | None:
+    """Fit how the wheels' lag behind gyro or reference grows in a recording; None where the rows do not tell."""
+    return _drift(of_wheels(recording, against), MOST_GROWTH if against == "gyro" else 0.0)
+
+
+def reference_drift(recording: Recording) -> Drift | None:
+    """Fit how the reference's lag behind the gyro grows; None without one, or where the rows do not tell."""
+    return _drift(of_reference(recording), MOST_GROWTH)
+
+
+def _drift(part: Turns | None, most: float) -> Drift | None:
+    if part is None:
+        return None
+    x = _likeliest_growth(part, most)
+    for _ in range(MAX_STEPS):
+        late_s = x[0] + x[1] * part.at_s
+        part.reweigh(part.regress(late_s)[0])
+        residual, slope, by_wheels, _ = part.regress(late_s)
+        # The wheels' own slope as the instrument: the other's noise is not in it.
+        S, Z = (np.column_stack([column, column * part.at_s]) for column in (slope, by_wheels))
+        try:
+            inverse = np.linalg.inv((Z * part.weights[:, None]).T @ S)
+        except np.linalg.LinAlgError:
+            return None
+        score = Z * (part.weights * residual)[:, None]
+        move = inverse @ score.sum(axis=0)
+        x = x + move
+        if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
+            break
+    blocks = np.add.reduceat(score, np.flatnonzero(np.diff(part.at_s // BLOCK_S, prepend=-1.0)), axis=0)
+    covariance = inverse @ (blocks.T @ blocks) @ inverse.T
+    sigma = math.sqrt(max(float(covariance[1, 1]), 0.0))
+    return Drift(float(x[0]), float(x[1]), sigma) if np.isfinite(x).all() else None
+
+
+def _likeliest_growth(part: Turns, most: float) -> Array:
+    """Lag at time 0, s, and its growth, up to `most` s/s, (2,), from which a fit sets out."""
+    some = slice(None, None, max(1, len(part.at_s) // SOME_ROWS))
+    at_s, half_s = part.at_s[some], np.broadcast_to(part.half_s, part.at_s.shape)[some]
+    turn, since_s = over(part.time_s, part.turn, at_s, half_s), at_s - at_s[0]
+    turn -= turn.mean()
+
+    def alike(late: tuple[float, float]) -> float:
+        other = over(part.other_s, part.other, at_s - late[0] - late[1] * since_s, half_s)
+        other -= other.mean()
+        return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
+
+    step = END_GRID_S / float(since_s[-1])
+    lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
+    growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
+    lag_s, growth = max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike)
+    return np.array([lag_s - growth * at_s[0], growth])
