@@ -105,9 +105,10 @@ def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
         elif effect.needs_wheels and not e.has_wheels:
             found.append(Because(name, effect.needs_wheels))
         elif is_absent(e, effect):
-            found.append(Because(name, "beside the reference's own lag, and how that changes, nothing shows it"))
+            lags = "the reference's own lag, and how that changes," if len(e.fix) else "how lags change by themselves"
+            found.append(Because(name, f"beside {lags} nothing shows it"))
         elif name not in seen and effect.searched:
-            because = "nothing in this drive and its reference shows it"
+            because = f"nothing in this drive{' and its reference' if len(e.fix) else ''} shows it"
             if effect.covariate in ("speed", "acceleration") and not e.travel_m.any():
                 because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
             found.append(Because(name, because))

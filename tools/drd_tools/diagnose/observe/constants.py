@@ -157,7 +157,7 @@ def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constan
         lags.reference_s,
         lags.reference_sigma_s,
         geometry.unmeasured,
-        has_lag=_is_dense(reference) or lags.reference_sigma_s > 0.0,
+        has_lag=lags.reference_sigma_s > 0.0,
     )
 
 
