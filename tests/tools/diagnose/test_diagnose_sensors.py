@@ -97,7 +97,7 @@ def test_a_gyro_alone_is_judged_by_its_heading_on_unseen_data_too(
     assert {row["effect"] for row in found["not_observable"]} >= {"tread_error", "lateral_slip_turning"}
     assert "nothing can be said" in capsys.readouterr().out
     assert yaml.safe_load((tmp_path / "out/model.yaml").read_text()).keys() == {"effects", "provenance"}
-    assert json.loads((tmp_path / "out/series.json").read_text())["noise"].keys() == {"heading"}
+    assert json.loads((tmp_path / "out/series.json").read_text())["noise"].keys() == {"heading", "gyro"}
 
 
 @pytest.mark.parametrize(

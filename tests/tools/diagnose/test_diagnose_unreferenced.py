@@ -9,9 +9,11 @@ from diagnosis_drives import WAREHOUSE, recorded, selected
 
 from drd_tools.calibrate.wheels.lag import reference_lag
 from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.conclude.outcome import verdict
 from drd_tools.diagnose.observe.constants import constants, observe
+from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array
+from drd_tools.diagnose.results import Array, Verdict
 from drd_tools.recordings.folder import Recording, read_recording
 
 TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
@@ -82,6 +84,24 @@ def test_a_late_reference_is_put_right_where_there_are_no_wheels() -> None:
     analysis = analyse(recording)
     assert analysis.conclusion.causes == []
     assert analysis.reference["lag"].value == pytest.approx(REFERENCE_S, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gyro_that_scatters_is_told_as_such_where_there_are_no_wheels(seed: int) -> None:
+    """An angle random walk ten times as large passes for no bias."""
+    recording = every(recorded(WAREHOUSE, seed), 0.1, REFERENCE_S)
+    assert recording.fog is not None
+    walk_rad = 10.0 * gather(recording).datasheet.walk_rad_per_sqrt_s
+    times_s = recording.fog.time_s
+    more = np.random.default_rng(seed).normal(0.0, walk_rad / np.median(np.diff(times_s)) ** 0.5, len(times_s))
+    fog = replace(recording.fog, rate_rad_s=recording.fog.rate_rad_s + more)
+    analysis = analyse(replace(recording, wheels=None, fog=fog))
+    assert analysis.conclusion.causes == []
+    assert verdict(analysis.conclusion) is Verdict.PARTLY
+    (told,), _ = analysis.scatter()
+    assert told.channel == "gyro"
+    assert 4.0 < told.ratio < 20.0  # tried in steps of a factor of 1.8
+    assert told.sentence.startswith("the gyro scatters ")
 
 
 def test_the_lag_between_fixes_is_as_sure_as_it_says() -> None:

@@ -99,11 +99,21 @@ def _first_problems(start: Start) -> Iterator[Problem]:
         inflation = Inflation(inflated(near, fit.left, noise).wheels) if start.constants else problem.inflation
         problem = problem.with_noise(noise, fix_inflation, inflation)
     yield problem
-    stated = problem.evidence.datasheet.slip_m_per_sqrt_m
-    # With a gyro each row of the wheels tells the slip by itself, and few of them an effect of some seconds.
-    if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > stated:
-        noise = slipping(noise, stated / noise.slip_m_per_sqrt_m)
-        yield problem.with_noise(noise, fix_inflation, inflation)
+    if (stated := _as_stated(problem, noise)) is not None:
+        yield problem.with_noise(stated, fix_inflation, inflation)
+
+
+def _as_stated(problem: Problem, noise: Noise) -> Noise | None:
+    """Noise with what is stated of the sensor that only the reference judges, where it is larger; else None.
+
+    With wheels and gyro each row of the wheels tells the noise by itself, and few of them an effect of some seconds.
+    """
+    sheet = problem.evidence.datasheet
+    if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > sheet.slip_m_per_sqrt_m:
+        return slipping(noise, sheet.slip_m_per_sqrt_m / noise.slip_m_per_sqrt_m)
+    if not problem.evidence.has_wheels and noise.walk_rad_per_sqrt_s > sheet.walk_rad_per_sqrt_s:
+        return replace(noise, walk_rad_per_sqrt_s=sheet.walk_rad_per_sqrt_s)
+    return None
 
 
 def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:

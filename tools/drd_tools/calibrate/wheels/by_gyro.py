@@ -1,6 +1,5 @@
 """Effective tread, and the difference of the wheels' radii, by a gyro: where no dense reference tells them. (56)"""
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -42,9 +41,9 @@ def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | 
         turns.reweigh(y - X @ x)
     scores = X * (turns.weights * (y - X @ x))[:, None]
     of_blocks: Array = np.add.reduceat(scores, np.flatnonzero(np.diff(turns.at_s // BLOCK_S, prepend=-1.0)), axis=0)
-    if len(of_blocks) < 2 or x[0] <= 0.0:
+    V = inverse @ (of_blocks.T @ of_blocks) @ inverse * len(of_blocks) / max(len(of_blocks) - 1, 1)
+    if len(of_blocks) < 2 or x[0] <= 0.0 or not np.isfinite(V).all():
         return None
-    V = inverse @ (of_blocks.T @ of_blocks) @ inverse * len(of_blocks) / (len(of_blocks) - 1)
     tread_sigma, difference_sigma, _ = np.sqrt(np.diag(V)).tolist()
     # A right wheel that is larger than believed reads too little: on a straight, a turn to the right.
-    return ByGyro(float(x[0]), -float(x[1]), tread_sigma, difference_sigma) if math.isfinite(tread_sigma) else None
+    return ByGyro(float(x[0]), -float(x[1]), tread_sigma, difference_sigma)

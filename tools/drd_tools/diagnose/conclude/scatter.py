@@ -38,7 +38,7 @@ SHOWN_SHARE: Final = 1e-3  # of the largest edge of a bin: what is less is 0
 ROBOT: Final = ("slip", "gyro")  # whose noise may be physics; the reference's is its own fault
 WHO: Final = {
     "slip": "the wheels scatter",
-    "gyro": "the gyro scatters, at rest,",
+    "gyro": "the gyro scatters",
     "position": "the reference's positions scatter",
     "heading": "the reference's headings scatter",
 }
@@ -99,7 +99,9 @@ def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scat
         blocks = _blocks(rows)
         law = _best_law(problem, rows.channel, blocks)
         is_stated = getattr(sheet, STATED_BY[rows.channel]) is not None
-        one = _scatter(rows.channel, ratio, blocks, law, "" if is_stated else UNSTATED)
+        at_rest = " at rest" if rows.channel == "gyro" and problem.evidence.has_wheels else ""
+        who = WHO[rows.channel] + at_rest
+        one = _scatter(rows.channel, ratio, blocks, law, who, "" if is_stated else UNSTATED)
         told.append(_with_jitter(one, problem.noise.jitter_s) if rows.channel == "slip" else one)
         size = ratio * np.exp(0.5 * (blocks.level - blocks.level.mean())) if len(blocks.level) else blocks.level
         courses.append(Spread(rows.channel, 0.5 * (blocks.begin_s + blocks.end_s), size))
@@ -113,7 +115,7 @@ def is_loud(problem: Problem) -> bool:
 
 
 def _channels(problem: Problem, left: Array) -> Iterator[_Rows]:
-    """Rows by channel. Without a gyro those of the fixes tell of the wheels."""
+    """Rows by channel. Without a gyro those of the fixes tell of the wheels, and without wheels of the gyro."""
     e = problem.evidence
     wheels, fixes = not_inflated(problem, left)
     if e.has_wheels and len(wheels):
@@ -126,6 +128,8 @@ def _channels(problem: Problem, left: Array) -> Iterator[_Rows]:
         yield _Rows("slip", time_s, np.sqrt(square.mean(axis=1)))
     if e.has_wheels:
         yield _Rows("position", time_s, np.sqrt(square[:, :2].mean(axis=1)))
+    else:
+        yield _Rows("gyro", time_s, fixes[:, 2])
     yield _Rows("heading", time_s, fixes[:, 2])
 
 
@@ -242,7 +246,7 @@ def _interval(rest: Array) -> tuple[int, int, float] | None:
     return (begin, end, nats) if nats > LEAST_NATS else None
 
 
-def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, unstated: str) -> Scatter:
+def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, who: str, unstated: str) -> Scatter:
     level = blocks.level - blocks.level.mean() if len(blocks.level) else blocks.level
     levels: tuple[Level, ...] = ()
     rest = level
@@ -271,8 +275,7 @@ def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, unst
         window=window,
         window_ratio=window_ratio,
         window_nats=None if found is None else found[2],
-        sentence=f"{WHO[channel]} {ratio:.2g} times as much as stated{unstated}"
-        + _located(law, levels, window, window_ratio),
+        sentence=f"{who} {ratio:.2g} times as much as stated{unstated}" + _located(law, levels, window, window_ratio),
     )
 
 

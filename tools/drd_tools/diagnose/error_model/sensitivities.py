@@ -15,6 +15,7 @@ from drd_tools.diagnose.error_model.denoise import denoised
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
+from drd_tools.diagnose.observe.lags import REFERENCE_LAG_S
 from drd_tools.diagnose.results import Array
 
 SUB = 4  # of a step: a step's mean of what is curved within it
@@ -26,8 +27,7 @@ SLOW_S = 3.0  # of the path's own turn beside the gyro's: shorter would let the 
 TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
-LATENCY_S = 0.010  # of a reference, prior
-UNKNOWN_LATENCY_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
+UNKNOWN_LAG_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
 DRIFT = "reference_drift"
 # Growth of a reference's delay, prior: real drives' lags change by twice that in a run, and no gyro tells whose.
 DRIFT_S_PER_S = 1.5e-4
@@ -199,7 +199,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     zero = np.zeros(len(k))
     one = zero + 1
     lag_s = e.reference_lag_s
-    latency_s = UNKNOWN_LATENCY_S if lag_s is None else math.hypot(LATENCY_S, LAG_SHARE * lag_s)
+    latency_s = UNKNOWN_LAG_S if lag_s is None else math.hypot(REFERENCE_LAG_S, LAG_SHARE * lag_s)
     found = [
         ("reference_latency", latency_s, Sensitivity(fix=-dp)),
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),

@@ -18,7 +18,7 @@ from drd_tools.recordings.folder import Recording
 
 SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
 LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: without a gyro lags change by the first in a run; no clock is so far off
-REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay, `nuisances`
+REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay (70)
 
 
 class Lags(NamedTuple):

@@ -165,7 +165,9 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         slip, jitter_s = _slip_and_jitter(problem, wheels, moving)
         walk = _walk(problem, wheels[e.still])
     elif not e.has_wheels:
-        slip, walk = 1.0, _walk(problem, fit.left[: len(fit.left) - len(fixes)])
+        slip = 1.0
+        factor, fixes = _most_likely(problem, fit.selection, fixes, walking)
+        walk = max(noise.walk_rad_per_sqrt_s * factor, e.datasheet.walk_rad_per_sqrt_s)
     else:
         slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
     way = slip
@@ -231,8 +233,11 @@ def score_with_noise(problem: Problem, fit: Fit) -> float:
 
 
 def _nats(linear: Linear, left: Array) -> float:
-    """Log likelihood of what is left of the whitened fixes (m, 3), and of the slip before any data. (77)"""
-    ratio = linear.noise.forward_m_per_sqrt_m / linear.evidence.datasheet.slip_m_per_sqrt_m
+    """Log likelihood of what is left of the whitened fixes (m, 3), and of slip or walk before any data. (77)"""
+    noise, sheet = linear.noise, linear.evidence.datasheet
+    ratio = noise.forward_m_per_sqrt_m / sheet.slip_m_per_sqrt_m
+    if not linear.evidence.has_wheels:
+        ratio = noise.walk_rad_per_sqrt_s / sheet.walk_rad_per_sqrt_s
     nats = linear.log_likelihood - 0.5 * float(np.minimum(left**2, FAR**2).sum())
     return nats - 0.5 * (math.log(ratio) / SLIP_SPREAD) ** 2
 
@@ -241,8 +246,8 @@ def ratios(problem: Problem) -> Figures:
     """Ratios of a problem's noise to what is stated; of the wheels' with their jitter, which nobody states."""
     noise, stated = problem.noise, problem.evidence.datasheet
     found: Figures = {"heading": noise.heading_rad / stated.heading_rad}
+    found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
     if problem.evidence.has_wheels:
-        found["gyro"] = noise.walk_rad_per_sqrt_s / stated.walk_rad_per_sqrt_s
         found["slip"] = noise.slip_m_per_sqrt_m / stated.slip_m_per_sqrt_m * _raised_by_jitter(problem)
         found["position"] = noise.position_m / stated.position_m
     return found
@@ -265,6 +270,11 @@ def _variance(problem: Problem, noise: Noise) -> Array:
 def slipping(noise: Noise, factor: float) -> Noise:
     """Noise with `factor` times the slip."""
     return replace(driving(noise, factor), slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor)
+
+
+def walking(noise: Noise, factor: float) -> Noise:
+    """Noise with `factor` times the gyro's walk."""
+    return replace(noise, walk_rad_per_sqrt_s=noise.walk_rad_per_sqrt_s * factor)
 
 
 def driving(noise: Noise, factor: float) -> Noise:

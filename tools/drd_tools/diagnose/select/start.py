@@ -27,15 +27,21 @@ class Start(NamedTuple):
 
 
 def started(audited: Audit, measured: Constants) -> Start:
-    """The constants where they explain so much that nothing can be seen before they are off; else none. (79)"""
+    """The constants where they explain so much that nothing can be seen before they are off; else none. (79)
+
+    A reference that is late by itself is a real one.
+    """
     problem = Problem(audited.evidence)
     # An event of the wrong sign or size is none.
     known = [c for c in refine(problem, [event.selected for event in audited.events]).selection if is_plausible(c)]
     constants = list(measured.selection)
-    if not constants or _explained_nats(problem, known, constants) <= STRONG_NATS:
-        return Start(problem, known, [])
     far = replace(problem.evidence, is_far=True)
-    return Start(Problem(far, problem.path, near=problem), known, constants)
+    if constants and _explained_nats(problem, known, constants) > STRONG_NATS:
+        return Start(Problem(far, problem.path, near=problem), known, constants)
+    # Without wheels nothing else tells real ground from a model of it.
+    if not far.has_wheels and far.reference_lag_s:
+        return Start(Problem(far, problem.path, near=problem), known, [])
+    return Start(problem, known, [])
 
 
 def _explained_nats(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> float:
