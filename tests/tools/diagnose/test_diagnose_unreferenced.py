@@ -12,8 +12,8 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.outcome import verdict
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
-from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array, Verdict
+from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
 
 TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
@@ -73,8 +73,8 @@ def test_a_sparse_references_lag_is_measured_between_its_fixes_and_tells_no_cloc
 
 @pytest.mark.parametrize(("seconds", "is_known"), [(2.0, True), (20.0, False)])
 def test_a_lag_that_nothing_tells_may_be_that_of_real_references(seconds: float, is_known: bool) -> None:
-    _, audited = observe(every(recorded(("field", 200.0), 1, *FAR), seconds, REFERENCE_S))
-    prior = {name: sigma for name, sigma, _ in Problem(audited.evidence).nuisances}
+    measured, audited = observe(every(recorded(("field", 200.0), 1, *FAR), seconds, REFERENCE_S))
+    prior = {name: sigma for name, sigma, _ in started(audited, measured).problem.nuisances}
     assert (prior["reference_latency"] < 0.2 * REFERENCE_S) == is_known
     assert is_known or prior["reference_latency"] > REFERENCE_S
 

@@ -198,8 +198,9 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1
-    lag_s = e.reference_lag_s
-    latency_s = UNKNOWN_LAG_S if lag_s is None else math.hypot(REFERENCE_LAG_S, LAG_SHARE * lag_s)
+    latency_s = math.hypot(REFERENCE_LAG_S, LAG_SHARE * (e.reference_lag_s or 0.0))
+    if e.is_far and e.reference_lag_s is None:
+        latency_s = UNKNOWN_LAG_S
     found = [
         ("reference_latency", latency_s, Sensitivity(fix=-dp)),
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
