@@ -26,6 +26,15 @@ def selected(effect: str, **values: float | str) -> Selected:
     return Selected(found, values, found.linear())
 
 
+# A skid-steer robot far from its robot.yaml, and how late its reference is.
+TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
+FAR = (
+    selected("tread_error", k=TREAD),
+    selected("wheel_radius_error", left=LEFT, right=RIGHT),
+    selected("encoder_latency", delay=WHEELS_S),
+)
+
+
 @lru_cache
 def truth(mission: str, seconds: float, temperature: str = "warmup") -> Truth:
     return make_truth(make_drive(mission, seconds), temperature)

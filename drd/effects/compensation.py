@@ -19,7 +19,7 @@ ROUNDS: Final = 4
 SOLVED: Final = 1e-9
 # The same for the speed that the wheels' effects depend on: a metre per second halved so often is as small.
 PASSES, SPEED_SOLVED_M_S = 24, 1e-7
-# Of that equation's error over the speed: slip of 0.2 s^2/m at 2 m/s in samples of 1 ms makes -700.
+# No slope of that equation is steeper: slip of 0.2 s^2/m at 2 m/s in samples of 1 ms makes -700.
 STEEPEST: Final = -1e3
 # A sample's mean speed is this much of the speed at its end, and the rest of that at its begin. One half would be the
 # middle, but then an error would alternate for ever; so it more than halves in two samples.

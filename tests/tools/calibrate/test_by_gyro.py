@@ -4,16 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, recorded, selected
+from diagnosis_drives import FAR, LEFT, RIGHT, SLALOM, TREAD, WHEELS_S, recorded
 
 from drd_tools.calibrate.wheels.by_gyro import fit_by_gyro
 
-TREAD, LEFT, RIGHT, LATE_S = 0.65, -0.05, -0.03, 0.17
-FAR = (
-    selected("tread_error", k=TREAD),
-    selected("wheel_radius_error", left=LEFT, right=RIGHT),
-    selected("encoder_latency", delay=LATE_S),
-)
 DRIVES = 12
 
 
@@ -22,7 +16,7 @@ def test_tread_and_difference_are_those_of_wheels_whose_mean_radius_is_the_nomin
     mean = 0.5 * (left + right)
     z = []
     for seed in range(DRIVES):
-        found = fit_by_gyro(recorded(("field", 200.0), seed, *FAR), LATE_S, 0.0)
+        found = fit_by_gyro(recorded(("field", 200.0), seed, *FAR), WHEELS_S, 0.0)
         assert found is not None
         assert found.tread == pytest.approx((1.0 + TREAD) / mean, rel=0.01)
         z.append((found.tread - (1.0 + TREAD) / mean) / found.tread_sigma)

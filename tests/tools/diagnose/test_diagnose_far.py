@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import SLALOM, WAREHOUSE, recorded, selected
+from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, SLALOM, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
 
 from drd.batch.logs import EncoderLog
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -27,12 +27,6 @@ from drd_tools.simulate.route import Route
 from drd_tools.simulate.simulator import simulate
 from drd_tools.simulate.truth import make_truth
 
-TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
-GEOMETRY = (
-    selected("tread_error", k=TREAD),
-    selected("wheel_radius_error", left=LEFT, right=RIGHT),
-    selected("encoder_latency", delay=WHEELS_S),
-)
 SHARED = Path(__file__).parents[4] / "shared" / "recordings"
 
 
@@ -43,7 +37,7 @@ def late(recording: Recording, lag_s: float = REFERENCE_S) -> Recording:
 
 
 def far(*more: Selected, seed: int = 1) -> Recording:
-    return late(recorded(("field", 200.0), seed, *GEOMETRY, *more))
+    return late(recorded(("field", 200.0), seed, *FAR, *more))
 
 
 @cache
@@ -63,8 +57,8 @@ def test_the_calibrator_measures_the_constants_and_the_references_lag() -> None:
 
 def test_constants_far_off_are_named_with_their_sizes_and_nothing_else_is() -> None:
     causes = {c.effect: c.selected for c in diagnosed().conclusion.causes}
-    assert causes.keys() == {c.id for c in GEOMETRY}
-    for true in GEOMETRY:
+    assert causes.keys() == {c.id for c in FAR}
+    for true in FAR:
         found = causes[true.id]
         assert found is not None
         for name in true.free or true.values:
@@ -120,7 +114,7 @@ def test_constants_far_off_survive_a_gyro_that_clips_through_whole_turns() -> No
     """Beyond the limit only the wheels tell the turn, with a tread that robot.yaml has 65 % too small."""
     analysis = analyse(far(selected("gyro_saturation", limit=0.25)))
     causes = {c.effect: c.selected for c in analysis.conclusion.causes}
-    assert causes.keys() == {*(c.id for c in GEOMETRY), "gyro_saturation"}
+    assert causes.keys() == {*(c.id for c in FAR), "gyro_saturation"}
     tread = causes["tread_error"]
     assert tread is not None
     assert tread.number("k") == pytest.approx(TREAD, abs=3.0 * tread.sigma("k"))
@@ -148,7 +142,7 @@ def test_a_gyros_clock_is_what_wheels_and_reference_run_away_from_together(ratio
     assert found.gyro_clock == pytest.approx(ratio, abs=5e-4)
     assert (found.wheels_lag_s, found.lag_growth) == pytest.approx((WHEELS_S, 0.0), abs=0.02)
     causes = {c.effect: c.selected for c in analyse(recording).conclusion.causes}
-    assert causes.keys() == {*(c.id for c in GEOMETRY), clock.id}
+    assert causes.keys() == {*(c.id for c in FAR), clock.id}
     cause = causes[clock.id]
     assert cause is not None
     assert cause.number("ratio") == pytest.approx(ratio, abs=3.0 * cause.sigma("ratio"))
@@ -182,7 +176,7 @@ def test_wheels_that_run_ahead_a_little_are_no_late_gyro_and_reference() -> None
 
 def test_of_three_sensors_the_earliest_is_in_time() -> None:
     """A gyro that is later than the wheels, and as late as the reference."""
-    late_gyro = recorded(("field", 200.0), 1, *GEOMETRY, selected("gyro_latency", delay=REFERENCE_S))
+    late_gyro = recorded(("field", 200.0), 1, *FAR, selected("gyro_latency", delay=REFERENCE_S))
     found = constants(late(late_gyro))
     assert found.robot.wheels_lag_s == 0.0
     assert found.robot.gyro_lag_s == pytest.approx(REFERENCE_S - WHEELS_S, abs=0.02)
@@ -191,9 +185,9 @@ def test_of_three_sensors_the_earliest_is_in_time() -> None:
 
 def test_cleared_wheels_turn_when_the_gyro_does() -> None:
     """The error of a tread that is far off is taken off at the time of the turn, not at that of its late reading."""
-    recording = recorded(("field", 200.0), 1, *GEOMETRY)
+    recording = recorded(("field", 200.0), 1, *FAR)
     problem = Problem(gather(recording))
-    clear = problem.cleared(GEOMETRY)
+    clear = problem.cleared(FAR)
     wheels, gyro = (clear.right_m - clear.left_m) / clear.tread_m, clear.gyro_rad
     assert gyro is not None
     slope = np.gradient(gyro)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, recorded, selected
+from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, TREAD, WAREHOUSE, WHEELS_S, recorded
 
 from drd_tools.calibrate.wheels.lag import reference_lag
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -16,12 +16,6 @@ from drd_tools.diagnose.results import Array, Verdict
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
 
-TREAD, LEFT, RIGHT, WHEELS_S, REFERENCE_S = 0.65, -0.05, -0.03, 0.17, 0.3
-FAR = (
-    selected("tread_error", k=TREAD),
-    selected("wheel_radius_error", left=LEFT, right=RIGHT),
-    selected("encoder_latency", delay=WHEELS_S),
-)
 NAMES = {c.id for c in FAR}
 OVER_RADIUS = 1.0 - 0.5 * (LEFT + RIGHT)  # nominal over true, mean of both wheels
 SHARED = Path(__file__).parents[4] / "shared" / "recordings"

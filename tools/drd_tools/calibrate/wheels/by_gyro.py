@@ -4,8 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.arrays import Array
-from drd_tools.calibrate.wheels.turns import BLOCK_S, of_wheels
+from drd_tools.calibrate.wheels.turns import of_wheels
 from drd_tools.recordings.folder import Recording
 
 ROUNDS: Final = 10  # of weights, which then change by less than a thousandth
@@ -39,10 +38,9 @@ def fit_by_gyro(recording: Recording, late_s: float, growth: float) -> ByGyro | 
             return None
         x = inverse @ (weighted.T @ y)
         turns.reweigh(y - X @ x)
-    scores = X * (turns.weights * (y - X @ x))[:, None]
-    of_blocks: Array = np.add.reduceat(scores, np.flatnonzero(np.diff(turns.at_s // BLOCK_S, prepend=-1.0)), axis=0)
-    V = inverse @ (of_blocks.T @ of_blocks) @ inverse * len(of_blocks) / max(len(of_blocks) - 1, 1)
-    if len(of_blocks) < 2 or x[0] <= 0.0 or not np.isfinite(V).all():
+    scores = turns.by_block(X * (turns.weights * (y - X @ x))[:, None])
+    V = inverse @ (scores.T @ scores) @ inverse * len(scores) / max(len(scores) - 1, 1)
+    if len(scores) < 2 or x[0] <= 0.0 or not np.isfinite(V).all():
         return None
     tread_sigma, difference_sigma, _ = np.sqrt(np.diag(V)).tolist()
     # A right wheel that is larger than believed reads too little: on a straight, a turn to the right.

@@ -8,7 +8,6 @@ import numpy as np
 from drd.arrays import Array
 from drd_tools.calibrate.wheels.lag import CONVERGED_S, GRID_S, MAX_STEPS
 from drd_tools.calibrate.wheels.turns import (
-    BLOCK_S,
     EARLIEST_S,
     LATEST_S,
     LEAST_SIGMA_RAD,
@@ -70,7 +69,7 @@ def _drift(part: Turns | None, most: float) -> Drift | None:
         x = x + move
         if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
             break
-    blocks = np.add.reduceat(score, np.flatnonzero(np.diff(part.at_s // BLOCK_S, prepend=-1.0)), axis=0)
+    blocks = part.by_block(score)
     covariance = inverse @ (blocks.T @ blocks) @ inverse.T
     sigma = math.sqrt(max(float(covariance[1, 1]), 0.0))
     return Drift(float(x[0]), float(x[1]), sigma) if np.isfinite(x).all() else None

@@ -78,6 +78,11 @@ class Turns:
         self.sigma = max(LEAST_SIGMA_RAD, 1.4826 * float(np.median(np.abs(residual))))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
+    def by_block(self, scores: Array) -> Array:
+        """Sums of scores (m, k) over blocks of BLOCK_S, (b, k)."""
+        first = np.flatnonzero(np.diff(self.at_s // BLOCK_S, prepend=-1.0))
+        return np.asarray(np.add.reduceat(scores, first, axis=0))
+
 
 def of_wheels(recording: Recording, against: str) -> Turns | None:
     """The recording's curves; None where it has no such sensor, hardly moves, or has rows too far apart."""

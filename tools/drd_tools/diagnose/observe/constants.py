@@ -35,7 +35,7 @@ WIDER: Final = 3.0  # than its sigma a constant may be off where the calibrator 
 class Constants:
     """The recording with its reference's stamps put right by `lag_s`, the robot's constants, and their deviations.
 
-    `unmeasured`: deviations, besides, of what nothing has measured. `has_lag`: whether anything tells the reference's.
+    `unmeasured`: deviations, besides, of what nothing has measured.
     """
 
     recording: Recording
@@ -44,7 +44,11 @@ class Constants:
     lag_s: float = 0.0
     lag_sigma_s: float = 0.0
     unmeasured: Calibrated = CERTAIN
-    has_lag: bool = True
+
+    @property
+    def has_lag(self) -> bool:
+        """Whether anything tells the reference's lag."""
+        return self.lag_sigma_s > 0.0
 
     @property
     def selection(self) -> tuple[Selected, ...]:
@@ -150,15 +154,7 @@ def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constan
     if reference is not None:
         put_right = replace(reference, time_s=reference.time_s - lags.reference_s)
         recording = replace(recording, reference=put_right)
-    return Constants(
-        recording,
-        robot,
-        sigma,
-        lags.reference_s,
-        lags.reference_sigma_s,
-        geometry.unmeasured,
-        has_lag=lags.reference_sigma_s > 0.0,
-    )
+    return Constants(recording, robot, sigma, lags.reference_s, lags.reference_sigma_s, geometry.unmeasured)
 
 
 def observe(recording: Recording, measured: Constants | None = None) -> tuple[Constants, Audit]:
