@@ -39,6 +39,7 @@ def driven(time_s: Array, speed: Array, rate: Array, temperature_c: Array) -> Mo
         temperature_c,
         float(temperature_c[0]),
         TREAD_M,
+        RADIUS_M,
         float(time_s[-1]),
     )
 

@@ -23,6 +23,9 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
     lateral_m_s: Array = np.zeros_like(motion.time_s)
     for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
         error = effect.error(motion, values)
+        if effect.geometry:  # a wheel that is larger than believed turns less
+            motion = motion.counted(motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s)
+            continue
         motion = replace(
             motion,
             rate_rad_s=motion.rate_rad_s + error.gyro_rad_s,

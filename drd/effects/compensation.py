@@ -83,7 +83,7 @@ class Compensation:
     def __init__(
         self, terms: Sequence[Term], robot: Robot, has_gyro: bool, zero_ns: int | None = None, end_s: float = math.inf
     ):
-        self._m = m = LiveMotion(robot.tread_m, end_s)
+        self._m = m = LiveMotion(robot.tread_m, robot.wheel_radius_m, end_s)
         live = [LiveTerm(m, term) for term in reversed(in_order(terms))]
         self._gyro = [t for t in live if t.effect.channel == "gyro"]
         self._wheels = [t for t in live if t.effect.channel == "wheels" and t.effect.acts_on is not ActsOn.TIMING]

@@ -40,7 +40,7 @@ class LiveMotion(Motion):
 
     __slots__ = ("_lags", "_lowest", "_t_s", "_warmest", "temperature_rate_outside")
 
-    def __init__(self, tread_m: float, end_s: float):
+    def __init__(self, tread_m: float, wheel_radius_m: float, end_s: float):
         time, rate, speed, acceleration, heading, left, right, left_wheel, right_wheel = np.zeros((9, 1))
         unknown = np.full(1, math.nan)
         super().__init__(
@@ -56,6 +56,7 @@ class LiveMotion(Motion):
             unknown,
             math.nan,
             tread_m,
+            wheel_radius_m,
             end_s,
         )
         self._lags: dict[float, float] = {}

@@ -1,6 +1,6 @@
 """What a robot does and feels, as physical effects see it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,21 @@ class Motion:
     temperature_c: Array
     still_c: float
     tread_m: float
+    wheel_radius_m: float
     end_s: float
+
+    def counted(self, left_m_s: Array, right_m_s: Array) -> "Motion":
+        """The motion with other speeds (n,) of the wheels as counters tell them, and with their angles."""
+        steps_s = np.gradient(self.time_s)
+        angles = (
+            angle + (np.cumsum(more) - 0.5 * more) / self.wheel_radius_m
+            for angle, more in (
+                (self.left_wheel_rad, (left_m_s - self.left_m_s) * steps_s),
+                (self.right_wheel_rad, (right_m_s - self.right_m_s) * steps_s),
+            )
+        )
+        left_rad, right_rad = angles
+        return replace(self, left_m_s=left_m_s, right_m_s=right_m_s, left_wheel_rad=left_rad, right_wheel_rad=right_rad)
 
     def temperature_change_c(self) -> Array:
         """Since the standstill; 0 where the temperature is not known."""

@@ -129,7 +129,8 @@ class Library:
             self._still_c = float(temperature_c[0])
         m = LiveRows(
             time_s, rate, speed, np.gradient(speed, time_s), np.interp(time_s, rows.end_s, heading),
-            speed - half, speed + half, angles[0], angles[1], temperature_c, self._still_c, self._tread_m, 1.0,
+            speed - half, speed + half, angles[0], angles[1], temperature_c, self._still_c, self._tread_m,
+            self._radius_m, 1.0,
         )  # fmt: skip
         m.inner, m.memory = slice(PARTS * rows.inner.start, PARTS * rows.inner.stop), self._memory
         return m

@@ -247,7 +247,7 @@ def test_outside_the_range_seen_the_correction_stays_and_the_sigma_grows() -> No
 
 @pytest.mark.parametrize("covariate", sorted(COVARIATES))
 def test_a_covariate_outside_is_noticed_and_put_back(covariate: str) -> None:
-    m = LiveMotion(TREAD_M, 100.0)
+    m = LiveMotion(TREAD_M, RADIUS_M, 100.0)
     values = {"time": 50.0, "yaw_rate": 60.0, "speed": 2.0, "acceleration": 1.0,
               "lateral_acceleration": 120.0 * RAD_PER_DEG,
               "curvature": 30.0 * RAD_PER_DEG, "temperature": 30.0}  # fmt: skip
@@ -293,7 +293,7 @@ def test_the_lagged_rate_of_temperature_is_the_simulators() -> None:
     truth = MOTIONS[2]
     sampled = replace(truth, time_s=truth.time_s[::50], temperature_c=truth.temperature_c[::50])
     wanted = sampled.temperature_rate_c_s(30.0)
-    m, found = LiveMotion(TREAD_M, 100.0), []
+    m, found = LiveMotion(TREAD_M, RADIUS_M, 100.0), []
     m.temperature_rate_c_s(30.0)
     for time_s, temperature_c in zip(sampled.time_s.tolist(), sampled.temperature_c.tolist(), strict=True):
         m.warm(time_s, temperature_c)

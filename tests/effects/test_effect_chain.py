@@ -45,6 +45,13 @@ def test_factors_multiply() -> None:
     np.testing.assert_allclose(found.right_m_s, m.right_m_s + 0.1 * half, atol=1e-12)
 
 
+def test_a_larger_wheel_turns_less() -> None:
+    m = motion()
+    found, _ = add(m, [having("wheel_radius_error", left=0.2, right=0.0)])
+    assert np.ptp(found.left_wheel_rad) == pytest.approx(0.8 * np.ptp(m.left_wheel_rad), rel=0.01)
+    np.testing.assert_array_equal(found.right_wheel_rad, m.right_wheel_rad)
+
+
 def test_a_limit_clips_the_sum_of_all() -> None:
     m = motion()
     limit = 0.5 * float(np.max(np.abs(m.rate_rad_s)))

@@ -31,6 +31,7 @@ TWO = Motion(
     temperature_c=np.array([25.0, 15.0]),
     still_c=20.0,
     tread_m=0.6,
+    wheel_radius_m=0.1,
     end_s=400.0,
 )
 STRETCH: dict[str, float | str] = {"t0": 50.0, "t1": 150.0}

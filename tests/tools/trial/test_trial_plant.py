@@ -12,6 +12,7 @@ from trial_records import amount, finding
 from drd.arrays import Array
 from drd.cli import main
 from drd.effects.catalogue import catalogue
+from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Finding
@@ -221,7 +222,7 @@ def test_real_and_drawn_drives_do_not_mix(tmp_path: Path) -> None:
 def test_d_is_of_what_planting_does_to_readings_of_a_robot_far_off() -> None:
     """Whose counters tell a tread 65 % too large, and are late: once, not twice."""
     recording = recorded(("field", 200.0), 1, selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
-    whitener, effect, values = Whitener.of(recording), catalogue()["encoder_clock_skew"], {"ppm": 500e-6}
+    whitener, effect, values = Whitener.of(analyse(recording)), catalogue()["encoder_clock_skew"], {"ppm": 500e-6}
     p = whitener.problem
     rows = p.effect_rows([selected(effect.id, **values)])
     changed = gather(planted(recording, effect, values), p.evidence.robot)

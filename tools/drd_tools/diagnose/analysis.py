@@ -34,16 +34,21 @@ NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched f
 class Analysis:
     """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
 
-    `recording`: with its reference's stamps put right by `lag` of `reference`, how late it is where that is more than
-    usual; `drift`: by how much its clock and the wheels' drift apart, where no gyro tells which of them does.
+    `measured`: the robot's constants. `reference`: its faults: `lag`, how late it is where that is more than usual, and
+    `drift`, by how much its clock and the wheels' drift apart, where no gyro tells which of them does.
     """
 
-    recording: Recording
+    measured: Constants
     reference: dict[str, Amount]
     events: list[Event]
     null_problem: Problem
     null: Array
     conclusion: Conclusion
+
+    @property
+    def recording(self) -> Recording:
+        """The recording with its reference's stamps put right by its lag."""
+        return self.measured.recording
 
     def noise_ratios(self) -> Figures:
         """Ratios of the fitted noise to the data sheets'."""
@@ -71,7 +76,7 @@ def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis
     conclusion = conclude(found, audited.events, {c.id for c in start.constants}, {c.id for c in new})
     conclusion = borne_out(conclusion, [one for one in expected if one.selected in new])
     release(found.problem)
-    return Analysis(measured.recording, _faults(measured, conclusion), audited.events, problem, null.left, conclusion)
+    return Analysis(measured, _faults(measured, conclusion), audited.events, problem, null.left, conclusion)
 
 
 def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:

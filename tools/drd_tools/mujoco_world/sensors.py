@@ -76,6 +76,7 @@ def _felt(m: Motion, nominal: Robot) -> Felt:
         temperature_c=warming_c(middle_s, COLD_C, WARMER_C, WARMING_S),
         still_c=COLD_C,
         tread_m=nominal.tread_m,
+        wheel_radius_m=nominal.wheel_radius_m,
         end_s=float(m.time_s[-1]),
     )
 

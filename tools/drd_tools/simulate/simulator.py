@@ -110,5 +110,6 @@ def motion_along(
         temperature_c=truth.temperature_c,
         still_c=float(truth.temperature_c[standing].mean()),
         tread_m=tread_m,
+        wheel_radius_m=radius_m,
         end_s=truth.duration_s,
     )

@@ -58,7 +58,7 @@ def drive(mission: str, seconds: float, seed: int, friction: float, reference: R
     rate, left, right = rate + known.gyro_rad_s, left + known.left_m_s, right + known.right_m_s
     motion = Motion(
         m.time_s, rate, m.speed_m_s, np.gradient(m.speed_m_s, m.time_s), m.heading_rad, left, right,
-        m.left_rad, m.right_rad, temperature_c, still_c, tread_m, float(m.time_s[-1]),
+        m.left_rad, m.right_rad, temperature_c, still_c, tread_m, radius_m, float(m.time_s[-1]),
     )  # fmt: skip
     nominal = replace(
         sensors.nominal_of(vehicle, name, STAND_S),

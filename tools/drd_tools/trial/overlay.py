@@ -114,6 +114,7 @@ def recorded_motion(recording: Recording, time_s: Array) -> Motion:
         temperature_c=temperature_c,
         still_c=float(temperature_c[still].mean()),
         tread_m=nominal.tread_m,
+        wheel_radius_m=nominal.wheel_radius_m,
         end_s=float(edges[-1]),
     )
 

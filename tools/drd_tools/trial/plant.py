@@ -16,7 +16,13 @@ import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
+from drd.effects.effect import Effect, Values
+from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.results import Amount
 from drd_tools.diagnose.run import run as diagnose
+from drd_tools.diagnose.select.search import Found
+from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.simulate.files import effect_rows
 from drd_tools.trial.ceiling import set_ceilings
@@ -69,7 +75,8 @@ def plan(folder: Path, seed: int) -> Untouched:
 
 def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
     """Effects to plant, by case, and the cases that this drive cannot show."""
-    whitener, plantings, not_visible = Whitener.of(recording), {}, []
+    analysis = analyse(recording)
+    whitener, plantings, not_visible = Whitener.of(analysis), {}, []
     for effect in (x for x in catalogue().values() if x.is_diagnosed):
         for d in DISTANCES:
             # The same shape for each distance, whatever other effects the catalogue has.
@@ -80,9 +87,20 @@ def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], 
                 not_visible.append(case)
                 continue
             (row,) = effect_rows([(effect, sized[0])])
-            plantings[case] = true = TrueEffect(**row, detectability=sized[1])
+            own = _own(analysis.conclusion.found, effect, sized[0])
+            plantings[case] = true = TrueEffect(**row, detectability=sized[1], own=own)
             set_ceilings(whitener.problem, selected_of([(effect, sized[0])]), [true], whitener.beside)
     return plantings, not_visible
+
+
+def _own(found: Found, effect: Effect, values: Values) -> dict[str, Amount]:
+    """Sizes of an effect, of the form that is planted, in the drive as it is: what it has of it, told or not."""
+    linear = {q.name: q for q in effect.parameters if q.linear and not q.choices}
+    if effect.id in {c.id for c in found.fit.selection} or not linear:
+        return {}
+    of_form = Selected(effect, {**values, **dict.fromkeys(linear, 0.0)}, tuple(linear))
+    fitted = refine(found.problem, [*found.fit.selection, of_form]).selection[-1]
+    return {name: Amount(fitted.number(name) / q.si, fitted.sigma(name) / q.si, q.unit) for name, q in linear.items()}
 
 
 def diagnosed(folder: Path, case: str, true: TrueEffect) -> Planted:

@@ -73,7 +73,7 @@ def _is_near(i: Interval) -> bool:
 def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> list[Interval]:
     """Estimates against the planted effect together with the same of the untouched drive, whose error counts too."""
     there = next((f for f in untouched if f.effect == true.effect and _is_alike(true, f)), None)
-    before = {} if there is None else {i.parameter: i for i in estimates(true, there)}
+    before = {**true.own, **({} if there is None else there.parameters)}
     return [
         replace(
             i,

@@ -18,7 +18,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import Values
 from drd_tools.build import fingerprint as fingerprint_of
 from drd_tools.diagnose.files import parted, plain
-from drd_tools.diagnose.results import Figures, Finding
+from drd_tools.diagnose.results import Amount, Figures, Finding
 from drd_tools.report.json_file import converted, read_json
 
 RESULTS: Final = "results.jsonl"
@@ -35,6 +35,7 @@ class TrueEffect(Struct, kw_only=True):
     `separable`: by more than the names of one class differ. `nearest`: what comes nearest to it in its place, at the
     whitened `distance`, no name preferred. `ceiling`: probability of the right one of these two that no method exceeds,
     where they are equally likely; `least`: that which the best method reaches among all names, sizes known. (93)
+    `own`: sizes of it that a real drive has as it is, though they are not reported.
     """
 
     effect: str
@@ -47,6 +48,7 @@ class TrueEffect(Struct, kw_only=True):
     distance: float | UnsetType = UNSET
     ceiling: float | UnsetType = UNSET
     least: float | UnsetType = UNSET
+    own: dict[str, Amount] = {}
 
 
 class Run(Struct, frozen=True):

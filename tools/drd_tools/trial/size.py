@@ -1,23 +1,25 @@
 """Parameters with which effects have a whitened distance d, and how well their nearest rivals would do."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 
+from drd.effects.catalogue import catalogue
 from drd.effects.chain import add
-from drd.effects.effect import SIDES, START, ActsOn, Begins, Chance, Effect, Parameter, Values
+from drd.effects.effect import SIDES, START, ActsOn, Begins, Chance, Effect, Parameter, Values, number
 from drd.effects.motion import Motion
-from drd_tools.diagnose.analysis import analyse
+from drd_tools.calibrate.wheels.drift import WHEELS_WANDER_S
+from drd_tools.diagnose.analysis import Analysis
+from drd_tools.diagnose.observe.constants import Constants
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
 from drd_tools.diagnose.select.library import is_absent
 from drd_tools.diagnose.select.search import CLASS_NATS, Search
 from drd_tools.diagnose.selected import BIAS, Selected
-from drd_tools.recordings.folder import Recording
 from drd_tools.trial.overlay import Effects
 from drd_tools.trial.results import TrueEffect
 
@@ -36,28 +38,36 @@ NEAR: Final = 1.25  # factor between its d and that wanted
 
 @dataclass(frozen=True)
 class Whitener:
-    """Effects along a motion as a diagnosis weighs them, `beside` others that it has found there."""
+    """Effects along a motion as a diagnosis weighs them, `beside` others that it has found there.
+
+    `clocks`: deviations, SI, of rates of clocks that the calibration of a robot far from robot.yaml measures.
+    """
 
     problem: Problem
     motion: Motion
     beside: Sequence[Selected] = ()
+    clocks: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, recording: Recording) -> "Whitener":
+    def of(cls, analysis: Analysis) -> "Whitener":
         """A real recording: its fitted noise, and its motion as the nominal model with what was found tells it."""
-        found = analyse(recording).conclusion.found
+        found = analysis.conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
         motion, _ = add(found.problem.sensitivities.motion, selected)
         beside = [_more(c) if c.effect.acts_on is ActsOn.TIMING else c for c in found.fit.selection]
-        return cls(found.problem.along(motion, is_read=True), motion, beside)
+        clocks = _clocks(analysis.measured) if found.problem.evidence.is_far else {}
+        return cls(found.problem.along(motion, is_read=True), motion, beside, clocks)
 
     def detectability(self, effect: Effect, values: Values) -> float:
         """Norm of an effect's whitened sensitivity, nuisances projected out; 0 where the diagnosis says nothing of it.
 
         They are the reference's, with their priors, and the free parameters of other effects that were found, without.
         """
-        if is_absent(self.problem.evidence, effect) and effect.begins is not Begins.GROWING:
-            return 0.0  # how a lag grows the calibration tells, where that is more than lags change by themselves
+        if effect.id in self.clocks:  # the calibration decides, beside how lags change by themselves
+            (q,) = effect.parameters
+            return abs(number(values, q.name) - q.neutral) / self.clocks[effect.id]
+        if is_absent(self.problem.evidence, effect):
+            return 0.0
         rows = self.problem.effect_rows([Selected(effect, dict(values), ())])
         free = self.problem.tangents([c for c in self.beside if c.id != effect.id])
         norms = np.maximum(np.linalg.norm(free, axis=0), TINY)
@@ -68,6 +78,7 @@ class Whitener:
         """Values (SI) of a detectability `d`; None where they would be implausible, or nothing is seen at all."""
         values = dict(_shape(effect, self.motion, random))
         chosen = [q for q in effect.parameters if not q.choices and (q.linear or not effect.linear())]
+        there: Values = next((c.values for c in self.beside if c.id == effect.id), {})
         # Each of several linear parameters is to be seen about as well.
         for q in chosen:
             alone: dict[str, float | str] = {**values, **dict.fromkeys((c.name for c in chosen), 0.0)}
@@ -76,6 +87,8 @@ class Whitener:
             if norm <= 0.0:
                 return None
             share = random.uniform(0.3, 1.0) * (random.choice((-1.0, 1.0)) if q.signed or q.neutral else 1.0)
+            if q.signed and q.name in there:  # more of what is there: less of it might leave nothing
+                share = math.copysign(share, float(there[q.name]))
             values[q.name] = q.neutral + float(share) * (float(alone[q.name]) - q.neutral) / norm
         return scaled(values, chosen, d, lambda found: self.detectability(effect, found), ROUNDS, SIZED)
 
@@ -97,6 +110,18 @@ class Whitener:
         drawn = [v for _ in range(EVENTS) if (v := eventful(self.motion, effect, random)) is not None]
         sizes = [(v, size) for v in drawn if (size := self.detectability(effect, v)) > 0.0]
         return min(sizes, key=lambda pair: abs(math.log(pair[1] / d)), default=None)
+
+
+def _clocks(measured: Constants) -> dict[str, float]:
+    """Deviations, SI, of the rates of clocks by the names of their effects, how lags change by themselves in them."""
+    wander = WHEELS_WANDER_S / float(np.ptp(measured.recording.encoders.time_s))
+    sigma = measured.sigma._replace(lag_growth=math.hypot(measured.sigma.lag_growth, wander))
+    found = {}
+    for effect in catalogue().values():
+        if effect.acts_on is ActsOn.TIMING and effect.begins is Begins.GROWING:
+            (q,) = effect.parameters
+            found[effect.id] = measured.spread(effect, q.name, sigma)
+    return {name: spread for name, spread in found.items() if spread > 0.0}
 
 
 def _more(selected: Selected) -> Selected:

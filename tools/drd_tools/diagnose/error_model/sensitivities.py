@@ -59,7 +59,8 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     w = np.diff(turned(fine)) / h
     a = distance(middle, 2)
     D, r = e.tread_m, e.radius_m
-    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in (e.left_m, e.right_m))
+    counted = e.counted_m or (e.left_m, e.right_m)
+    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in counted)
     known = np.isfinite(e.temperature_c)
     if known.any():
         T = _smoothed(np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical)
@@ -81,6 +82,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
         temperature_c=T,
         still_c=still_c,
         tread_m=D,
+        wheel_radius_m=r,
         end_s=float(edges[-1]),
     )
 

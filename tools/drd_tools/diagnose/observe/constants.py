@@ -58,17 +58,17 @@ class Constants:
             values = effect.calibrated(self.robot)
             if values is None or effect.is_neutral(values):
                 continue
-            sigma = {name: WIDER * self._spread(effect, name, self.sigma) for name in values}
+            sigma = {name: WIDER * self.spread(effect, name, self.sigma) for name in values}
             if any(abs(number(values, name)) > sigma[name] for name in values):  # else it is as robot.yaml has it
                 prior = {
-                    name: (number(values, name), math.hypot(sigma[name], self._spread(effect, name, self.unmeasured)))
+                    name: (number(values, name), math.hypot(sigma[name], self.spread(effect, name, self.unmeasured)))
                     for name in values
                 }
                 found.append(Selected(effect, values, tuple(values), prior=prior))
         return tuple(found)
 
-    def _spread(self, effect: Effect, name: str, of: Calibrated) -> float:
-        """Deviation of a parameter by those of all constants that it is made of."""
+    def spread(self, effect: Effect, name: str, of: Calibrated) -> float:
+        """Deviation of a parameter by those `of` all constants that it is made of."""
         at = number(effect.calibrated(self.robot) or {}, name)
         square = 0.0
         for constant, sigma in of._asdict().items():

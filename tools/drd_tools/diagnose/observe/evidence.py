@@ -106,7 +106,8 @@ class Evidence:
     reference's positions, 0 where they are too sparse, and only headings are compared, and the turn at standstill.
     `robot`: its constants as far as measured; `is_far`: they are far from those of robot.yaml, and so may the
     reference's mounting be. `reference_lag_s`: what its stamps have been put right by; None
-    where nothing tells it.
+    where nothing tells it. `counted_m`: what the wheels' counters tell, by which they turn, where effects have been
+    taken off `left_m` and `right_m`.
     """
 
     name: str
@@ -135,6 +136,7 @@ class Evidence:
     robot: Calibrated = NOMINAL
     reference_lag_s: float | None = 0.0
     is_far: bool = False
+    counted_m: tuple[Array, Array] | None = None
 
     @property
     def gyroless(self) -> npt.NDArray[np.bool_]:

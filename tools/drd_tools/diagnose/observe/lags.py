@@ -25,7 +25,7 @@ class Lags(NamedTuple):
     """How late sensors are, s, and their standard deviations; the earliest is in time.
 
     `growth`: of the wheels' lag, s/s, which is then the one at time 0. `clock`: actual over nominal rate of the gyro's
-    samples.
+    samples; its deviation is that of a clock that runs off besides.
     """
 
     wheels_s: float
@@ -98,9 +98,9 @@ def _gyro_clock(recording: Recording, wheels: Drift | None, reference: Drift | N
     r_variance = reference.sigma**2 + (REFERENCE_WANDER_S / _length_s(recording)) ** 2
     squares_of_one = w**2 / w_variance, r**2 / r_variance  # where it is the other's
     squares = (w - r) ** 2 / (w_variance + r_variance)
-    if squares > min(*squares_of_one, sum(squares_of_one) - SURELY**2):
-        return 1.0, 0.0
     variance = 1.0 / (1.0 / w_variance + 1.0 / r_variance)
+    if squares > min(*squares_of_one, sum(squares_of_one) - SURELY**2):
+        return 1.0, math.sqrt(variance)
     # A sample that is taken at t is stamped t ratio: beside it all else is late by t (1 - ratio).
     return 1.0 - variance * (w / w_variance + r / r_variance), math.sqrt(variance)
 

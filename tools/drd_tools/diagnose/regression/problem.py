@@ -17,7 +17,7 @@ from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
-from drd_tools.diagnose.regression.chain import beside, chain_of, delays_s, errors_of, has_clock, with_chain
+from drd_tools.diagnose.regression.chain import Readings, beside, chain_of, delays_s, has_clock
 from drd_tools.diagnose.regression.gram import Gram
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
@@ -82,11 +82,10 @@ class Problem:
         )
         self._inflated: Linear | None = None if near is None else near._inflated
         self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
-        self._chain = tuple(chain)
+        self.readings = Readings(self.sensitivities, chain)
         self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m)
-        if evidence.has_three_clocks and not has_clock(self._chain):
-            told = with_chain(self.sensitivities.motion, self._chain)
-            self.nuisances.append(self.sensitivities.wheels_drift(told))
+        if evidence.has_three_clocks and not has_clock(chain):
+            self.nuisances.append(self.sensitivities.wheels_drift(self.readings.of_wheels()))
         whitened = self.whiten([self.linear.data(), *(s * sigma for _, sigma, s in self.nuisances)])
         # `nuisance` (r, q) is scaled so that the prior of each coefficient is 1.
         self.data, self.nuisance = whitened[:, 0], whitened[:, 1:]
@@ -115,18 +114,13 @@ class Problem:
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
-    @property
-    def readings(self) -> Motion:
-        """The motion, with the wheels' speeds as counters of the selected geometry tell them."""
-        return with_chain(self.sensitivities.motion, [c for c in self._chain if c.effect.geometry])
-
     def along(self, motion: Motion, is_read: bool = False) -> "Problem":
         """A problem with the effects' sensitivities along another motion; `is_read`: it is what sensors tell of it, to
         which the selected geometry and delays are not added again.
         """
         made = copy(self)
-        made.sensitivities, made._cache, made._gram = self.sensitivities.along(motion), {}, None
-        made._chain = () if is_read else self._chain
+        made.readings, made._cache, made._gram = self.readings.along(motion, is_read), {}, None
+        made.sensitivities = made.readings.sensitivities
         return made
 
     @property
@@ -164,6 +158,7 @@ class Problem:
         """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
         gyro_s, wheels_s = delays_s(selection, raw.edges_s)
+        counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
         clear, body, added = raw, Sensitivity(), Sensitivity()
         for _ in range(CLEARINGS):
             # A delay is undone by a shift; subtracting it would amplify what is fast.
@@ -172,13 +167,13 @@ class Problem:
                 gyro = body.gyro_rad + raw.earlier(gyro - body.gyro_rad - added.gyro_rad, gyro_s)
             left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
-            clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right)
+            clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
             sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
+            readings = Readings(sensitivities, chain_of(selection))
             body, added = sensitivities.body, Sensitivity()
-            chain = chain_of(selection)
             for selected in selection:
-                added = added + sensitivities.of(errors_of(sensitivities, chain, selected.effect, selected.values))
+                added = added + readings.sensitivity(selected.effect, selected.values)
         return clear
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
@@ -215,16 +210,16 @@ class Problem:
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """Sensitivity to an effect with these parameters."""
-        return self.sensitivities.of(errors_of(self.sensitivities, self._chain, effect, values))
+        return self.readings.sensitivity(effect, values)
 
     def unit(self, effect: Effect, shape: Values, name: str) -> Sensitivity:
         """Sensitivity to a unit of a linear parameter ("": there is none), one of the other forms, or a slope."""
         if name == SCALE.name:
-            return self.sensitivities.of(beside(effect, self.sensitivities.motion, 1.0))
+            return self.readings.of(effect, beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
             shapes = effect.other_shapes(self.sensitivities.motion, {**ones, **shape})
-            return self.sensitivities.of(shapes[int(name.removeprefix(FORM))])
+            return self.readings.of(effect, shapes[int(name.removeprefix(FORM))])
         if name.startswith(SLOPE):
             of = name.removeprefix(SLOPE)
             at = float(shape[of])

@@ -22,6 +22,7 @@ from drd_tools.diagnose.selected import Selected
 KNOTS: Final = 8  # an eighth of the range is the finest that a curve follows: limits its freedom
 TIME_KNOTS: Final = 16  # what swings several times in a drive
 CELLS: Final = 5  # along and across
+DELAY: Final = "wheels' delay"
 PLACE: Final = "place"
 # T of (83), nats of a hat: from below noise to beyond any error, half a decade apart.
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
@@ -47,7 +48,7 @@ CHANNELS: Final = {
     "wheels' mean": Channel("wheels", "%", 1e-3, 100.0),
     "wheels' difference": Channel("wheels", "%", 1e-3, 100.0),
     "wheels' turn": Channel("wheels", "%", 1e-3, 100.0),
-    "wheels' delay": Channel("wheels", "ms", 1e-3, 1000.0),
+    DELAY: Channel("wheels", "ms", 1e-3, 1000.0),
     "body": Channel("body", "m/s", 1e-3, 1.0),
 }
 
@@ -62,7 +63,7 @@ def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
         "wheels' mean": lambda x: both(m, x),
         "wheels' difference": lambda x: Errors(left_m_s=-0.5 * x * m.left_m_s, right_m_s=0.5 * x * m.right_m_s),
         "wheels' turn": lambda x: apart(m, x),
-        "wheels' delay": lambda x: Errors(left_m_s=-x * slope_l, right_m_s=-x * slope_r),
+        DELAY: lambda x: Errors(left_m_s=-x * slope_l, right_m_s=-x * slope_r),
         "body": lambda x: Errors(lateral_m_s=x * moving),
     }
 
@@ -100,12 +101,15 @@ class SplineTerms:
     def __init__(self, problem: Problem):
         self._problem = problem
         self._splines: list[_SplineTerm] = []
-        errors, of = errors_along(problem.readings), problem.sensitivities.of
+        readings, of = problem.readings, problem.sensitivities.of
+        errors = errors_along(readings.motion)
         for covariate, hats, knots in self._hats():
             for name in CHANNELS:
                 if not _is_shown(problem.evidence, name, covariate):
                     continue
                 made = [of(errors[name](CHANNELS[name].hat * h)) for h in hats]
+                if name != DELAY:
+                    made = [readings.delayed(one) for one in made]
                 rows = problem.whiten(made, np.float32).astype(np.float32, copy=False)
                 self._splines.append(_SplineTerm(name, covariate, knots, rows, _roughness(covariate, len(made))))
         self.cost = math.log(max(len(self._splines), 1)) + problem.per_parameter
@@ -238,7 +242,7 @@ COVARIATE_UNITS: Final = {
 # A delay is electronics': what comes with the motion's changes and depends on the motion besides is slip.
 # The gyro's scale against the rate is the gyro's error against the rate.
 COVARIATES_OF: Final = {
-    "wheels' delay": ("time", "temperature", "temperature_rate"),
+    DELAY: ("time", "temperature", "temperature_rate"),
     "gyro's scale": tuple(d for d in COVARIATE_UNITS if d != "yaw_rate"),
 }
 
@@ -248,12 +252,12 @@ def _is_shown(e: Evidence, channel: str, covariate: str) -> bool:
     if CHANNELS[channel].acts_on not in e.channels or covariate not in COVARIATES_OF.get(channel, (covariate,)):
         return False
     # Without a gyro a delay that wanders is as well the reference's.
-    return (channel, covariate) != ("wheels' delay", "time") or e.gyro_rad is not None
+    return (channel, covariate) != (DELAY, "time") or e.gyro_rad is not None
 
 
 def covariates(problem: Problem) -> dict[str, tuple[Array, Array]]:
     """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
-    m = problem.sensitivities.motion
+    m = problem.readings.motion
     found: dict[str, tuple[Array, Array]] = {}
     moving = np.abs(m.speed_m_s) > 0.02
     plain = {

@@ -1,0 +1,74 @@
+"""What sensors tell of effects whose readings pass through a geometry and delays."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnosis_drives import FAR, WAREHOUSE, problem, recorded, selected
+
+from drd.effects.chain import add
+from drd.effects.effect import Errors
+from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.error_model.linear import Sensitivity
+from drd_tools.diagnose.error_model.sensitivities import Sensitivities
+from drd_tools.diagnose.regression.chain import Readings, chain_of
+from drd_tools.diagnose.selected import Selected
+
+LATE_GYRO = selected("gyro_latency", delay=0.1)
+
+
+@cache
+def along() -> Sensitivities:
+    """Along a motion whose wheels turn as counters of a robot far from robot.yaml tell."""
+    made = problem(WAREHOUSE, 1).sensitivities
+    counted, _ = add(made.motion, [(c.effect, c.values) for c in FAR if c.effect.geometry])
+    angles = {name: getattr(counted, name) for name in ("left_wheel_rad", "right_wheel_rad")}
+    return made.along(replace(made.motion, **angles))
+
+
+def together(*selection: Selected) -> Sensitivity:
+    """What effects do to the sensors one after the other, as in the simulator."""
+    made, told = along(), problem(WAREHOUSE, 1).sensitivities.motion
+    read, _ = add(told, [(c.effect, c.values) for c in selection])
+    return made.of(
+        Errors(read.rate_rad_s - told.rate_rad_s, read.left_m_s - told.left_m_s, read.right_m_s - told.right_m_s)
+    )
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        selected("wheel_eccentricity", side="left", e=0.03, phase=1.0),
+        selected("surface_slip", t0=30.0, t1=45.0, left=0.2, right=0.3),
+        selected("slip_acceleration", k=0.1),
+        selected("tyre_deflation", side="right", total=0.1),
+        selected("gyro_scale_error", k=0.02),
+        selected("gyro_bias_step", t0=40.0, b=0.002),
+    ],
+    ids=lambda c: c.id,
+)
+def test_an_effect_before_a_delay_is_as_late(added: Selected) -> None:
+    everything = (*FAR, LATE_GYRO, added)
+    readings = Readings(along(), chain_of(everything))
+    parts = [readings.sensitivity(c.effect, c.values) for c in everything]
+    whole, own = together(*everything), parts[-1]
+    for channel in ("gyro_rad", "left_m", "right_m"):
+        total = np.sum([getattr(part, channel) * np.ones(len(along().e.step_s)) for part in parts], axis=0)
+        off, size = total - getattr(whole, channel), np.linalg.norm(getattr(own, channel))
+        assert np.linalg.norm(off) <= 0.1 * size + 1e-9
+
+
+def test_without_a_chain_nothing_is_late() -> None:
+    slip = selected("slip_acceleration", k=0.1)
+    made = Readings(along()).sensitivity(slip.effect, slip.values)
+    np.testing.assert_array_equal(made.left_m, along().of(slip.effect.error(along().motion, slip.values)).left_m)
+
+
+def test_a_ripple_is_found_behind_a_delay_of_a_robot_far_off() -> None:
+    """A wheel of other size turns by its counter: by the way it would be two turns off at the end of this drive."""
+    ripple = selected("wheel_eccentricity", side="left", e=0.03, phase=1.0)
+    causes = analyse(recorded(("field", 200.0), 1, *FAR, ripple)).conclusion.causes
+    (found,) = [c.selected for c in causes if c.selected is not None and c.selected.id == ripple.id]
+    assert found.number("phase") == pytest.approx(1.0, abs=0.15)
+    assert found.number("e") == pytest.approx(0.03, abs=3.0 * found.sigma("e"))
