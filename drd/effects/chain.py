@@ -7,7 +7,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import Effect, Values
+from drd.effects.effect import ActsOn, Effect, Values
 from drd.effects.motion import Motion
 
 
@@ -23,7 +23,7 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
     lateral_m_s: Array = np.zeros_like(motion.time_s)
     for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
         error = effect.error(motion, values)
-        if effect.geometry:  # a wheel that is larger than believed turns less
+        if effect.acts_on is ActsOn.WHEELS and effect.covariate != "wheel_phase":  # so much more the wheel turns
             motion = motion.counted(motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s)
             continue
         motion = replace(

@@ -17,7 +17,7 @@ from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
-from drd_tools.diagnose.regression.chain import Readings, beside, chain_of, delays_s, has_clock
+from drd_tools.diagnose.regression.chain import Readings, beside, chain_of, delays_s, has_clock, stamped_later_s
 from drd_tools.diagnose.regression.gram import Gram
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import SCALE, Selected, Values, linear_names, parameter, shape_of
@@ -157,7 +157,7 @@ class Problem:
     def cleared(self, selection: Sequence[Selected]) -> Evidence:
         """The evidence without the selected effects: what, with them added, gives the readings."""
         raw = self.evidence
-        gyro_s, wheels_s = delays_s(selection, raw.edges_s)
+        gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
         clear, body, added = raw, Sensitivity(), Sensitivity()
         for _ in range(CLEARINGS):
