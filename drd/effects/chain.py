@@ -17,20 +17,18 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
     Values are SI. Effects act in the catalogue's order, whatever the order given (the same effect twice: as given).
     Each takes the gyro's rate and the wheels' speeds as those before left them: a limit clips the sum of all, a
     latency delays what is there. Time, temperature, and the body's speed, heading and acceleration stay the truth.
+    A wheel turns by what its counter tells, less what makes the counter uneven: a larger wheel turns less.
     Effects of the body act first, so they see the true rate. The motion given is not written to.
     """
     order = list(catalogue())
     lateral_m_s: Array = np.zeros_like(motion.time_s)
     for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
         error = effect.error(motion, values)
-        if effect.acts_on is ActsOn.WHEELS and effect.covariate != "wheel_phase":  # so much more the wheel turns
-            motion = motion.counted(motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s)
-            continue
+        left_m_s, right_m_s = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
+        if effect.acts_on is ActsOn.WHEELS and effect.covariate != "wheel_phase":
+            motion = motion.turning(left_m_s, right_m_s)
         motion = replace(
-            motion,
-            rate_rad_s=motion.rate_rad_s + error.gyro_rad_s,
-            left_m_s=motion.left_m_s + error.left_m_s,
-            right_m_s=motion.right_m_s + error.right_m_s,
+            motion, rate_rad_s=motion.rate_rad_s + error.gyro_rad_s, left_m_s=left_m_s, right_m_s=right_m_s
         )
         lateral_m_s = lateral_m_s + error.lateral_m_s
     return motion, lateral_m_s

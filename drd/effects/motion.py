@@ -33,18 +33,11 @@ class Motion:
     wheel_radius_m: float
     end_s: float
 
-    def counted(self, left_m_s: Array, right_m_s: Array) -> "Motion":
-        """The motion with other speeds (n,) of the wheels as counters tell them, and with their angles."""
-        steps_s = np.gradient(self.time_s)
-        angles = (
-            angle + (np.cumsum(more) - 0.5 * more) / self.wheel_radius_m
-            for angle, more in (
-                (self.left_wheel_rad, (left_m_s - self.left_m_s) * steps_s),
-                (self.right_wheel_rad, (right_m_s - self.right_m_s) * steps_s),
-            )
-        )
-        left_rad, right_rad = angles
-        return replace(self, left_m_s=left_m_s, right_m_s=right_m_s, left_wheel_rad=left_rad, right_wheel_rad=right_rad)
+    def turning(self, left_m_s: Array, right_m_s: Array) -> "Motion":
+        """The motion with the angles of wheels that turn with other speeds (n,)."""
+        left, right = (np.cumsum(more * np.gradient(self.time_s)) / self.wheel_radius_m
+                       for more in (left_m_s - self.left_m_s, right_m_s - self.right_m_s))  # fmt: skip
+        return replace(self, left_wheel_rad=self.left_wheel_rad + left, right_wheel_rad=self.right_wheel_rad + right)
 
     def temperature_change_c(self) -> Array:
         """Since the standstill; 0 where the temperature is not known."""

@@ -53,10 +53,11 @@ def overlaid(recording: Recording, motion: Motion, errors: Sequence[Errors]) -> 
     return _with_slide(made, x, y)
 
 
-def planted(recording: Recording, effect: Effect, values: Values) -> Recording:
+def planted(recording: Recording, effect: Effect, values: Values, reference_lag_s: float = 0.0) -> Recording:
     """The recording with an effect (values in SI) in the raw rows of each of its sensors.
 
-    An effect of the body moves the reference's positions instead, since no sensor of the robot tells it.
+    An effect of the body moves the reference's positions instead, since no sensor of the robot tells it: by its lag
+    later.
     """
     fog, reference, log = recording.fog, recording.reference, recording.encoders
     m, step_s = recorded_motion(recording, log.time_s), np.diff(_edges_s(log.time_s))
@@ -67,7 +68,8 @@ def planted(recording: Recording, effect: Effect, values: Values) -> Recording:
     if reference is not None and np.any(errors.lateral_m_s):
         slide = errors.lateral_m_s * step_s
         parts = (-np.sin(m.heading_rad), np.cos(m.heading_rad))
-        x, y = (np.interp(reference.time_s, log.time_s, np.cumsum(slide * part)) for part in parts)
+        at_s = reference.time_s - reference_lag_s
+        x, y = (np.interp(at_s, log.time_s, np.cumsum(slide * part)) for part in parts)
         made = _with_slide(made, x, y)
     if fog is not None:
         # The gyro's own rows: a limit clips, and a delay moves, its noise too.

@@ -17,7 +17,7 @@ import numpy as np
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect, Values
-from drd_tools.diagnose.analysis import analyse
+from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Amount
 from drd_tools.diagnose.run import run as diagnose
@@ -58,7 +58,7 @@ def run(
         folder = by_name[row.case]
         chosen = (case for case in row.plantings if is_chosen(case, only))
         todo = [(case, row.plantings[case]) for case in chosen if case not in there]
-        return [partial(diagnosed, folder, case, true) for case, true in todo]
+        return [partial(diagnosed, folder, case, true, row.lag_s) for case, true in todo]
 
     todo: list[Call[Row]] = [partial(plan, folder, seed) for name, folder in by_name.items() if name not in there]
     todo += [call for row in done if row.case in by_name for call in then(row)]
@@ -69,13 +69,23 @@ def plan(folder: Path, seed: int) -> Untouched:
     """Diagnose a drive as it is, and size each effect for each of DISTANCES."""
     recording = read_recording(folder)
     said = _diagnosed(recording)
-    plantings, not_visible = ({}, []) if said["verdict"] == FAILED else _plantings(recording, seed)
-    return Untouched(case=folder.name, kind=UNTOUCHED, effects=[], plantings=plantings, not_visible=not_visible, **said)
-
-
-def _plantings(recording: Recording, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
-    """Effects to plant, by case, and the cases that this drive cannot show."""
+    if said["verdict"] == FAILED:
+        return Untouched(case=folder.name, kind=UNTOUCHED, effects=[], plantings={}, not_visible=[], **said)
     analysis = analyse(recording)
+    plantings, not_visible = _plantings(recording, analysis, seed)
+    return Untouched(
+        case=folder.name,
+        kind=UNTOUCHED,
+        effects=[],
+        plantings=plantings,
+        not_visible=not_visible,
+        lag_s=analysis.measured.lag_s,
+        **said,
+    )
+
+
+def _plantings(recording: Recording, analysis: Analysis, seed: int) -> tuple[dict[str, TrueEffect], list[str]]:
+    """Effects to plant, by case, and the cases that this drive cannot show."""
     whitener, plantings, not_visible = Whitener.of(analysis), {}, []
     for effect in (x for x in catalogue().values() if x.is_diagnosed):
         for d in DISTANCES:
@@ -103,9 +113,9 @@ def _own(found: Found, effect: Effect, values: Values) -> dict[str, Amount]:
     return {name: Amount(fitted.number(name) / q.si, fitted.sigma(name) / q.si, q.unit) for name, q in linear.items()}
 
 
-def diagnosed(folder: Path, case: str, true: TrueEffect) -> Planted:
-    """Plant an effect and diagnose the drive."""
-    recording = planted(read_recording(folder), catalogue()[true.effect], si(true))
+def diagnosed(folder: Path, case: str, true: TrueEffect, lag_s: float) -> Planted:
+    """Plant an effect in a drive whose reference is so late, and diagnose it."""
+    recording = planted(read_recording(folder), catalogue()[true.effect], si(true), lag_s)
     said = _diagnosed(replace(recording, folder=Path(case)))
     return Planted(case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name, **said)
 

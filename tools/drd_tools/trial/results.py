@@ -118,10 +118,14 @@ class Record(Answer, kw_only=True):
 
 
 class Untouched(Record, kw_only=True):
-    """A real drive as it is: the effects that it can show, each with the case that plants it, and the others."""
+    """A real drive as it is: the effects that it can show, each with the case that plants it, and the others.
+
+    `lag_s`: how late its reference is.
+    """
 
     plantings: dict[str, TrueEffect]
     not_visible: list[str]
+    lag_s: float = 0.0
 
 
 class Planted(Record, kw_only=True):

@@ -191,12 +191,11 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     if not len(e.fix):
         return []
     k = e.fix_step
-    c, s = np.cos(path.pose[k + 1, 2]), np.sin(path.pose[k + 1, 2])
     # From the sensors: the path is bent to the fixes, and has their noise in it.
-    travel, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
-    moved = np.column_stack(
-        [travel * np.cos(middle), travel * np.sin(middle), _turn(e, path, float(np.median(e.step_s)))]
-    )
+    travel, middle, turn = 0.5 * (e.left_m + e.right_m), path.middle_rad, _turn(e, path, float(np.median(e.step_s)))
+    heading = path.pose[0, 2] + np.cumsum(turn)[k]
+    c, s = np.cos(heading), np.sin(heading)
+    moved = np.column_stack([travel * np.cos(middle), travel * np.sin(middle), turn])
     dp = (moved / e.step_s[:, None])[k]
     zero = np.zeros(len(k))
     one = zero + 1

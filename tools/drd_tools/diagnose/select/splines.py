@@ -257,7 +257,7 @@ def _is_shown(e: Evidence, channel: str, covariate: str) -> bool:
 
 def covariates(problem: Problem) -> dict[str, tuple[Array, Array]]:
     """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
-    m = problem.readings.motion
+    m = problem.sensitivities.motion
     found: dict[str, tuple[Array, Array]] = {}
     moving = np.abs(m.speed_m_s) > 0.02
     plain = {
