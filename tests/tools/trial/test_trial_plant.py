@@ -1,6 +1,7 @@
 """Effects planted in the raw data of recorded drives."""
 
 import importlib.util
+import math
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,17 @@ def test_an_effect_of_the_body_moves_the_reference() -> None:
     np.testing.assert_array_equal(ours.wheel_angles_rad(), plain.wheel_angles_rad())
 
 
+def test_a_late_reference_shows_an_effect_of_the_body_late() -> None:
+    effect, values = catalogue()["rotation_centre_offset"], {"a": 0.2}
+    plain = simulate(make_truth(make_drive("square-cw", 90.0)), DEFAULT, (), PERFECT, 3).recording
+    moved = [planted(plain, effect, values, lag_s).reference for lag_s in (0.0, 0.5)]
+    was = plain.reference
+    assert was is not None
+    in_time, late = (r.x_m - was.x_m for r in moved if r is not None)
+    np.testing.assert_allclose(np.interp(was.time_s - 0.5, was.time_s, in_time), late, atol=1e-3)
+    assert np.abs(late - in_time).max() > 0.02
+
+
 @pytest.mark.parametrize(
     ("effect", "parameter", "before", "added", "together"),
     [
@@ -141,6 +153,15 @@ def test_a_size_is_judged_upon_that_of_the_untouched_drive() -> None:
     assert interval.std == pytest.approx(0.05)
     assert not score(true, [finding("tread_error", k=amount(0.45, 0.04))], [before]).sized
     assert score(true, [finding("tread_error", k=amount(0.1, 0.04))], []).sized
+
+
+def test_a_size_is_judged_upon_what_the_drive_has_of_it_untold() -> None:
+    true = TrueEffect(effect="gyro_vibration_bias", parameters={"k": 0.2}, own={"k": amount(0.04, 0.03)})
+    found = score(true, [finding("gyro_vibration_bias", k=amount(0.25, 0.04))], [])
+    assert found.sized
+    (interval,) = found.intervals
+    assert interval.true == pytest.approx(0.24)
+    assert interval.std == pytest.approx(0.05)
 
 
 def test_an_estimate_without_a_deviation_is_within_a_tenth() -> None:
@@ -222,12 +243,15 @@ def test_real_and_drawn_drives_do_not_mix(tmp_path: Path) -> None:
 def test_d_is_of_what_planting_does_to_readings_of_a_robot_far_off() -> None:
     """Whose counters tell a tread 65 % too large, and are late: once, not twice."""
     recording = recorded(("field", 200.0), 1, selected("tread_error", k=0.65), selected("encoder_latency", delay=0.17))
-    whitener, effect, values = Whitener.of(analyse(recording)), catalogue()["encoder_clock_skew"], {"ppm": 500e-6}
+    analysis = analyse(recording)
+    whitener, effect, values = Whitener.of(analysis), catalogue()["encoder_clock_skew"], {"ppm": 500e-6}
     p = whitener.problem
     rows = p.effect_rows([selected(effect.id, **values)])
     changed = gather(planted(recording, effect, values), p.evidence.robot)
     other = Problem(changed, p.path, p.noise, p.fix_inflation, inflation=p.inflation, near=p)
     # The noise is moved, too.
     assert float(rows @ (other.data - p.data) / (rows @ rows)) == pytest.approx(1.0, abs=0.15)
-    # A lag that grows is a longer one, and how lags change by themselves.
-    assert whitener.detectability(effect, values) < 0.15 * np.linalg.norm(rows)
+    # How a lag grows the calibration tells, beside how lags change by themselves: by 30 ms in a drive.
+    sigma = math.hypot(analysis.measured.sigma.lag_growth, 0.03 / 200.0)
+    assert whitener.detectability(effect, values) == pytest.approx(500e-6 / sigma, rel=0.01)
+    assert whitener.detectability(catalogue()["gyro_sample_clock"], {"ratio": 1.0 + 500e-6}) > 0.0
