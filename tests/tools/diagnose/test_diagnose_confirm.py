@@ -177,3 +177,17 @@ def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:
     assert status_of(2.0 * FAMILY_WISE, 1e9) is Status.SUSPECTED
     assert status_of(FAMILY_WISE, 1e9) is Status.CONFIRMED
     assert status_of(FAMILY_WISE, 1.0) is Status.SUPPORTED
+
+
+@pytest.mark.parametrize(
+    ("bend", "name"), [((), "gyro_scale_error"), (({"a2": 0.0, "a3": 0.006},), "gyro_scale_nonlinearity")]
+)
+def test_a_scale_that_hardly_bends_is_a_scale(bend: tuple[dict[str, float], ...], name: str) -> None:
+    largest = {"largest_rate": 0.75}
+    bent = [selected("gyro_scale_nonlinearity", **largest, **values) for values in bend]
+    p = problem(SLALOM, 1, selected("gyro_scale_error", k=-0.01), *bent)
+    effect = selected("gyro_scale_nonlinearity", **largest, a2=0.0, a3=0.0).effect
+    fit = refine(p, [Selected(effect, {**largest, "a2": 0.0, "a3": 1e-4, "scale": -0.01}, ("a3", "scale"))])
+    made = conclusion._straight(Found(p, fit, Search(p).score(fit), 0.0))
+    assert [c.id for c in made.fit.selection] == [name]
+    assert made.score == pytest.approx(Search(p).score(made.fit))

@@ -29,7 +29,7 @@ from drd_tools.diagnose.select.orders import ripples
 from drd_tools.diagnose.select.search import Found, Search, linearised
 from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.splines import CHANNELS, Curve, SplineTerms
-from drd_tools.diagnose.selected import Selected
+from drd_tools.diagnose.selected import SCALE, Selected
 
 # What a world that is a little unlike the model gives to some name or curve: so weak, nothing is said. Found
 # by the trial.
@@ -64,6 +64,7 @@ def conclude(
     """
     constants = {*calibrated, *expected}
     logic = [e.selected for e in events]
+    found = _straight(found)
     before, search = found.fit, Search(found.problem, logic)
     tests = _tests(found, search)
     found = _held(found, search, tests, constants, expected)
@@ -105,6 +106,21 @@ def conclude(
     return Conclusion(
         findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained, of_the_reference
     )
+
+
+def _straight(found: Found) -> Found:
+    """Each effect beside a straight line as that line, where what it bends gains next to nothing."""
+    for one in found.fit.selection:
+        line = one.effect.beside
+        if line is None or SCALE.name not in one.values or one.effect.absorbed(one.values, 0.0) is not None:
+            continue
+        (q,) = line.parameters
+        straight = Selected(line, {q.name: one.number(SCALE.name)}, (q.name,))
+        others = [c for c in found.fit.selection if c is not one and c.id != line.id]
+        fit = refine(found.problem, [*others, straight])
+        if fit.cost - found.fit.cost < LEAST_NATS:
+            found = replace(found, fit=fit, score=Search(found.problem).score(fit))
+    return found
 
 
 def _left_over(
