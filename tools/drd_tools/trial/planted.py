@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from msgspec import Struct
+from msgspec import Struct, UnsetType
 from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
@@ -73,7 +73,8 @@ def _is_near(i: Interval) -> bool:
 def _on_top(true: TrueEffect, mine: Finding, untouched: Sequence[Finding]) -> list[Interval]:
     """Estimates against the planted effect together with the same of the untouched drive, whose error counts too."""
     there = next((f for f in untouched if f.effect == true.effect and _is_alike(true, f)), None)
-    before = {**true.own, **({} if there is None else there.parameters)}
+    own = {} if isinstance(true.own, UnsetType) else true.own
+    before = {**own, **({} if there is None else there.parameters)}
     return [
         replace(
             i,

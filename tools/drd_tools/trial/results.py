@@ -48,7 +48,7 @@ class TrueEffect(Struct, kw_only=True):
     distance: float | UnsetType = UNSET
     ceiling: float | UnsetType = UNSET
     least: float | UnsetType = UNSET
-    own: dict[str, Amount] = {}
+    own: dict[str, Amount] | UnsetType = UNSET
 
 
 class Run(Struct, frozen=True):

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr
 
-from drd.effects.effect import ActsOn, Parameter
+from drd.effects.effect import ActsOn, Begins, Parameter
+from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
@@ -57,7 +58,8 @@ def reported_estimates(
         profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
         widths *= [scatters[i] if selected.parameter(name).linear else 1.0 for name in selected.free]
-        widths = np.hypot(widths, [_of_the_reference(problem, selected, name) for name in selected.free])
+        by_itself = [_of_the_reference(problem, selected, name) for name in selected.free]
+        widths = np.hypot(np.hypot(widths, by_itself), _by_themselves(problem, selected))
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
         selection.append(replace(shrunken[i], covariance=own * scale[:, None] * scale))
     return tuple(selection)
@@ -69,6 +71,17 @@ def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
         return 0.0
     lasts_s = float(np.ptp(problem.evidence.edges_s))
     return {"s": REFERENCE_S, "ppm": REFERENCE_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
+
+
+def _by_themselves(problem: Problem, selected: Selected) -> float:
+    """Deviation of a clock's rate by how the lags of wheels and reference change by themselves; 0 of all else. (79)"""
+    effect, e = selected.effect, problem.evidence
+    if effect.acts_on is not ActsOn.TIMING or effect.begins is not Begins.GROWING or not e.has_three_clocks:
+        return 0.0
+    wander_s = WHEELS_WANDER_S
+    if effect.channel == "gyro":  # which both of them tell
+        wander_s = (WHEELS_WANDER_S**-2 + REFERENCE_WANDER_S**-2) ** -0.5
+    return wander_s / float(np.ptp(e.edges_s))
 
 
 def odds_over_the_reference(problem: Problem, selected: Selected) -> float:
