@@ -131,8 +131,10 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
         if not _needs_linearising([selected], worth):
             continue
         is_known, is_late = selected.id in search.known, any(map(_is_timing, rest.selection))
-        # Two delays may stand for one, or a delay and another effect: each alone is far off until the time is shifted.
+        # Two delays may stand for one, or a delay and others for it: each alone is far off until the time is shifted.
         sets = [[*rest.selection]] if is_late and not is_known else []
+        if _is_timing(selected) and not is_known:
+            sets.append([*(c for c in rest.selection if c.id in search.known), selected])
         if not is_known:
             close = (1.0 - CLOSE_SHARE) * worth
             rivals = [r for gain, r in search.ranked(rest) if r.id != selected.id and gain > close]
