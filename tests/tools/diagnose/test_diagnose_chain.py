@@ -1,4 +1,4 @@
-"""What sensors tell of effects whose readings pass through a geometry and delays."""
+"""Sensors' readings of effects that pass through a geometry and delays."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,7 +28,7 @@ def along() -> Sensitivities:
 
 
 def together(*selection: Selected) -> Sensitivity:
-    """What effects do to the sensors one after the other, as in the simulator."""
+    """Errors of all sensors by effects that act one after the other, as in the simulator."""
     made, told = along(), problem(WAREHOUSE, 1).sensitivities.motion
     read, _ = add(told, [(c.effect, c.values) for c in selection])
     return made.of(

@@ -1,4 +1,4 @@
-"""What sensors tell of errors: along the readings that other effects make, and behind the delays after them. (73)"""
+"""Sensors' readings of effects: through the geometry before them, and behind the wheels' delays after them. (73)"""
 
 import itertools
 from collections.abc import Sequence
@@ -101,7 +101,7 @@ class _Late:
 
 
 class Readings:
-    """What sensors tell of a motion, and of effects along it, with the geometry and the wheels' delays of a chain."""
+    """Sensors' readings of a motion, and of effects along it, with the geometry and the wheels' delays of a chain."""
 
     def __init__(self, sensitivities: Sensitivities, chain: Sequence[Selected] = ()):
         self.sensitivities, self.chain = sensitivities, tuple(chain)
