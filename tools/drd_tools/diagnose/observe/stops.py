@@ -29,7 +29,7 @@ COUNTS: Final = 4.0  # by which both counters' ends may be off together
 DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
 # Which share of the other wheel's travel must be missing: of a tread that is measured, and of one that is not.
 MEASURED, BELIEVED = 0.3, 0.5
-USUAL_PERCENT, CREEPING = 95.0, 0.15  # of its usual speed: a gyro's bias makes so much of a wheel that stands
+LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: what ages, or warms up, is off its sheet
 LIKELY_SHARE: Final = 0.3  # of the other wheel's travel, missing: this much beside a certain stop is part of it
 
 
@@ -131,7 +131,6 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
     An interval that is only likely belongs to one that is certain: the counter has not counted between them.
     """
     certain: list[_Stop] = []
-    usual_m_s = float(np.percentile(np.abs(its) / np.diff(log.time_s), USUAL_PERCENT))
     likely: list[tuple[float, float]] = []
     for begin, end in ((first + i, first + j) for i, j in runs(its[first:last] != 0.0)):
         edges_s = log.time_s[begin : end + 1]
@@ -141,7 +140,7 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
         t0, t1 = float(edges_s[0]), float(edges_s[-1])
         if missed.distance_m >= LIKELY_SHARE * missed.other_m:
             likely.append((t0, t1))
-        least_m = max(STOP_SIGMAS * missed.sigma_m, least.of_way * missed.other_m, usual_m_s * CREEPING * missed.rest_s)
+        least_m = max(STOP_SIGMAS * missed.sigma_m, least.of_way * missed.other_m)
         if missed.rows >= SHORTEST_STOP_ROWS and missed.rest_s >= least.rest_s and missed.distance_m >= least_m:
             certain.append(_Stop(t0, t1, missed.distance_m, 0.5 * (missed.distance_m / missed.sigma_m) ** 2))
     if not certain:
@@ -164,15 +163,23 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
     a, b = sorted((int(distance.argmin()), int(distance.argmax())))
     early, turn, late = (headings[:, b] - headings[:, a]).tolist()
     other_m = abs(float(other[b] - other[a]))
-    # A turn about the standing wheel leaves it where it is, up to slip, a wrong tread and a wrong time.
+    gone_m, seconds = abs(float(distance[b] - distance[a])), float(edges_s[b] - edges_s[a])
+    # A turn about the standing wheel leaves it where it is, up to slip, a wrong tread, time and heading.
     sigmas = (
         e.datasheet.slip_m_per_sqrt_m * math.sqrt(other_m),
         least.of_turn * least.tread_m * turn,
         least.tread_m * (late - early) / 2.0,
+        least.tread_m * _heading_sigma_rad(e, seconds),
         COUNTS * e.datasheet.count_m,
     )
-    gone_m, seconds = abs(float(distance[b] - distance[a])), float(edges_s[b] - edges_s[a])
     return _Missed(gone_m, math.hypot(*sigmas), other_m, seconds, b - a)
+
+
+def _heading_sigma_rad(e: Evidence, seconds: float) -> float:
+    """Deviation of a change of `_headings`: by the gyro's bias, else by the reference's noise."""
+    if e.gyro_rad is not None:
+        return max(e.datasheet.bias_rad_s, LEAST_BIAS_RAD_S) * seconds
+    return math.sqrt(2.0) * e.datasheet.heading_rad
 
 
 def _headings(e: Evidence, time_s: Array) -> Array | None:
