@@ -69,9 +69,10 @@ def _drift(part: Turns | None, most: float) -> Drift | None:
         x = x + move
         if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
             break
-    blocks = part.by_block(score)
-    covariance = inverse @ (blocks.T @ blocks) @ inverse.T
-    sigma = math.sqrt(max(float(covariance[1, 1]), 0.0))
+    blocks, instrument = part.by_block(score), Z * part.weights[:, None]
+    # Where few turns tell, their blocks agree by chance: as unsure as by the noise of its rows it is at least.
+    squares = (blocks.T @ blocks, part.noise_square * instrument.T @ instrument)
+    sigma = math.sqrt(max(float((inverse @ square @ inverse.T)[1, 1]) for square in squares))
     return Drift(float(x[0]), float(x[1]), sigma) if np.isfinite(x).all() else None
 
 
@@ -79,16 +80,15 @@ def _likeliest_growth(part: Turns, most: float) -> Array:
     """Lag at time 0, s, and its growth, up to `most` s/s, (2,), from which a fit sets out."""
     some = slice(None, None, max(1, len(part.at_s) // SOME_ROWS))
     at_s, half_s = part.at_s[some], np.broadcast_to(part.half_s, part.at_s.shape)[some]
-    turn, since_s = over(part.time_s, part.turn, at_s, half_s), at_s - at_s[0]
+    turn = over(part.time_s, part.turn, at_s, half_s)
     turn -= turn.mean()
 
     def alike(late: tuple[float, float]) -> float:
-        other = over(part.other_s, part.other, at_s - late[0] - late[1] * since_s, half_s)
+        other = over(part.other_s, part.other, at_s - late[0] - late[1] * at_s, half_s)
         other -= other.mean()
         return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
 
-    step = END_GRID_S / float(since_s[-1])
+    step = END_GRID_S / float(at_s[-1])
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
     growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
-    lag_s, growth = max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike)
-    return np.array([lag_s - growth * at_s[0], growth])
+    return np.array(max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from drd.arrays import Array
 from drd_tools.calibrate.wheels.fit import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.calibrate.wheels.turns import (
-    BLOCK_S,
     EARLIEST_S,
     LATEST_S,
     LEAST_SIGMA_RAD,
@@ -50,9 +49,14 @@ class Lag:
     each: dict[str, float] = field(default_factory=dict)
 
     @property
+    def is_usual(self) -> bool:
+        """Whether it is one that sensors have: at the ends of those that are looked at it may be any."""
+        return EARLIEST_S < self.lag_s < LATEST_S
+
+    @property
     def determined(self) -> bool:
         """Whether the recordings tell it."""
-        return self.sigma_s <= LIMIT_S and EARLIEST_S < self.lag_s < LATEST_S
+        return self.sigma_s <= LIMIT_S and self.is_usual
 
     @property
     def applies(self) -> bool:
@@ -72,6 +76,23 @@ class Lag:
     def timing_s(self) -> float:
         """Standard deviation of one reading's lag: sigma, spread, and where in its hold it was read."""
         return math.hypot(self.next_s, self.hold_s / math.sqrt(12.0))
+
+
+class _Scores(NamedTuple):
+    """Information on the lag in one recording, and the score of each block of rows, (b,).
+
+    `by_noise`: the sum of the scores' squares as the noise of the rows alone would make it. Where few turns tell, their
+    blocks agree by chance.
+    """
+
+    information: float
+    by_block: Array
+    by_noise: float
+
+    @property
+    def tells(self) -> bool:
+        """Whether it tells a lag by itself, and how sure that is."""
+        return self.information > 0.0 and len(self.by_block) > 1
 
 
 def find_lag(recordings: Sequence[Recording]) -> Lag | None:
@@ -97,8 +118,8 @@ def _found(against: str, parts: Sequence[Turns], hold_s: float) -> Lag | None:
         for part, (residual, *_) in zip(parts, found, strict=True):
             part.reweigh(residual)
         scores = [_scores(part, *part.regress(lag_s)[:3]) for part in parts]
-        information = sum(of[0] for of in scores)
-        move_s = sum(float(of[1].sum()) for of in scores) / information if information > 0.0 else 0.0
+        information = sum(of.information for of in scores)
+        move_s = sum(float(of.by_block.sum()) for of in scores) / information if information > 0.0 else 0.0
         lag_s = min(max(lag_s + move_s, EARLIEST_S), LATEST_S)
         if abs(move_s) < CONVERGED_S:
             break
@@ -107,18 +128,17 @@ def _found(against: str, parts: Sequence[Turns], hold_s: float) -> Lag | None:
     return _result(against, parts, scores, lag_s, hold_s)
 
 
-def _result(
-    against: str, parts: Sequence[Turns], scores: Sequence[tuple[float, Array]], lag_s: float, hold_s: float
-) -> Lag:
-    information = sum(of[0] for of in scores)
-    clusters = [np.concatenate([of[1] for of in scores])]
+def _result(against: str, parts: Sequence[Turns], scores: Sequence[_Scores], lag_s: float, hold_s: float) -> Lag:
+    information = sum(of.information for of in scores)
+    clusters = [np.concatenate([of.by_block for of in scores])]
     if len(parts) >= MANY_RECORDINGS:
-        clusters.append(np.array([of[1].sum() for of in scores]))
-    sigma_s = max(math.sqrt(_scatter(cluster)) / information for cluster in clusters)
-    informative = [(part, *of) for part, of in zip(parts, scores, strict=True) if of[0] > 0.0 and len(of[1]) > 1]
-    each = np.array([lag_s + by_block.sum() / own for _, own, by_block in informative])
-    variances = np.array([_scatter(by_block) / own**2 for _, own, by_block in informative])
-    names = {part.name: float(own_s) for (part, *_), own_s in zip(informative, each, strict=True)}
+        clusters.append(np.array([of.by_block.sum() for of in scores]))
+    squares = (sum(of.by_noise for of in scores), *map(_scatter, clusters))
+    sigma_s = math.sqrt(max(squares)) / information
+    informative = [(part.name, of) for part, of in zip(parts, scores, strict=True) if of.tells]
+    each = np.array([lag_s + of.by_block.sum() / of.information for _, of in informative])
+    variances = np.array([max(_scatter(of.by_block), of.by_noise) / of.information**2 for _, of in informative])
+    names = {name: float(own_s) for (name, _), own_s in zip(informative, each, strict=True)}
     return Lag(against, lag_s, sigma_s, spread(each, variances), hold_s, names)
 
 
@@ -147,15 +167,11 @@ def _best_of_grid(parts: Sequence[Turns]) -> float:
     return float(min(grid, key=misfit))
 
 
-def _scores(part: Turns, residual: Array, slope: Array, by_wheels: Array) -> tuple[float, Array]:
-    """Information on the lag, and the score of each block of rows.
-
-    The wheels' own slope is the instrument: the noise of the other sensor is in its slope, and would square.
-    """
-    weights = part.weights / part.sigma**2
-    block = ((part.at_s - part.at_s[0]) / BLOCK_S).astype(np.intp)
-    by_block: Array = np.bincount(block, weights * by_wheels * residual).astype(np.float64)
-    return float(weights @ (slope * by_wheels)), by_block[np.bincount(block) > 0]
+def _scores(part: Turns, residual: Array, slope: Array, by_wheels: Array) -> _Scores:
+    """The wheels' own slope is the instrument: the noise of the other sensor is in its slope, and would square."""
+    instrument = part.weights / part.sigma**2 * by_wheels
+    by_noise = part.noise_square * float(instrument @ instrument)
+    return _Scores(float(instrument @ slope), part.by_block(instrument * residual), by_noise)
 
 
 def _scatter(clusters: Array) -> float:

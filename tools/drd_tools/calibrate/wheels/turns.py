@@ -78,8 +78,13 @@ class Turns:
         self.sigma = max(LEAST_SIGMA_RAD, 1.4826 * float(np.median(np.abs(residual))))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
+    @property
+    def noise_square(self) -> float:
+        """Variance of a row's turn times how many rows look at the same, since what they see hangs together."""
+        return self.sigma**2 * float(np.mean(2.0 * self.half_s) / np.median(np.diff(self.at_s)))
+
     def by_block(self, scores: Array) -> Array:
-        """Sums of scores (m, k) over blocks of BLOCK_S, (b, k)."""
+        """Sums of scores (m, ...) over blocks of BLOCK_S, (b, ...)."""
         first = np.flatnonzero(np.diff(self.at_s // BLOCK_S, prepend=-1.0))
         return np.asarray(np.add.reduceat(scores, first, axis=0))
 

@@ -78,8 +78,10 @@ def find_lags(recording: Recording) -> Lags:
 
 
 def _determined(lag: Lag | None) -> tuple[float, float]:
-    """A lag and its standard deviation, s; 0 where it is not determined."""
-    return (lag.lag_s, lag.sigma_s) if lag is not None and lag.determined else (0.0, 0.0)
+    """A lag and its standard deviation, s; 0 where it is not determined, as one that is clearly there is."""
+    if lag is None or not (lag.determined or (lag.is_usual and abs(lag.lag_s) > SURE * lag.sigma_s)):
+        return 0.0, 0.0
+    return lag.lag_s, lag.sigma_s
 
 
 def _reversed(lag: Lag | None) -> Lag | None:
