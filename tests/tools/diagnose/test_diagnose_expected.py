@@ -11,7 +11,6 @@ from diagnosis_runs import SCALE, written
 from msgspec.structs import replace
 from scipy import stats
 
-from drd_tools.diagnose.combine import expected as module
 from drd_tools.diagnose.combine.expected import Expected, expected
 from drd_tools.diagnose.combine.joint import SufficientStatistics, sufficient_statistics
 from drd_tools.diagnose.combine.pool import combined
@@ -68,8 +67,8 @@ def test_the_bayes_factor_is_the_ratio_of_marginal_likelihoods() -> None:
     G, b, mean, std = 1.0 / STD**2, 0.7 * K / STD**2, K, 0.003
     k = np.linspace(mean - 8.0 * std, mean + 8.0 * std, 20001)
     integral = np.trapezoid(stats.norm.pdf(k, mean, std) * np.exp(b * k - 0.5 * G * k**2), k)
-    found = module._bayes_factor(np.array([[G]]), np.array([b]), np.array([mean]), np.array([std]))
-    assert found == pytest.approx(integral, rel=1e-6)
+    seen = SufficientStatistics((("tread_error", "k"),), np.array([[G]]), np.array([b]), 100, {}, (0.0, 1.0))
+    assert seen.log_bayes_factor("tread_error", {"k": (mean, std)}) == pytest.approx(np.log(integral), rel=1e-6)
 
 
 def test_a_short_drive_of_a_robot_is_told_with_the_names_of_the_long_ones(tmp_path: Path) -> None:

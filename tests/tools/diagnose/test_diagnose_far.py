@@ -317,6 +317,18 @@ def test_a_counter_that_stops_while_its_wheel_goes_back_and_ahead_again_is_found
     assert event.selected.id == "encoder_dropout"
 
 
+@pytest.mark.parametrize("has_gyro", [True, False])
+def test_a_counter_that_stops_while_a_fast_robot_creeps_is_found(has_gyro: bool) -> None:
+    route = Route().stand(10.0).straight(12.0, 1.0).stand(1.0).straight(0.8, 0.08).stand(1.0)
+    truth = make_truth(Drive(route.steps(), 0))
+    end_s = float(simulate(truth, DEFAULT, [], Conditions(), seed=0).recording.encoders.time_s[-1])
+    dropout = selected("encoder_dropout", side="left", t0=end_s - 8.0, t1=end_s - 3.0)
+    made = simulate(truth, DEFAULT, [(dropout.effect, dropout.values)], Conditions(), seed=0).recording
+    (event,) = observe(made if has_gyro else replace(made, fog=None))[1].events
+    assert event.selected.id == "encoder_dropout"
+    assert event.windows[0] == pytest.approx((end_s - 8.0, end_s - 3.0), abs=0.1)
+
+
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
 @pytest.mark.parametrize(
     ("name", "window_s", "share"),

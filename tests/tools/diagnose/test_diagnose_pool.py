@@ -66,6 +66,28 @@ def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp
     assert "contradict" not in found[0].sentence
 
 
+def knowing(k: float, sigma: float) -> SufficientStatistics:
+    """A recording whose data tell a tread to `sigma`, and see `k`."""
+    return SufficientStatistics(
+        (("tread_error", "k"),), np.array([[sigma**-2]]), np.array([k * sigma**-2]), 100, {}, (0.0, 1.0)
+    )
+
+
+def test_a_name_against_which_the_data_of_others_speak_is_withdrawn_whatever_they_say(tmp_path: Path) -> None:
+    alone, blind = seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.02)
+
+    def status(*others: SufficientStatistics) -> Status:
+        # Of its class, too, they say a name.
+        alike = replace(blind, findings=(replace(tread(0.1), effect="turn_scrub", also_fits=("tread_error",)),))
+        found = combined([alone, *[alike] * len(others)], [EMPTY, *others]).findings
+        return next(f.status for f in found if f.effect == "tread_error")
+
+    assert status(knowing(0.0, 0.004), knowing(0.001, 0.004)) is Status.SUSPECTED
+    assert status(knowing(0.0, 0.004)) is Status.CONFIRMED  # one alone may be the one that is wrong
+    assert status(knowing(0.0, 0.03), knowing(0.001, 0.03)) is Status.CONFIRMED
+    assert status(knowing(0.0, 0.004), knowing(0.022, 0.004)) is Status.CONFIRMED
+
+
 def test_constants_that_contradict_each_other_are_told(tmp_path: Path) -> None:
     one, two, three = (seeing(tmp_path, 0.001, tread(*value)) for value in ((0.02,), (0.05,), (0.055, 0.02)))
     results = [replace(r, recording=name) for r, name in ((one, "monday"), (two, "tuesday"), (three, "friday"))]

@@ -5,21 +5,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.means import scatter, weighted
-from drd_tools.diagnose.combine.pool import would_show
+from drd_tools.diagnose.combine.pool import STRONG_ODDS, would_show
 from drd_tools.diagnose.conclude.cause import Cause, sentence
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
-from drd_tools.diagnose.results import NOTHING, Array, Finding, Result, Status, Support
+from drd_tools.diagnose.results import NOTHING, Finding, Result, Status, Support
 from drd_tools.diagnose.selected import Selected
 
 FEWEST: Final = 2  # other recordings that show an effect: one alone may be the one that is wrong
-LEAST_ODDS: Final = 20.0  # to 1: "strong" (Kass and Raftery 1995)
 
 
 class Expected(NamedTuple):
@@ -69,7 +66,7 @@ def _of_one(i: int, results: Sequence[Result], own: SufficientStatistics) -> tup
     said = names_of(results[i].findings)
     others = [*results[:i], *results[i + 1 :]]
     found = (_judged(effect, others, own) for effect in dict.fromkeys(e for e, _ in own.names) if effect not in said)
-    return tuple(one for one in found if one is not None and one.odds >= LEAST_ODDS)
+    return tuple(one for one in found if one is not None and one.odds >= STRONG_ODDS)
 
 
 def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) -> Expected | None:
@@ -81,9 +78,10 @@ def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) ->
     if len(findings) <= without:
         return None
     prior = _prior(effect, findings)
-    index = [own.names.index((effect, name)) for name in prior]
-    mean, std = np.transpose(list(prior.values()))
-    bayes_factor = _bayes_factor(own.G[np.ix_(index, index)], own.b[index], mean, std)
+    nats = own.log_bayes_factor(effect, prior)
+    if nats is None:
+        return None
+    bayes_factor = math.exp(min(nats, LARGEST_NATS))
     values = {name: value for name, (value, _) in prior.items()}
     selected = Selected(catalogue()[effect], values, tuple(values), prior=prior)
     return Expected(selected, len(findings), bayes_factor, bayes_factor * (len(findings) + 1) / (without + 1))
@@ -97,12 +95,3 @@ def _prior(effect: str, findings: Sequence[Finding]) -> dict[str, tuple[float, f
         value, std = weighted(amounts, beyond := scatter(amounts))
         made[q.name] = value * q.si, math.sqrt(std**2 + beyond) * q.si
     return made
-
-
-def _bayes_factor(G: Array, b: Array, mean: Array, std: Array) -> float:
-    """Likelihood of data of information G (p, p) and score b (p,) with the prior, over that without the effect."""
-    weight = np.diag(std**-2.0)
-    score = b + weight @ mean
-    nats = 0.5 * float(score @ np.linalg.solve(G + weight, score) - mean @ weight @ mean)
-    nats -= 0.5 * float(np.linalg.slogdet(np.eye(len(b)) + std[:, None] ** 2 * G)[1])
-    return math.exp(min(nats, LARGEST_NATS))

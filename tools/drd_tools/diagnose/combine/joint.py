@@ -5,7 +5,7 @@ projected out. Their sums are those of one regression over all recordings, with 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -47,6 +47,20 @@ class SufficientStatistics:
     rows: int
     ranges: dict[str, Ranges]
     span_s: Window
+
+    def log_bayes_factor(self, effect: str, prior: Mapping[str, tuple[float, float]]) -> float | None:
+        """Log of the likelihood with an effect over that without it, nats; None where it has no columns. (89)
+
+        `prior`: mean and standard deviation, SI, of each parameter.
+        """
+        if not prior or not all((effect, name) in self.names for name in prior):
+            return None
+        index = [self.names.index((effect, name)) for name in prior]
+        mean, std = np.transpose(list(prior.values()))
+        G, weight = self.G[np.ix_(index, index)], np.diag(std**-2.0)
+        score = self.b[index] + weight @ mean
+        nats = 0.5 * float(score @ np.linalg.solve(G + weight, score) - mean @ weight @ mean)
+        return nats - 0.5 * float(np.linalg.slogdet(np.eye(len(mean)) + std[:, None] ** 2 * G)[1])
 
 
 def shared() -> list[Effect]:

@@ -32,6 +32,7 @@ from drd_tools.diagnose.results import (
 
 SURER: Final = list(Status)
 FEWEST_AGAINST: Final = 2  # recordings: one alone may be the one that is wrong
+STRONG_ODDS: Final = 20.0  # to 1 (Kass and Raftery 1995)
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 
@@ -49,7 +50,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     findings: list[Finding] = []
     for name, said in _grouped(results).items():
         if name in catalogue() and catalogue()[name].lasting:
-            findings.append(_borne_out(_one_of(said, len(results)), said, results))
+            findings.append(_borne_out(_one_of(said, len(results)), said, results, statistics))
         else:
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
@@ -137,13 +138,28 @@ def _apart(said: Sequence[_Said]) -> str:
     return f" They contradict each other: {'; '.join(told)}." if told else ""
 
 
-def _borne_out(finding: Finding, said: Sequence[_Said], results: Sequence[Result]) -> Finding:
-    """The finding; withdrawn to a suspicion where one recording says so and several that would show it do not."""
-    others = [r for r in results if name_of(r) != said[0].recording and would_show(r, finding)]
-    if len(said) > 1 or len(others) < FEWEST_AGAINST:
+def _borne_out(
+    finding: Finding, said: Sequence[_Said], results: Sequence[Result], statistics: Sequence[SufficientStatistics]
+) -> Finding:
+    """The finding; withdrawn to a suspicion where one recording says so and several others speak against it. (89)"""
+    if len(said) > 1:
         return finding
-    text = f"{finding.sentence} {len(others)} others would show it and do not: it is withdrawn."
+    others = [(r, own) for r, own in zip(results, statistics, strict=True) if name_of(r) != said[0].recording]
+    found = (own.log_bayes_factor(finding.effect, _prior(finding)) for _, own in others)
+    if nats := [n for n in found if n is not None]:
+        against = sum(n < 0.0 for n in nats) if sum(nats) < -math.log(STRONG_ODDS) else 0
+    else:
+        against = sum(would_show(r, finding) for r, _ in others)
+    if against < FEWEST_AGAINST:
+        return finding
+    text = f"{finding.sentence} {against} others would show it and do not: it is withdrawn."
     return replace(finding, status=Status.SUSPECTED, sentence=text)
+
+
+def _prior(finding: Finding) -> dict[str, tuple[float, float]]:
+    """Value and standard deviation, SI, of each parameter that has one."""
+    units = {q.name: q.si for q in catalogue()[finding.effect].parameters}
+    return {n: (a.value * units[n], a.std * units[n]) for n, a in finding.parameters.items() if a.std > 0.0}
 
 
 def would_show(result: Result, finding: Finding) -> bool:
