@@ -25,7 +25,7 @@ def add(motion: Motion, effects: Iterable[tuple[Effect, Values]]) -> tuple[Motio
     for effect, values in sorted(effects, key=lambda pair: order.index(pair[0].id)):
         error = effect.error(motion, values)
         left_m_s, right_m_s = motion.left_m_s + error.left_m_s, motion.right_m_s + error.right_m_s
-        if effect.acts_on is ActsOn.WHEELS and effect.covariate != "wheel_phase":
+        if effect.acts_on is ActsOn.WHEELS and not effect.uneven:
             motion = motion.turning(left_m_s, right_m_s)
         motion = replace(
             motion, rate_rad_s=motion.rate_rad_s + error.gyro_rad_s, left_m_s=left_m_s, right_m_s=right_m_s

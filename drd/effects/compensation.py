@@ -137,7 +137,7 @@ class Compensation:
             self.lateral_m_s = sum(self._error(term, term.lateral)[0] for term in self._body)
         for i, angle in enumerate(angles):
             # The counter's angle, less what makes it uneven: a wheel that is too large does not turn the less for it.
-            ripple = sum(t.error[i] for t in self._wheels if t.effect.covariate == "wheel_phase")
+            ripple = sum(t.error[i] for t in self._wheels if t.effect.uneven)
             angle[0] += 0.5 * turned[i] - ripple * interval_s / self._radius_m[i]
         return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, sample.lost_s)
 

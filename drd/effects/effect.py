@@ -158,7 +158,7 @@ class Effect:
     that shows it best. `remainder` is the largest share of itself that its removal leaves behind on samples at 10 and
     20 Hz; `irreversible` says why it cannot be undone, or is empty. `lasting`: its parameters still hold in the next
     run. `beside`: an effect of one parameter, up to which alone its form is known. `essential`: the linear parameter
-    without which it is another effect.
+    without which it is another effect. `uneven`: it makes a counter uneven within a turn; the wheel turns no less.
 
     For the diagnosis. `symptom`: what raw readings show of it; `searched`: whether a regression looks for it besides.
     `geometry`: it makes other speeds of the wheels, and what acts on the wheels besides acts on those.
@@ -183,6 +183,7 @@ class Effect:
     lasting: ClassVar[bool] = True
     beside: ClassVar["Effect | None"] = None
     essential: ClassVar[str] = ""
+    uneven: ClassVar[bool] = False
     symptom: ClassVar[Symptom | None] = None
     searched: ClassVar[bool] = True
     geometry: ClassVar[bool] = False

@@ -17,6 +17,7 @@ class WheelEccentricity(Effect):
         Parameter("phase", "rad", "of the ripple at the start", 0.0, 6.2832, signed=False, linear=False),
     )
     covariate = "wheel_phase"
+    uneven = True
     manoeuvre = "slow straight lines, sampled several times in a turn of the wheel"
     remainder = 0.1  # the ripple within one sample; at most one radian of the wheel in it
     lasting = False  # a counter that is not absolute starts anywhere

@@ -34,6 +34,22 @@ def test_a_clock_is_found_whenever_the_robot_starts(tmp_path: Path, ratio: float
         assert found.lag_s == pytest.approx(0.0, abs=0.01)
 
 
+def test_times_may_count_from_any_epoch(tmp_path: Path) -> None:
+    recording, epoch_s = driven(tmp_path, TOUR), 1.7e9
+    fog, wheels, reference = recording.fog, recording.wheels, recording.reference
+    assert fog is not None
+    assert wheels is not None
+    assert reference is not None
+    since_1970 = replace(
+        recording,
+        fog=replace(fog, time_s=fog.time_s + epoch_s),
+        wheels=replace(wheels, time_s=wheels.time_s + epoch_s),
+        reference=replace(reference, time_s=reference.time_s + epoch_s),
+    )
+    for found in (find_drift(since_1970, "gyro"), reference_drift(since_1970)):
+        assert found is None or abs(found.growth) < 1e-3
+
+
 def test_deviations_cover_the_errors_where_few_turns_tell(tmp_path: Path) -> None:
     recording = driven(tmp_path, ONE_TURN)
     fog = recording.fog

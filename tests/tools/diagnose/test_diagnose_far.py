@@ -9,7 +9,9 @@ import pytest
 from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, SLALOM, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
 
 from drd.batch.logs import EncoderLog
+from drd_tools.calibrate.wheels.drift import Drift
 from drd_tools.diagnose.analysis import Analysis, analyse
+from drd_tools.diagnose.observe import lags
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
@@ -161,6 +163,22 @@ def test_a_gyros_clock_that_ran_off_before_the_recording_is_not_taken_for_one_th
         reference=replace(reference, time_s=reference.time_s + 1200.0),
     )
     assert find_lags(later).clock == 1.0
+
+
+@pytest.mark.parametrize(
+    ("wheels", "reference", "clock"),
+    [
+        (Drift(-0.2, -0.0049, 0.0084), Drift(0.3, -0.0119, 0.0025), 1.0112),  # no reference's clock is so far off
+        (Drift(-0.2, -0.0049, 0.0084), Drift(0.3, -0.0041, 0.0010), 1.0),  # a reference's may be
+        (Drift(0.1, 0.0045, 0.0008), Drift(0.3, 0.0052, 0.0008), 0.9952),
+        (Drift(0.1, 0.0012, 0.0008), Drift(0.3, 0.0022, 0.0008), 1.0),  # hardly there
+        (Drift(0.1, 0.0100, 0.0008), Drift(0.3, 0.0001, 0.0008), 1.0),  # they contradict each other
+        (Drift(1.5, 0.0140, 0.0008), Drift(1.7, 0.0140, 0.0008), 1.0),  # which ran off before
+    ],
+)
+def test_a_gyros_clock_is_the_likeliest_of_what_may_run_off(wheels: Drift, reference: Drift, clock: float) -> None:
+    recording = recorded(("field", 200.0), 2)
+    assert lags._gyro_clock(recording, wheels, reference)[0] == pytest.approx(clock, abs=3e-4)
 
 
 def test_a_wheels_clock_is_not_the_gyros() -> None:

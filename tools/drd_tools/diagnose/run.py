@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -97,9 +98,15 @@ def _written(
 
 def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Sequence[Expected] = ()) -> Diagnosis:
     """Diagnose a recording, and prove its model on others. Raises ConfigError."""
-    # So small products are no sooner done by two threads, and their sums would depend on the processors.
-    with threadpool_limits(limits=1), no_garbage():
+    with in_one_thread():
         return concluded(analyse(recording, expected), held_out)
+
+
+@contextmanager
+def in_one_thread() -> Iterator[None]:
+    """So small products are no sooner done by two threads, and their sums would depend on the processors."""
+    with threadpool_limits(limits=1), no_garbage():
+        yield
 
 
 def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosis:

@@ -20,7 +20,7 @@ from drd.effects.effect import Effect, Values
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Amount
-from drd_tools.diagnose.run import run as diagnose
+from drd_tools.diagnose.run import concluded, in_one_thread
 from drd_tools.diagnose.select.search import Found
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
@@ -68,10 +68,9 @@ def run(
 def plan(folder: Path, seed: int) -> Untouched:
     """Diagnose a drive as it is, and size each effect for each of DISTANCES."""
     recording = read_recording(folder)
-    said = _diagnosed(recording)
-    if said["verdict"] == FAILED:
+    said, analysis = _diagnosed(recording)
+    if analysis is None:
         return Untouched(case=folder.name, kind=UNTOUCHED, effects=[], plantings={}, not_visible=[], **said)
-    analysis = analyse(recording)
     plantings, not_visible = _plantings(recording, analysis, seed)
     return Untouched(
         case=folder.name,
@@ -116,16 +115,19 @@ def _own(found: Found, effect: Effect, values: Values) -> dict[str, Amount]:
 def diagnosed(folder: Path, case: str, true: TrueEffect, lag_s: float) -> Planted:
     """Plant an effect in a drive whose reference is so late, and diagnose it."""
     recording = planted(read_recording(folder), catalogue()[true.effect], si(true), lag_s)
-    said = _diagnosed(replace(recording, folder=Path(case)))
+    said, _ = _diagnosed(replace(recording, folder=Path(case)))
     return Planted(case=case, kind=f"planted {case.rpartition('.')[2]}", effects=[true], base=folder.name, **said)
 
 
-def _diagnosed(recording: Recording) -> dict[str, Any]:
-    """Fields of a record."""
-    began_s = time.perf_counter()
+def _diagnosed(recording: Recording) -> tuple[dict[str, Any], Analysis | None]:
+    """Fields of a record, and the analysis; None where it fails."""
+    began_s, analysis = time.perf_counter(), None
     try:
-        result = diagnose(recording).result
+        with in_one_thread():
+            made = analyse(recording)
+            result = concluded(made).result
         said: dict[str, Any] = {"verdict": result.verdict.value, "findings": result.findings}
+        analysis = made
     except Exception as error:  # a diagnosis that fails is a result of the trial
         said = {"verdict": FAILED, "findings": (), "error": f"{type(error).__name__}: {error}"}
-    return {**said, "took_s": time.perf_counter() - began_s}
+    return {**said, "took_s": time.perf_counter() - began_s}, analysis

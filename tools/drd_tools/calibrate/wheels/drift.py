@@ -24,6 +24,7 @@ REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
 # Growths that are looked at: a gyro's clock may be 3 % off; at the drive's end their lags are END_GRID_S apart.
 MOST_GROWTH: Final = 0.05
 END_GRID_S: Final = 0.2
+MOST_BEFORE_S: Final = 10.0  # by which a clock has run off where the robot first turns: 3 % in five minutes at rest
 SOME_ROWS: Final = 500
 
 
@@ -88,7 +89,7 @@ def _likeliest_growth(part: Turns, most: float) -> Array:
         other -= other.mean()
         return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
 
-    step = END_GRID_S / float(at_s[-1])
+    step, most = END_GRID_S / float(at_s[-1]), min(most, MOST_BEFORE_S / float(at_s[0]))
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
     growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
     return np.array(max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike))

@@ -16,6 +16,7 @@ from scipy.special import ndtr
 from drd.effects.effect import ActsOn, Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
+from drd_tools.diagnose.observe.constants import WIDER
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
 from drd_tools.diagnose.results import Array
@@ -74,14 +75,18 @@ def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
 
 
 def _by_themselves(problem: Problem, selected: Selected) -> float:
-    """Deviation of a clock's rate by how the lags of wheels and reference change by themselves; 0 of all else. (79)"""
+    """Deviation of a clock's rate by how the lags of wheels and reference change by themselves; 0 of all else. (87)
+
+    It has at least the calibration's, of which few turns may tell.
+    """
     effect, e = selected.effect, problem.evidence
     if effect.acts_on is not ActsOn.TIMING or effect.begins is not Begins.GROWING or not e.has_three_clocks:
         return 0.0
     wander_s = WHEELS_WANDER_S
     if effect.channel == "gyro":  # which both of them tell
         wander_s = (WHEELS_WANDER_S**-2 + REFERENCE_WANDER_S**-2) ** -0.5
-    return wander_s / float(np.ptp(e.edges_s))
+    calibrated = max((sigma for _, sigma in selected.prior.values()), default=0.0) / WIDER
+    return max(wander_s / float(np.ptp(e.edges_s)), calibrated)
 
 
 def odds_over_the_reference(problem: Problem, selected: Selected) -> float:

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drd_tools.calibrate.wheels.drift import (
+    MOST_GROWTH,
     REFERENCE_WANDER_S,
     WHEELS_WANDER_S,
     Drift,
@@ -16,7 +17,7 @@ from drd_tools.calibrate.wheels.drift import (
 from drd_tools.calibrate.wheels.lag import Lag, find_lag, reference_lag
 from drd_tools.recordings.folder import Recording
 
-SURE, SURELY = 3.0, 5.0  # sigmas; of a drift, of which few blocks tell
+SURE: Final = 3.0  # sigmas
 LEAST_DRIFT, MOST_DRIFT = 3e-4, 5e-3  # s/s: without a gyro lags change by the first in a run; no clock is so far off
 REFERENCE_LAG_S: Final = 0.010  # prior sigma of a reference's delay (70)
 
@@ -98,13 +99,22 @@ def _gyro_clock(recording: Recording, wheels: Drift | None, reference: Drift | N
     w, r = wheels.growth, reference.growth
     w_variance = wheels.sigma**2 + (WHEELS_WANDER_S / _length_s(recording)) ** 2
     r_variance = reference.sigma**2 + (REFERENCE_WANDER_S / _length_s(recording)) ** 2
-    squares_of_one = w**2 / w_variance, r**2 / r_variance  # where it is the other's
     squares = (w - r) ** 2 / (w_variance + r_variance)
+    of_none = w**2 / w_variance + r**2 / r_variance
+    of_reference = w**2 / w_variance + _beyond(r) ** 2 / r_variance
+    of_wheels = r**2 / r_variance + _beyond(w) ** 2 / w_variance
     variance = 1.0 / (1.0 / w_variance + 1.0 / r_variance)
-    if squares > min(*squares_of_one, sum(squares_of_one) - SURELY**2):
+    # A gyro's clock may be off by more, and each rate of it is the less likely before any data.
+    wider = 2.0 * math.log(MOST_GROWTH / MOST_DRIFT)
+    if squares > min(of_reference - wider, of_wheels - wider, of_none - SURE**2):
         return 1.0, math.sqrt(variance)
     # A sample that is taken at t is stamped t ratio: beside it all else is late by t (1 - ratio).
     return 1.0 - variance * (w / w_variance + r / r_variance), math.sqrt(variance)
+
+
+def _beyond(growth: float) -> float:
+    """By how much a lag grows faster than the clock of wheels or a reference may run off."""
+    return max(0.0, abs(growth) - MOST_DRIFT)
 
 
 def _at_true_times(recording: Recording, clock: float) -> Recording:
@@ -115,7 +125,7 @@ def _at_true_times(recording: Recording, clock: float) -> Recording:
 def _is_drift(drift: Drift, recording: Recording) -> bool:
     """Whether the lag grows by more than a drive's own changes of it, and by no more than a clock's may."""
     least = LEAST_DRIFT if recording.fog is None else SURE * WHEELS_WANDER_S / _length_s(recording)
-    return abs(drift.growth) > SURELY * drift.sigma and least < abs(drift.growth) < MOST_DRIFT
+    return abs(drift.growth) > SURE * drift.sigma and least < abs(drift.growth) < MOST_DRIFT
 
 
 def _length_s(recording: Recording) -> float:
