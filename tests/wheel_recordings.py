@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from drd.arrays import Array
+from drd_tools.recordings.folder import Recording
 
 RADIUS_M, TREAD_M, COUNTS = 0.1, 0.5, 4000.0
 STEP_S = 0.05
@@ -20,6 +21,20 @@ TOUR: tuple[Leg, ...] = (
     (0.0, 0.0, 2.0),
     *((0.5, 0.0, 6.0), (0.0, 0.5, 3.0), (0.4, 0.3, 8.0), (0.5, 0.0, 5.0), (0.4, -0.4, 8.0), (0.0, -0.5, 4.0)) * 3,
 )
+
+
+def later(recording: Recording, seconds: float) -> Recording:
+    """The same recording, its clock ahead by so much."""
+    fog, wheels, reference = recording.fog, recording.wheels, recording.reference
+    assert fog is not None
+    assert wheels is not None
+    assert reference is not None
+    return replace(
+        recording,
+        fog=replace(fog, time_s=fog.time_s + seconds),
+        wheels=replace(wheels, time_s=wheels.time_s + seconds),
+        reference=replace(reference, time_s=reference.time_s + seconds),
+    )
 
 
 @dataclass(frozen=True)

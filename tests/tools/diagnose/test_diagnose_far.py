@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, SLALOM, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
+from wheel_recordings import later
 
 from drd.batch.logs import EncoderLog
 from drd_tools.calibrate.wheels.drift import Drift
@@ -151,18 +152,8 @@ def test_a_gyros_clock_is_what_wheels_and_reference_run_away_from_together(ratio
 
 
 def test_a_gyros_clock_that_ran_off_before_the_recording_is_not_taken_for_one_that_begins_with_it() -> None:
-    recording = far(selected("gyro_sample_clock", ratio=1.01))
-    fog, wheels, reference = recording.fog, recording.wheels, recording.reference
-    assert fog is not None
-    assert wheels is not None
-    assert reference is not None
-    later = replace(
-        recording,
-        fog=replace(fog, time_s=fog.time_s + 1200.0),
-        wheels=replace(wheels, time_s=wheels.time_s + 1200.0),
-        reference=replace(reference, time_s=reference.time_s + 1200.0),
-    )
-    assert find_lags(later).clock == 1.0
+    recording = later(far(selected("gyro_sample_clock", ratio=1.01)), 1200.0)
+    assert find_lags(recording).clock == 1.0
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,8 @@ def _likeliest_growth(part: Turns, most: float) -> Array:
         other -= other.mean()
         return float(turn @ other) / max(float(np.linalg.norm(turn) * np.linalg.norm(other)), LEAST_SIGMA_RAD**2)
 
-    step, most = END_GRID_S / float(at_s[-1]), min(most, MOST_BEFORE_S / float(at_s[0]))
+    step = END_GRID_S / float(np.abs(at_s).max())
+    most = min(most, MOST_BEFORE_S / max(abs(float(at_s[0])), 1.0))
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * END_GRID_S, END_GRID_S if most else GRID_S).tolist()
     growths = (step * np.arange(-round(most / step), round(most / step) + 1)).tolist()
     return np.array(max(((lag_s, growth) for lag_s in lags for growth in growths), key=alike))
