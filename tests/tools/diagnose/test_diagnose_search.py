@@ -18,6 +18,7 @@ from drd_tools.diagnose.select.search import (
     Search,
     _other_set,
     _relinearised_rivals,
+    _with_others,
     coarse_search,
     full_search,
     is_rough,
@@ -224,3 +225,12 @@ def test_of_the_fits_of_the_same_names_the_best_one_stands_for_them() -> None:
     best = {one.names: search.score(one.fit) for one in near}
     for fit in search.near(found.fit, found.score - FAR_NATS):
         assert search.score(fit) <= best[frozenset(c.id for c in fit.selection)]
+
+
+def test_what_is_driven_beyond_all_sizes_is_not_searched_from() -> None:
+    """With other noise than that with which it was found: it ended in a model that no daemon reads."""
+    p = problem(SLALOM, 0, selected("tread_error", k=-0.05))
+    null = refine(p, ())
+    assert _with_others(p, null, [selected("turn_scrub", k=0.1)], 0.0).fit.selection == ()
+    (tread,) = _with_others(p, null, [selected("tread_error", k=-0.04)], 0.0).fit.selection
+    assert tread.number("k") == pytest.approx(-0.05, abs=0.005)

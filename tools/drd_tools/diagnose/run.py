@@ -104,7 +104,7 @@ def run(recording: Recording, held_out: Sequence[Prepared] = (), expected: Seque
 
 @contextmanager
 def in_one_thread() -> Iterator[None]:
-    """So small products are no sooner done by two threads, and their sums would depend on the processors."""
+    """Numerical libraries in one thread: two multiply so little no sooner, and sums would depend on the processors."""
     with threadpool_limits(limits=1), no_garbage():
         yield
 

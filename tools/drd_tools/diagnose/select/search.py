@@ -71,7 +71,7 @@ def coarse_search(
     if start:
         names = {c.id for c in (*known, *start)}
         others = [] if last is None else [c for c in last.fit.selection if c.id not in names]
-        found = linearised(problem, replace(fit, selection=(*fit.selection, *start, *others)), null)
+        found = _with_others(problem, replace(fit, selection=(*fit.selection, *start)), others, null)
         known = [*known, *start]
     while (better := _better(found, known)) is not None:
         little = LITTLE_SHARE if is_rough(better.fit) else NEXT_TO_NOTHING
@@ -79,6 +79,13 @@ def coarse_search(
         if gain < little or (start and gain > MUCH_SHARE):
             return replace(found, is_noise_due=gain > little)
     return replace(found, is_complete=True)
+
+
+def _with_others(problem: Problem, fit: Fit, others: Sequence[Selected], null: float) -> Found:
+    """The fit with other effects, linearised around, without those that this drives beyond all sizes."""
+    found = linearised(problem, replace(fit, selection=(*fit.selection, *others)), null)
+    kept = [c for c in others if all(is_possible(problem, own) for own in found.fit.selection if own.id == c.id)]
+    return found if len(kept) == len(others) else _with_others(problem, fit, kept, null)
 
 
 def full_search(found: Found, known: Sequence[Selected] = ()) -> Found:
