@@ -10,7 +10,7 @@ from tied_pairs import PAIRS, as_if, checked, diagnosed, finding, nearest, quest
 from drd_tools.diagnose.advise.laps import Laps, driven
 from drd_tools.diagnose.advise.manoeuvres import MANOEUVRES
 from drd_tools.diagnose.advise.next_drive import ENOUGH, next_drive, open_questions, plans_for
-from drd_tools.diagnose.advise.separation import SETTLED_NATS, columns_of, expected_ratio
+from drd_tools.diagnose.advise.separation import SETTLED_NATS, Place, _shape_scale, columns_of, expected_ratio
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
@@ -175,3 +175,10 @@ def test_as_many_drives_settle_it_as_is_said(pair: tuple[Selected, str]) -> None
         stated, share = stated + 0.5 * found.plan.probabilities[0], share + 0.5 * found.share
     # Of 16 drives at such levels 0.1 is one sigma.
     assert share == pytest.approx(stated, abs=0.2)
+
+
+def test_a_shape_that_a_manoeuvre_does_not_show_has_no_size() -> None:
+    """It was as large as its cause, and ended as no number."""
+    products = np.diag([4.0, 1.0, 0.0, 1e-300])[None]
+    scale = _shape_scale(products, Place(0, range(0), range(1, 4)), np.array([4e10]))
+    assert scale == pytest.approx(np.array([[0.15 * 2e5, 0.0, 0.0]]))

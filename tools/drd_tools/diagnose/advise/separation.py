@@ -19,6 +19,7 @@ SETTLED_NATS: Final = 5.0  # more than search.CLASS_NATS: the two are then no lo
 MOST_OCCAM: Final = 2.0  # times d^2 the mean may be: the determinants alone, without data, settle nothing
 ROUNDS: Final = 3  # in which a rival's other shapes get the size that it has beside them: the next changes little
 AS_GOOD_AS_FREE: Final = 1e-9  # prior information on a parameter that is to be fitted, over the data's
+UNSEEN_SHARE: Final = 1e-24  # of a cause's square: a shape that a manoeuvre shows by less is rounding
 # The ground of an interval of time is driven over again.
 INTERVAL_FROM_S, INTERVAL_S = 45.0, 60.0
 
@@ -148,8 +149,9 @@ def _moved_size(products: Array, place: Place, moves: Array) -> Array:
 
 def _shape_scale(products: Array, place: Place, size: Array) -> Array:
     """Factors (n, s) with which a cause's other shapes are as large as they may be, of its size, squared. (75)"""
-    own = np.maximum(products[:, place.shapes, place.shapes], 1e-300)
-    return np.asarray(DISCREPANCY_SHARE * np.sqrt(size[:, None] / own), float)
+    own, size = products[:, place.shapes, place.shapes], size[:, None]
+    ratio = np.divide(size, own, out=np.zeros(own.shape), where=own > UNSEEN_SHARE * size)
+    return np.asarray(DISCREPANCY_SHARE * np.sqrt(ratio), float)
 
 
 def _traded(products: Array, place: Place) -> Array:
