@@ -77,7 +77,7 @@ def test_a_name_against_which_the_data_of_others_speak_is_withdrawn_whatever_the
     alone, blind = seeing(tmp_path, 0.001, tread(0.02)), seeing(tmp_path, 0.02)
 
     def status(*others: SufficientStatistics) -> Status:
-        # Of its class, too, they say a name.
+        # They even tell a name of its class.
         alike = replace(blind, findings=(replace(tread(0.1), effect="turn_scrub", also_fits=("tread_error",)),))
         found = combined([alone, *[alike] * len(others)], [EMPTY, *others]).findings
         return next(f.status for f in found if f.effect == "tread_error")

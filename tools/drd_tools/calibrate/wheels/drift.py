@@ -61,16 +61,17 @@ def _drift(part: Turns | None, most: float) -> Drift | None:
         residual, slope, by_wheels, _ = part.regress(late_s)
         # The wheels' own slope as the instrument: the other's noise is not in it.
         S, Z = (np.column_stack([column, column * part.at_s]) for column in (slope, by_wheels))
+        instrument = Z * part.weights[:, None]
         try:
-            inverse = np.linalg.inv((Z * part.weights[:, None]).T @ S)
+            inverse = np.linalg.inv(instrument.T @ S)
         except np.linalg.LinAlgError:
             return None
-        score = Z * (part.weights * residual)[:, None]
+        score = instrument * residual[:, None]
         move = inverse @ score.sum(axis=0)
         x = x + move
         if np.abs(move * [1.0, part.at_s[-1]]).max() < CONVERGED_S:
             break
-    blocks, instrument = part.by_block(score), Z * part.weights[:, None]
+    blocks = part.by_block(score)
     # Where few turns tell, their blocks agree by chance: as unsure as by the noise of its rows it is at least.
     squares = (blocks.T @ blocks, part.noise_square * instrument.T @ instrument)
     sigma = math.sqrt(max(float((inverse @ square @ inverse.T)[1, 1]) for square in squares))

@@ -50,7 +50,7 @@ class Lag:
 
     @property
     def is_usual(self) -> bool:
-        """Whether it is one that sensors have: at the ends of those that are looked at it may be any."""
+        """Whether it lies within the lags that sensors have: one at either end may be any beyond it."""
         return EARLIEST_S < self.lag_s < LATEST_S
 
     @property
