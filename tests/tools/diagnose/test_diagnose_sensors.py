@@ -17,6 +17,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import Errors
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.conclude.identify import not_observable
+from drd_tools.diagnose.error_model.path import dead_reckon
 from drd_tools.diagnose.error_model.sensitivities import Sensitivities
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
@@ -193,3 +194,24 @@ def test_clocks_that_nothing_tells_apart_are_a_class() -> None:
     recording = recorded(("spins", 270.0), 4, selected("gyro_sample_clock", ratio=0.99985), conditions=conditions)
     (found,) = analyse(recording).conclusion.causes
     assert {"gyro_sample_clock", "encoder_clock_skew"} <= {found.effect, *found.also_fits}
+
+
+def test_times_are_told_by_turns_as_sharp_as_they_are_and_sizes_by_turns_without_noise() -> None:
+    """Turns that begin and end within a step; a size found along their noise would explain that noise by itself."""
+    e = gather(replace(recorded(DRIVE, 1), fog=None))
+    turns = e.time_s % 20.0 > 15.0
+    rate = 0.6 * turns
+    noise_m = (
+        e.datasheet.slip_m_per_sqrt_m * np.sqrt(0.5 * e.step_s) * np.random.default_rng(1).normal(size=(2, len(rate)))
+    )
+    left, right = (0.5 * e.step_s + sign * 0.5 * e.tread_m * rate * e.step_s for sign in (-1.0, 1.0))
+    e = replace(e, left_m=left + noise_m[0], right_m=right + noise_m[1], still=np.zeros(len(rate), bool))
+    made = Sensitivities(e, dead_reckon((e.right_m - e.left_m) / e.tread_m, 0.5 * (e.left_m + e.right_m), np.zeros(3)))
+    by_step = {name: getattr(made, name).rate_rad_s.reshape(len(rate), -1).mean(axis=1) for name in ("motion", "sharp")}
+    edge = np.abs(np.diff(rate, prepend=0.0)) > 0.0
+    off = {name: float(np.sqrt(np.mean((found - rate)[edge][1:-1] ** 2))) for name, found in by_step.items()}
+    assert off["sharp"] < 0.5 * off["motion"]
+    straight = ~turns & ~np.roll(turns, 30) & ~np.roll(turns, -30)
+    assert np.std(by_step["motion"][straight]) < 0.35 * np.std(
+        (noise_m[1] - noise_m[0])[straight] / e.tread_m / e.step_s[straight]
+    )

@@ -5,9 +5,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from diagnosis_drives import WAREHOUSE, problem, selected
+from diagnosis_drives import WAREHOUSE, problem, recorded, selected
 
-from drd_tools.diagnose.conclude.uncertainty import reported_estimates, shrunk
+from drd_tools.diagnose.conclude.uncertainty import BARELY, over_the_reference, reported_estimates, shrunk
+from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.select.sets import Sets
@@ -118,3 +119,19 @@ def test_what_is_known_by_logic_stays_as_it_is() -> None:
 def test_nothing_found_is_nothing_told() -> None:
     p = null()
     assert reported_estimates(p, refine(p, [])) == ()
+
+
+def test_a_delay_is_that_of_the_drives_middle_where_its_growth_may_be_the_references() -> None:
+    recording = replace(recorded(WAREHOUSE, 0), fog=None)
+    p = Problem(gather(recording))
+    middle_s = float(p.evidence.edges_s[[0, -1]].mean())
+    late = replace(selected("encoder_latency", delay=0.25), free=("delay",), covariance=np.eye(1) * 0.05**2)
+    clock = replace(selected("encoder_clock_skew", ppm=800e-6), free=("ppm",), covariance=np.eye(1) * 8e-4**2)
+    (delay, rate), (delay_odds, rate_odds) = over_the_reference(p, [late, clock])
+    assert delay.number("delay") == pytest.approx(0.25 - 800e-6 * middle_s)
+    assert rate == clock
+    assert rate_odds < BARELY < delay_odds
+    surely = replace(clock, covariance=np.eye(1) * 1e-4**2)
+    (delay, _), (_, rate_odds) = over_the_reference(p, [late, surely])
+    assert delay == late
+    assert rate_odds > BARELY

@@ -19,7 +19,7 @@ from drd_tools.calibrate.wheels.turns import (
 from drd_tools.recordings.folder import Recording
 
 # By how much the lag of a reference, and of a skid-steer robot's wheels, changes in a drive, deviations: lidar
-# odometry's by 0.04 to 0.3 s beside a gyro, the wheels' by 0.02 to 0.05 s.
+# odometry's by 0.04 to 0.3 s beside a gyro, a motion capture's by 0.06 s (median of 37), the wheels' by 0.02 to 0.05 s.
 REFERENCE_WANDER_S, WHEELS_WANDER_S = 0.1, 0.03
 # Growths that are looked at: a gyro's clock may be 3 % off; at the drive's end their lags are END_GRID_S apart.
 MOST_GROWTH: Final = 0.05

@@ -20,7 +20,7 @@ from drd_tools.diagnose.conclude.judgement import (
 )
 from drd_tools.diagnose.conclude.rivals import at_odds, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
-from drd_tools.diagnose.conclude.uncertainty import BARELY, odds_over_the_reference, reported_estimates
+from drd_tools.diagnose.conclude.uncertainty import BARELY, over_the_reference, reported_estimates
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all
@@ -77,9 +77,9 @@ def conclude(
         tests = _tests(found, search)
     near, problem, fit = near_sets(found, search), found.problem, found.fit
     unnamed += [judge_ripple(r) for r in ripples(problem, fit.selection, LEAST_NATS, FAMILY_WISE)]
-    estimates = reported_estimates(problem, fit, search.known, Sets(problem, fit.selection).scatter)
-    odds = [odds_over_the_reference(problem, reported) for reported in estimates]
-    of_the_reference = [reported for reported, own in zip(estimates, odds, strict=True) if own < BARELY]
+    reported = reported_estimates(problem, fit, search.known, Sets(problem, fit.selection).scatter)
+    estimates, odds = over_the_reference(problem, reported)
+    of_the_reference = [one for one, own in zip(estimates, odds, strict=True) if own < BARELY]
     nats = shared_nats(problem, fit, search.known.union(one.id for one in of_the_reference))
     explained = sum(nats.values()) + sum(c.gain_nats for c in unnamed) + sum(e.nats for e in events)
     left = splines.best(fit.selection)
@@ -87,14 +87,14 @@ def conclude(
         left = None
     whole = max(explained + (0.0 if left is None else left.gain), LEAST_NATS)
     findings = [replace(c, explains=c.gain_nats / whole) for c in unnamed]
-    for test, reported, own in zip(tests, estimates, odds, strict=True):
+    for test, estimate, own in zip(tests, estimates, odds, strict=True):
         name = test.selected.id
         event = by_logic.get(name)
         if event is not None:
             findings.append(judge_event(test.selected, event, event.nats / whole))
         elif own >= BARELY:
             share = nats[name] / whole
-            cause = judge(found, search, splines, test, reported, near, chance, share, name in constants)
+            cause = judge(found, search, splines, test, estimate, near, chance, share, name in constants)
             findings.append(replace(cause, probabilities=at_odds(cause.probabilities, own)))
     unexplained = 0.0 if left is None else left.gain / whole
     if left is not None:

@@ -17,6 +17,7 @@ from drd.effects.effect import ActsOn, Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.observe.constants import WIDER
+from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
 from drd_tools.diagnose.results import Array
@@ -24,7 +25,7 @@ from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 
 DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
-# Delay that is usual of a motion capture by network; and what it changes by in a drive, rms of 37 of one robot.
+# Delay that is usual of a motion capture by network.
 REFERENCE_S: Final = 0.05
 BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 1961)
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
@@ -71,7 +72,7 @@ def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
     if selected.effect.acts_on is not ActsOn.TIMING or problem.evidence.gyro_rad is not None:
         return 0.0
     lasts_s = float(np.ptp(problem.evidence.edges_s))
-    return {"s": REFERENCE_S, "ppm": REFERENCE_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
+    return {"s": REFERENCE_S, "ppm": REFERENCE_WANDER_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
 
 
 def _by_themselves(problem: Problem, selected: Selected) -> float:
@@ -89,16 +90,33 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
     return max(wander_s / float(np.ptp(e.edges_s)), calibrated)
 
 
-def odds_over_the_reference(problem: Problem, selected: Selected) -> float:
-    """Odds that a delay or a clock's rate, as estimated, has an effect in it and is not the reference's own alone. (87)
+def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
+    """The estimates, and the odds that each has an effect in it and is not the reference's own alone. (87)
 
-    Infinite for any other effect, and where a gyro tells.
+    Infinite for what is no delay or clock's rate, and where a gyro tells. Where the growth of a delay is as well the
+    reference's own, the delay is that of the drive's middle.
     """
-    odds = [_odds(problem, selected, name) for name in selected.free]
-    return max(odds, default=math.inf)
+    grown = [c for c in estimates if c.effect.begins is Begins.GROWING and _odds(problem, c) < BARELY]
+    middle_s = float(problem.evidence.edges_s[[0, -1]].mean())
+    by_then = delays_s(grown, np.array([middle_s, middle_s]))
+    found = [_later(c, *(float(late_s[0]) for late_s in by_then)) for c in estimates]
+    return found, [_odds(problem, c) for c in found]
 
 
-def _odds(problem: Problem, selected: Selected, name: str) -> float:
+def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
+    """A delay that is longer by these; any other effect as it is."""
+    if selected.effect.acts_on is not ActsOn.TIMING or selected.effect.begins is Begins.GROWING:
+        return selected
+    more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
+    at = {q.name: max(selected.number(q.name) + more_s, 0.0) for q in selected.effect.parameters if q.unit == "s"}
+    return replace(selected, values={**selected.values, **at})
+
+
+def _odds(problem: Problem, selected: Selected) -> float:
+    return max((_odds_of(problem, selected, name) for name in selected.free), default=math.inf)
+
+
+def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
     if not _of_the_reference(problem, selected, name):
         return math.inf
     q, sigma = selected.parameter(name), selected.sigma(name)

@@ -9,12 +9,13 @@ from scipy.fft import dct, idct, rfft
 from drd_tools.diagnose.results import Array
 
 # Of what is as good as constant, noise must not be taken for a change: each width doubles the last.
-WIDEST: Final = 5
+WIDTHS: Final = 5
 AGREE_SIGMAS: Final = 2.5  # of the mean: 1 % of what is constant keeps a narrower window
 REACH: Final = 4.0  # sigmas
+MOST_KEPT: Final = 32  # Gaussians: those of a recording's speeds and turns
 
 
-def denoised(values: Array, sigma: Array | float, width: float) -> Array:
+def denoised(values: Array, sigma: Array | float, width: float, widths: int = WIDTHS) -> Array:
     """Smooth values (n,) with white noise of deviation `sigma` (n,), through Gaussians of at least `width` samples.
 
     Each sample gets the widest window whose mean agrees with those of all narrower ones (the intersection of confidence
@@ -27,7 +28,7 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
     result = values
     low, high = np.full(n, -np.inf), np.full(n, np.inf)
     agrees = np.ones(n, bool)
-    for doubling in range(WIDEST):
+    for doubling in range(widths):
         s = width * 2.0**doubling
         if doubling and 4.0 * s > n:
             break
@@ -41,7 +42,7 @@ def denoised(values: Array, sigma: Array | float, width: float) -> Array:
     return np.asarray(idct(dct(result) * _gaussian(n, 0.5 * width)), float)
 
 
-@lru_cache(maxsize=4 * (WIDEST + 1))
+@lru_cache(maxsize=MOST_KEPT)
 def _gaussian(n: int, sigma: float) -> Array:
     """What a Gaussian of `sigma` samples, over REACH of them, leaves of each of n cosines."""
     reach = int(REACH * sigma + 0.5)

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from drd.effects.effect import Errors
+from drd.effects.effect import ActsOn, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
-from drd_tools.diagnose.error_model.denoise import denoised
+from drd_tools.diagnose.error_model.denoise import WIDTHS, denoised
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.observe.evidence import Evidence
@@ -25,19 +25,22 @@ MOST_SHARE = 3.0  # of the smooth speed, at a stop
 REACH = 4.0  # sigmas that a Gaussian filter looks
 SLOW_S = 3.0  # of the path's own turn beside the gyro's: shorter would let the fixes' noise in
 TURN_SMOOTHING_S = 0.2  # the narrowest, of turns as fixes and wheels show them
+# Widths narrower than these, each half of the last, for what times are told by: real robots begin to turn within 0.1 s.
+SHARPER = 2
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 UNKNOWN_LAG_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
 DRIFT = "reference_drift"
-# Growth of a reference's delay, prior: real drives' lags change by twice that in a run, and no gyro tells whose.
-DRIFT_S_PER_S = 1.5e-4
 LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
 
 
-def motion_along(e: Evidence, path: Path) -> Motion:
-    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals."""
+def motion_along(e: Evidence, path: Path, sharp: bool = False) -> Motion:
+    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals.
+
+    `sharp`: with changes as sharp as they are seen, and some of the noise.
+    """
     edges = e.edges_s
     typical = float(np.median(e.step_s))
     n = len(e.time_s)
@@ -46,10 +49,10 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     h = np.diff(fine)
     forward = 0.5 * (e.left_m + e.right_m)
     # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
-    speed = denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical)
+    speed = _denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical, sharp)
     distance = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
     heading = CubicSpline(edges, path.pose[:, 2])
-    turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical))]))
+    turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical, sharp))]))
     # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
     smooth = np.diff(distance(edges))
     share = np.clip(_ratio(smooth, forward), 0.7, 1.3) * _ratio(forward, smooth)
@@ -61,14 +64,7 @@ def motion_along(e: Evidence, path: Path) -> Motion:
     D, r = e.tread_m, e.radius_m
     counted = e.counted_m or (e.left_m, e.right_m)
     wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in counted)
-    known = np.isfinite(e.temperature_c)
-    if known.any():
-        T = _smoothed(np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), TEMPERATURE_SMOOTHING_S / typical)
-        still = e.time_s <= e.time_s[0] + max(e.standstill_s, 1.0)
-        still_c = float(e.temperature_c[known & still].mean()) if (known & still).any() else float(T[0])
-        T = np.interp(middle, e.time_s, T)
-    else:
-        T, still_c = np.full(len(middle), np.nan), np.nan
+    temperature_c, still_c = _temperature_c(e, middle, typical)
     return Motion(
         time_s=middle,
         rate_rad_s=w,
@@ -79,12 +75,28 @@ def motion_along(e: Evidence, path: Path) -> Motion:
         right_m_s=v + 0.5 * w * D,
         left_wheel_rad=wl,
         right_wheel_rad=wr,
-        temperature_c=T,
+        temperature_c=temperature_c,
         still_c=still_c,
         tread_m=D,
         wheel_radius_m=r,
         end_s=float(edges[-1]),
     )
+
+
+def _temperature_c(e: Evidence, at_s: Array, typical_s: float) -> tuple[Array, float]:
+    """Temperature at times (m,), and that of the standstill at the start; NaN where there is no thermometer."""
+    known = np.isfinite(e.temperature_c)
+    if not known.any():
+        return np.full(len(at_s), np.nan), np.nan
+    sigma = TEMPERATURE_SMOOTHING_S / typical_s
+    smooth = _smoothed(np.interp(e.time_s, e.time_s[known], e.temperature_c[known]), sigma)
+    still = known & (e.time_s <= e.time_s[0] + max(e.standstill_s, 1.0))
+    still_c = float(e.temperature_c[still].mean()) if still.any() else float(smooth[0])
+    return np.interp(at_s, e.time_s, smooth), still_c
+
+
+def _denoised(values: Array, sigma: Array, width: float, sharp: bool) -> Array:
+    return denoised(values, sigma, width / 2**SHARPER, WIDTHS + SHARPER) if sharp else denoised(values, sigma, width)
 
 
 def _smoothed(values: Array, sigma: float) -> Array:
@@ -115,14 +127,14 @@ def _ratio(a: Array, b: Array) -> Array:
     return result
 
 
-def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
+def _turn(e: Evidence, path: Path, typical_s: float, sharp: bool) -> Array:
     """Turn of each step, from the gyro with a slow correction: what the fixes' noise shakes must not be a regressor.
 
     A column with the reference's noise in it is correlated with the innovations that it is to explain.
     """
     turn = path.steps()[2]
     # The wheels' turn is mostly noise on a straight line, and would explain itself there.
-    seen = denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s) * e.step_s
+    seen = _denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s, sharp) * e.step_s
     if e.gyro_rad is not None:
         inflated = (e.gyro_inflation_rad2 > 0.0) | (e.jump_rad2 > 0.0)
         slow = gaussian_filter1d(np.where(inflated, 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
@@ -131,23 +143,31 @@ def _turn(e: Evidence, path: Path, typical_s: float) -> Array:
 
 
 class Sensitivities:
-    """Makes sensitivities along a path. (72)"""
+    """Makes sensitivities along a path. (72)
+
+    `sharp`: the motion of what acts on the time. Its noise does no harm there: no series looks like its own derivative,
+    while a scale would be found that explains the noise in it by itself.
+    """
 
     def __init__(self, e: Evidence, path: Path):
-        self.e, self.motion = e, motion_along(e, path)
+        self.e, self.motion, self.sharp = e, motion_along(e, path), motion_along(e, path, sharp=True)
         edges = e.edges_s
         self.h = np.repeat(np.diff(edges) / SUB, SUB)
 
     def along(self, motion: Motion) -> "Sensitivities":
         """Sensitivities along another motion."""
         made = copy(self)
-        made.motion = motion
+        made.motion = made.sharp = motion
         return made
+
+    def motion_of(self, effect: Effect) -> Motion:
+        """The motion along which an effect acts."""
+        return self.sharp if effect.acts_on is ActsOn.TIMING else self.motion
 
     @property
     def body(self) -> Sensitivity:
         """The motion itself, as sensors without errors would tell it."""
-        m = self.motion
+        m = self.sharp
         return self.of(Errors(m.rate_rad_s, m.left_m_s, m.right_m_s))
 
     @cached_property
@@ -192,7 +212,8 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         return []
     k = e.fix_step
     # From the sensors: the path is bent to the fixes, and has their noise in it.
-    travel, middle, turn = 0.5 * (e.left_m + e.right_m), path.middle_rad, _turn(e, path, float(np.median(e.step_s)))
+    travel, middle = 0.5 * (e.left_m + e.right_m), path.middle_rad
+    turn = _turn(e, path, float(np.median(e.step_s)), sharp=True)
     # Where fixes scatter by 0.2 mm, as lidar odometry's do, their noise in the heading of a lever arm counts, too.
     heading = path.pose[0, 2] + np.cumsum(turn)[k] if e.is_far else path.pose[k + 1, 2]
     c, s = np.cos(heading), np.sin(heading)
@@ -210,8 +231,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     ]
     if e.gyro_rad is None or e.is_far:
         since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
-        drift = REFERENCE_WANDER_S / float(np.ptp(e.edges_s)) if e.has_three_clocks else DRIFT_S_PER_S
-        found.append((DRIFT, drift, Sensitivity(fix=-dp * since_s)))
+        found.append((DRIFT, REFERENCE_WANDER_S / float(np.ptp(e.edges_s)), Sensitivity(fix=-dp * since_s)))
     if ahead_m := AHEAD_M if e.is_far else ahead_m:
         found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:

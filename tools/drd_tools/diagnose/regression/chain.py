@@ -123,11 +123,12 @@ class Readings:
             return self.motion
         order = list(catalogue())
         before = [c for c in self.chain if effect is None or order.index(c.id) < order.index(effect.id)]
-        return _with(self.sensitivities.motion, before)
+        motion = self.sensitivities.sharp if effect is None else self.sensitivities.motion_of(effect)
+        return _with(motion, before)
 
     def sensitivity(self, effect: Effect, values: Values) -> Sensitivity:
         """Sensitivity to an effect with these parameters."""
-        motion = self.of_wheels(effect) if effect.channel == "wheels" else self.sensitivities.motion
+        motion = self.of_wheels(effect) if effect.channel == "wheels" else self.sensitivities.motion_of(effect)
         if effect.acts_on is ActsOn.READOUT:
             calm = self.sensitivities.calm_rate_rad_s
             motion = replace(motion, rate_rad_s=calm + float(values.get(BIAS.name, 0.0)))

@@ -218,7 +218,7 @@ class Problem:
             return self.readings.of(effect, beside(effect, self.sensitivities.motion, 1.0))
         if name.startswith(FORM):
             ones = dict.fromkeys(effect.linear(), 1.0)
-            shapes = effect.other_shapes(self.sensitivities.motion, {**ones, **shape})
+            shapes = effect.other_shapes(self.sensitivities.motion_of(effect), {**ones, **shape})
             return self.readings.of(effect, shapes[int(name.removeprefix(FORM))])
         if name.startswith(SLOPE):
             of = name.removeprefix(SLOPE)
@@ -279,7 +279,8 @@ class Problem:
         values = {**rough, **{n: selected.values[n] for n in linear_names(selected.effect, selected.values)}}
         count = self._form_counts.get(selected.id)
         if count is None:
-            count = len(selected.effect.other_shapes(self.sensitivities.motion, values))
+            motion = self.sensitivities.motion_of(selected.effect)
+            count = len(selected.effect.other_shapes(motion, values))
             self._form_counts[selected.id] = count
         return [(selected.effect, rough, f"{FORM}{i}") for i in range(count)]
 
