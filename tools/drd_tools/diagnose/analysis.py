@@ -9,12 +9,14 @@ import numpy as np
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.scatter import scatter_of
+from drd_tools.diagnose.conclude.uncertainty import apart
+from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
-from drd_tools.diagnose.regression.refine import reference_drift, refine
+from drd_tools.diagnose.regression.refine import of_nuisance, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
@@ -27,6 +29,8 @@ ROUGH_ROUNDS: Final = 4  # where the data are far off
 GROWING_ROUNDS: Final = 8  # where a set that explains much waits for its noise: limits the time
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
+CLEARLY: Final = 3.0  # sigmas: of a drift that is told
+PPM: Final = 1e-6
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
@@ -82,13 +86,14 @@ def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis
 def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
     """Faults of the reference, or what is as well its own."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
-    if (drift := reference_drift(conclusion.found.problem, conclusion.found.fit)) is not None:
-        faults["drift"] = drift
-    for selected in conclusion.of_the_reference:
-        for q in (selected.parameter(name) for name in selected.free):
-            name = FAULT_OF_UNIT[q.unit]
-            before = faults[name].value if name in faults else 0.0
-            faults[name] = Amount(before + selected.number(q.name) / q.si, selected.sigma(q.name) / q.si, q.unit)
+    problem, fit = conclusion.found.problem, conclusion.found.fit
+    drift, sigma = of_nuisance(problem, fit, DRIFT)
+    if abs(drift) > CLEARLY * sigma:
+        faults["drift"] = Amount(drift / PPM, sigma / PPM, "ppm")
+    found = apart(problem, fit) if conclusion.of_the_reference else {}
+    for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):
+        value, sigma = found[q.unit]
+        faults[FAULT_OF_UNIT[q.unit]] = Amount(value / q.si, sigma / q.si, q.unit)
     return faults
 
 

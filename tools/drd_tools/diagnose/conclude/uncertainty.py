@@ -16,10 +16,11 @@ from scipy.special import ndtr
 from drd.effects.effect import ActsOn, Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
+from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
 from drd_tools.diagnose.observe.constants import WIDER
 from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
+from drd_tools.diagnose.regression.refine import Fit, precisions, refine, refine_all, response
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
@@ -90,6 +91,32 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
     return max(wander_s / float(np.ptp(e.edges_s)), calibrated)
 
 
+def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
+    """How late the wheels are against the reference in the drive's middle, s, and by how much slower that grows than
+    they, s/s, whichever of them it is; by unit, each with its deviation. (87)
+    """
+    middle_s = float(problem.evidence.edges_s[[0, -1]].mean())
+    sizes = {name: size for name, size, _ in problem.nuisances}
+    lag_s = [-sizes[name] if name == LATENCY else 0.0 for name in sizes]
+    growth = [sizes[name] if name == DRIFT else 0.0 for name in sizes]
+    for selected in fit.selection:
+        units = [selected.parameter(name).unit for name in selected.free]
+        lag_s += [{"s": 1.0, "ppm": -middle_s}.get(unit, 0.0) * _is_time(selected) for unit in units]
+        growth += [float(unit == "ppm") * _is_time(selected) for unit in units]
+    numbers = [selected.number(name) for selected in fit.selection for name in selected.free]
+    columns = np.column_stack([problem.nuisance, problem.tangents(fit.selection)])
+    priors = np.concatenate([np.ones(len(sizes)), *(precisions(selected) for selected in fit.selection)])
+    covariance = np.linalg.inv(columns.T @ columns + np.diag(priors))
+    x, found = np.concatenate([fit.nuisance, numbers]), {}
+    for unit, weights in (("s", np.array(lag_s)), ("ppm", np.array(growth))):
+        found[unit] = float(weights @ x), math.sqrt(float(weights @ covariance @ weights))
+    return found
+
+
+def _is_time(selected: Selected) -> bool:
+    return selected.effect.acts_on is ActsOn.TIMING
+
+
 def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
     """The estimates, and the odds that each has an effect in it and is not the reference's own alone. (87)
 
@@ -105,7 +132,7 @@ def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple
 
 def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
     """A delay that is longer by these; any other effect as it is."""
-    if selected.effect.acts_on is not ActsOn.TIMING or selected.effect.begins is Begins.GROWING:
+    if not _is_time(selected) or selected.effect.begins is Begins.GROWING:
         return selected
     more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
     at = {q.name: max(selected.number(q.name) + more_s, 0.0) for q in selected.effect.parameters if q.unit == "s"}

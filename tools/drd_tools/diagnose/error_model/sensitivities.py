@@ -30,7 +30,7 @@ SHARPER = 2
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 UNKNOWN_LAG_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
-DRIFT = "reference_drift"
+LATENCY, DRIFT = "reference_latency", "reference_drift"
 LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
@@ -117,9 +117,11 @@ def _speed_sigma_m_s(e: Evidence) -> Array:
 
 
 def _turn_sigma_rad_s(e: Evidence) -> Array:
-    """Deviation of each step's turn over its length, (n,), as wheels tell it."""
+    """Deviation of each step's turn over its length, (n,), as wheels tell it, and fixes, to which the path is bent."""
     distance_m2 = e.datasheet.slip_m_per_sqrt_m**2 * e.near_travel_m + e.datasheet.count_m**2 / 3.0
-    return np.asarray(np.sqrt(distance_m2) / e.tread_m / e.step_s, float)
+    variance_rad2 = distance_m2 / e.tread_m**2
+    variance_rad2[e.fix_step] += 2.0 * e.datasheet.heading_rad**2
+    return np.asarray(np.sqrt(variance_rad2) / e.step_s, float)
 
 
 def _ratio(a: Array, b: Array) -> Array:
@@ -225,7 +227,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
     if e.is_far and e.reference_lag_s is None:
         latency_s = UNKNOWN_LAG_S
     found = [
-        ("reference_latency", latency_s, Sensitivity(fix=-dp)),
+        (LATENCY, latency_s, Sensitivity(fix=-dp)),
         ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
         ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]

@@ -7,10 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted, factors_of
-from drd_tools.diagnose.results import Amount, Array
+from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import Selected
 
 ROUNDS: Final = 12  # at most; it ends before where it converges: limits the time
@@ -23,10 +22,6 @@ HOPED: Final = 5.0  # times what the linear model still expects would not be eno
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
-
-
-PPM: Final = 1e-6
-CLEARLY: Final = 3.0  # sigmas: of a fault of the reference that is told
 
 
 @dataclass(frozen=True)
@@ -64,16 +59,15 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: floa
     return [s.fit for s in searches]
 
 
-def reference_drift(problem: Problem, fit: Fit) -> Amount | None:
-    """By how much a reference's clock drifts from that of the robot without a gyro; None where that is not clear."""
-    names = [name for name, _, _ in problem.nuisances]
-    if DRIFT not in names:
-        return None
-    i = names.index(DRIFT)
-    size = problem.nuisances[i][1] / PPM
-    sigma = math.sqrt(float(np.linalg.inv(Marginal(problem.nuisance).A)[i, i]))
-    is_clear = abs(float(fit.nuisance[i])) > CLEARLY * sigma
-    return Amount(float(fit.nuisance[i]) * size, sigma * size, "ppm") if is_clear else None
+def of_nuisance(problem: Problem, fit: Fit, name: str) -> tuple[float, float]:
+    """Size, SI, of a nuisance of the reference in a fit, and its deviation; 0 and 0 of one that is not there."""
+    names = [own for own, _, _ in problem.nuisances]
+    if name not in names:
+        return 0.0, 0.0
+    i = names.index(name)
+    size = problem.nuisances[i][1]
+    deviation = math.sqrt(float(np.linalg.inv(Marginal(problem.nuisance).A)[i, i]))
+    return float(fit.nuisance[i]) * size, deviation * size
 
 
 class _Descent:
