@@ -92,8 +92,8 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
 
 
 def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
-    """How late the wheels are against the reference in the drive's middle, s, and by how much slower that grows than
-    they, s/s, whichever of them it is; by unit, each with its deviation. (87)
+    """How late the wheels are against the reference in the drive's middle, s, and by how much its clock runs away from
+    theirs, s/s, whosever fault it is: by the unit that it is told in, each with its deviation. (87)
     """
     middle_s = float(problem.evidence.edges_s[[0, -1]].mean())
     sizes = {name: size for name, size, _ in problem.nuisances}
