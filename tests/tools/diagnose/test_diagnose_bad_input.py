@@ -35,7 +35,9 @@ def short(reference: str) -> Recording:
     return simulated(SHORT, 1, conditions=Conditions(reference=Reference.parse(reference))).recording
 
 
-def changed(recording: Recording, which: str, keep: Array, shift_s: float = 0.0, factor: float = 1.0) -> Recording:
+def changed(
+    recording: Recording, which: str, keep: npt.NDArray[np.bool_], shift_s: float = 0.0, factor: float = 1.0
+) -> Recording:
     """With these rows of a log, later and larger."""
     log = getattr(recording, which)
     columns = {name: getattr(log, name)[keep] * factor for name in VALUES[which]}
@@ -73,6 +75,18 @@ def damaged(draw: Any) -> Recording:
         )
         recording = replace(recording, nominal=perfect)
     return recording
+
+
+@pytest.mark.parametrize("shift_s", [0.0, 3.0])
+def test_counters_that_leap_by_a_kilometre_are_answered(shift_s: float) -> None:
+    """Products of columns so large have a rounding that is more than the priors beside them."""
+    recording = short("sparse:5")
+    assert recording.wheels is not None
+    assert recording.reference is not None
+    whole = np.ones(len(recording.reference.time_s), bool)
+    leaping = changed(recording, "wheels", recording.wheels.time_s < 10.25, factor=1e6)
+    conclusion = analyse(changed(leaping, "reference", whole, shift_s)).conclusion
+    assert all(np.isfinite(c.explains) for c in conclusion.causes)
 
 
 # A failing recording is long; as an error the warning would hide what failed.

@@ -198,7 +198,7 @@ def test_clocks_that_nothing_tells_apart_are_a_class() -> None:
 
 def test_times_are_told_by_turns_as_sharp_as_they_are_and_sizes_by_turns_without_noise() -> None:
     """Turns that begin and end within a step; a size found along their noise would explain that noise by itself."""
-    e = gather(replace(recorded(DRIVE, 1), fog=None))
+    e = gather(replace(recorded(DRIVE, 1, conditions=Conditions(reference=Reference.parse("ends"))), fog=None))
     turns = e.time_s % 20.0 > 15.0
     rate = 0.6 * turns
     noise_m = (

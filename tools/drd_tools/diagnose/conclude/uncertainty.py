@@ -20,7 +20,7 @@ from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
 from drd_tools.diagnose.observe.constants import WIDER
 from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, precisions, refine, refine_all, response
+from drd_tools.diagnose.regression.refine import Fit, joint_covariance, refine, refine_all, response
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
@@ -104,12 +104,10 @@ def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
         lag_s += [{"s": 1.0, "ppm": -middle_s}.get(unit, 0.0) * _is_time(selected) for unit in units]
         growth += [float(unit == "ppm") * _is_time(selected) for unit in units]
     numbers = [selected.number(name) for selected in fit.selection for name in selected.free]
-    columns = np.column_stack([problem.nuisance, problem.tangents(fit.selection)])
-    priors = np.concatenate([np.ones(len(sizes)), *(precisions(selected) for selected in fit.selection)])
-    covariance = np.linalg.inv(columns.T @ columns + np.diag(priors))
+    covariance = joint_covariance(problem, fit)
     x, found = np.concatenate([fit.nuisance, numbers]), {}
     for unit, weights in (("s", np.array(lag_s)), ("ppm", np.array(growth))):
-        found[unit] = float(weights @ x), math.sqrt(float(weights @ covariance @ weights))
+        found[unit] = float(weights @ x), math.sqrt(max(float(weights @ covariance @ weights), 0.0))
     return found
 
 

@@ -20,6 +20,7 @@ HOPELESS_NATS: Final = 30.0  # that a score lies below what is asked for, althou
 CLEAR_ROUNDS: Final = 3  # after so many, if
 HOPED: Final = 5.0  # times what the linear model still expects would not be enough
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
+ROUNDING: Final = 1e-14  # of the products of columns: where counters leap by a kilometre it is more than their priors
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
 
@@ -165,7 +166,8 @@ def _evaluate(problem: Problem, selection: tuple[Selected, ...], units: _Units) 
         size = math.sqrt(max(float(explained @ G @ explained), 0.0))
         soft.append(DISCREPANCY_SHARE * size * _beyond(columns[shapes], columns[own], G))
     N = np.concatenate(soft)
-    A, b = N @ G @ N.T + np.eye(len(N)), N @ G @ residual
+    A, b = N @ G @ N.T, N @ G @ residual
+    A += np.diag(1.0 + ROUNDING * len(N) * (np.abs(N) @ np.sqrt(np.maximum(np.diag(G), 0.0))) ** 2)
     L = np.linalg.cholesky(A)
     x = np.linalg.solve(L.T, np.linalg.solve(L, b))
     left = residual - x @ N
@@ -214,6 +216,13 @@ def response(problem: Problem, fit: Fit) -> Response:
     priors = np.concatenate([np.zeros(0), *(precisions(c) for c in selection)]) + _measured(selection)[1]
     covariance = _inverse(marginal.beside(T.T @ T, C) + np.diag(priors))
     return Response(covariance, covariance @ marginal.beside(T.T @ F, C, soft.T @ F))
+
+
+def joint_covariance(problem: Problem, fit: Fit) -> Array:
+    """Covariance (q + k, q + k) of the nuisances' coefficients and the free parameters of a fit."""
+    columns = np.column_stack([problem.nuisance, problem.tangents(fit.selection)])
+    priors = np.concatenate([np.ones(problem.nuisance.shape[1]), *(precisions(c) for c in fit.selection)])
+    return _inverse(columns.T @ columns + np.diag(priors))
 
 
 def _inverse(S: Array) -> Array:

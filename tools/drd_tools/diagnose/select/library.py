@@ -21,6 +21,7 @@ Parameters = dict[str, float | str]
 
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 MOST_OF_THE_WAY: Final = 0.8  # what acts on more of it is no interval but acts always
+LARGEST: Final = 1e16  # sigmas of a row: no robot does that, and squares of single precision have no room for more
 BIASES: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # in sigmas of the data sheet
 
 
@@ -145,6 +146,7 @@ class Library:
                     whitened.append(np.column_stack(columns))
                     first += len(columns)
         self.columns = np.concatenate(whitened, axis=1)
+        self.columns[:, np.maximum(self.columns.max(axis=0), -self.columns.min(axis=0)) > LARGEST] = 0.0
         self.products: Columns = self.columns.T @ self.columns
 
 
