@@ -10,13 +10,12 @@ from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.conclude.uncertainty import apart
-from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
-from drd_tools.diagnose.regression.refine import of_nuisance, refine
+from drd_tools.diagnose.regression.refine import reference_drift, refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised
@@ -87,7 +86,7 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
     """Faults of the reference, or what is as well its own."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
     problem, fit = conclusion.found.problem, conclusion.found.fit
-    drift, sigma = of_nuisance(problem, fit, DRIFT)
+    drift, sigma = reference_drift(problem, fit)
     if abs(drift) > CLEARLY * sigma:
         faults["drift"] = Amount(drift / PPM, sigma / PPM, "ppm")
     found = apart(problem, fit) if conclusion.of_the_reference else {}
