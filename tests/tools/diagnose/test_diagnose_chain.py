@@ -24,7 +24,7 @@ def along() -> Sensitivities:
     made = problem(WAREHOUSE, 1).sensitivities
     counted, _ = add(made.motion, [(c.effect, c.values) for c in FAR if c.effect.geometry])
     angles = {name: getattr(counted, name) for name in ("left_wheel_rad", "right_wheel_rad")}
-    return made.along(replace(made.motion, **angles))
+    return made.along(lambda _: replace(made.motion, **angles))
 
 
 def together(*selection: Selected) -> Sensitivity:

@@ -14,9 +14,12 @@ from drd_tools.diagnose.results import Finding, Status, Support
 from drd_tools.diagnose.results import Term as Said
 from drd_tools.diagnose.validate.held_out import CONTRADICTED_NATS, held_out_nats, prepared
 from drd_tools.diagnose.validate.validation import Validated, validate
-from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.trial.draw import Case, make
+from drd_tools.trial.overlay import planted
 from drd_tools.trial.plan import Plan, drawings
+
+SHARED = Path(__file__).parents[4] / "shared" / "recordings"
 
 
 def drawn(name: str) -> Case:
@@ -72,6 +75,14 @@ def test_a_term_that_is_wrong_is_refused_and_the_true_one_beside_it_is_not(
     nats = held_out_nats(terms, [prepared(other)])
     assert nats[wrong.effect.id] < 2.0 * CONTRADICTED_NATS
     assert wrong.effect is true.effect or nats[true.effect.id] > 10.0
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+def test_a_delay_is_borne_out_by_a_real_drive_whose_turns_no_gyro_tells() -> None:
+    """The drive is 0.03 s late by itself. Told by turns too smooth for it, 0.15 s are refused."""
+    drive = read_recording(SHARED / "optiodom_ivanjko_250620201618_run-07")
+    late = planted(drive, catalogue()["encoder_latency"], {"delay": 0.12})
+    assert held_out_nats([term("encoder_latency", delay=(0.15, 0.005))], [prepared(late)])["encoder_latency"] > 20.0
 
 
 def test_of_what_a_recording_does_not_show_it_says_nothing(treaded: tuple[Term, Recording]) -> None:

@@ -215,3 +215,14 @@ def test_times_are_told_by_turns_as_sharp_as_they_are_and_sizes_by_turns_without
     assert np.std(by_step["motion"][straight]) < 0.35 * np.std(
         (noise_m[1] - noise_m[0])[straight] / e.tread_m / e.step_s[straight]
     )
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_along_a_motion_that_is_not_changed_an_effect_is_as_it_was(name: str) -> None:
+    """Also what is told by sharper turns, or smoother ones, than the others: held out, it is not told by others."""
+    recording = recorded(DRIVE, 1, conditions=Conditions(reference=Reference.parse("full")))
+    problem = Problem(gather(replace(recording, fog=None)))
+    effect = catalogue()[name]
+    values = {**effect.variants(problem.sensitivities.motion)[0], **dict.fromkeys(effect.linear(), 0.1)}
+    one = [Selected(effect, values, ())]
+    assert np.array_equal(problem.along(lambda motion: motion).effect_rows(one), problem.effect_rows(one))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def _squares(problem: Problem, selection: Sequence[_Ranged]) -> float:
 
 def _rows(problem: Problem, selected: Selected, seen: Ranges) -> Array:
     """Rows that a selected effect explains, its covariate held to the range in which it was seen, as in model.yaml."""
-    return problem.along(within(problem.sensitivities.motion, seen)).effect_rows([selected])
+    return problem.along(partial(within, ranges=seen)).effect_rows([selected])
 
 
 def _term(effect: Effect, values: Values) -> Term:

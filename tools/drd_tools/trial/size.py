@@ -53,10 +53,10 @@ class Whitener:
         """A real recording: its fitted noise, and its motion as the nominal model with what was found tells it."""
         found = analysis.conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
-        motion, _ = add(found.problem.sensitivities.motion, selected)
+        problem = found.problem.along(lambda motion: add(motion, selected)[0], is_read=True)
         beside = [_more(c) if c.effect.acts_on is ActsOn.TIMING else c for c in found.fit.selection]
-        clocks = _clocks(analysis.measured) if found.problem.evidence.is_far else {}
-        return cls(found.problem.along(motion, is_read=True), motion, beside, clocks)
+        clocks = _clocks(analysis.measured) if problem.evidence.is_far else {}
+        return cls(problem, problem.sensitivities.motion, beside, clocks)
 
     def detectability(self, effect: Effect, values: Values) -> float:
         """Norm of an effect's whitened sensitivity, nuisances projected out; 0 where the diagnosis says nothing of it.

@@ -1,7 +1,9 @@
 """Sensitivities of the catalogue's effects in one recording."""
 
 import math
+from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -35,23 +37,45 @@ LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filter
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
 
+Change = Callable[[Motion], Motion]  # of a motion, where more is known of it than the sensors tell
 
-def motion_along(e: Evidence, path: Path, sharp: bool = False) -> Motion:
-    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals.
 
-    `sharp`: with changes as sharp as they are seen, and some of the noise.
-    """
+def motion_along(e: Evidence, path: Path) -> Motion:
+    """The robot's motion on a grid SUB times finer than the steps, of shape (n SUB,): means over its intervals."""
     edges = e.edges_s
-    typical = float(np.median(e.step_s))
-    n = len(e.time_s)
-    fine = np.interp(np.arange(n * SUB + 1) / SUB, np.arange(n + 1), edges)
+    fine = _fine_s(e)
     middle = 0.5 * (fine[1:] + fine[:-1])
-    h = np.diff(fine)
+    counted = e.counted_m or (e.left_m, e.right_m)
+    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / e.radius_m for m in counted)
+    temperature_c, still_c = _temperature_c(e, middle, float(np.median(e.step_s)))
+    zero = np.zeros_like(middle)
+    at_rest = Motion(
+        time_s=middle,
+        rate_rad_s=zero,
+        speed_m_s=zero,
+        acceleration_m_s2=zero,
+        heading_rad=CubicSpline(edges, path.pose[:, 2])(middle),
+        left_m_s=zero,
+        right_m_s=zero,
+        left_wheel_rad=wl,
+        right_wheel_rad=wr,
+        temperature_c=temperature_c,
+        still_c=still_c,
+        tread_m=e.tread_m,
+        wheel_radius_m=e.radius_m,
+        end_s=float(edges[-1]),
+    )
+    return _moving(at_rest, e, path)
+
+
+def _moving(motion: Motion, e: Evidence, path: Path, sharp: bool = False) -> Motion:
+    """A motion with its speeds. `sharp`: with changes as sharp as they are seen, and some of the noise."""
+    edges, fine = e.edges_s, _fine_s(e)
+    typical, h = float(np.median(e.step_s)), np.diff(fine)
     forward = 0.5 * (e.left_m + e.right_m)
     # Where the speed is as good as constant, a column that follows its noise would explain the wheels by themselves.
     speed = _denoised(forward / np.diff(edges), _speed_sigma_m_s(e), SPEED_SMOOTHING_S / typical, sharp)
     distance = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(speed * np.diff(edges))]))
-    heading = CubicSpline(edges, path.pose[:, 2])
     turned = CubicSpline(edges, np.concatenate([[0.0], np.cumsum(_turn(e, path, typical, sharp))]))
     # Near a stop the wheels' noise is small, and a column that leaks over the stop would outweigh all others.
     smooth = np.diff(distance(edges))
@@ -60,27 +84,20 @@ def motion_along(e: Evidence, path: Path, sharp: bool = False) -> Motion:
     share = np.clip(share, 0.0, MOST_SHARE)
     v = np.diff(distance(fine)) / h * np.repeat(share, SUB)
     w = np.diff(turned(fine)) / h
-    a = distance(middle, 2)
-    D, r = e.tread_m, e.radius_m
-    counted = e.counted_m or (e.left_m, e.right_m)
-    wl, wr = (np.interp(middle, edges, np.concatenate([[0.0], np.cumsum(m)])) / r for m in counted)
-    temperature_c, still_c = _temperature_c(e, middle, typical)
-    return Motion(
-        time_s=middle,
+    return replace(
+        motion,
         rate_rad_s=w,
         speed_m_s=v,
-        acceleration_m_s2=a,
-        heading_rad=heading(middle),
-        left_m_s=v - 0.5 * w * D,
-        right_m_s=v + 0.5 * w * D,
-        left_wheel_rad=wl,
-        right_wheel_rad=wr,
-        temperature_c=temperature_c,
-        still_c=still_c,
-        tread_m=D,
-        wheel_radius_m=r,
-        end_s=float(edges[-1]),
+        acceleration_m_s2=distance(motion.time_s, 2),
+        left_m_s=v - 0.5 * w * e.tread_m,
+        right_m_s=v + 0.5 * w * e.tread_m,
     )
+
+
+def _fine_s(e: Evidence) -> Array:
+    """Edges of the fine grid, (n SUB + 1,)."""
+    n = len(e.time_s)
+    return np.interp(np.arange(n * SUB + 1) / SUB, np.arange(n + 1), e.edges_s)
 
 
 def _temperature_c(e: Evidence, at_s: Array, typical_s: float) -> tuple[Array, float]:
@@ -152,14 +169,15 @@ class Sensitivities:
     """
 
     def __init__(self, e: Evidence, path: Path):
-        self.e, self.motion, self.sharp = e, motion_along(e, path), motion_along(e, path, sharp=True)
-        edges = e.edges_s
-        self.h = np.repeat(np.diff(edges) / SUB, SUB)
+        self.e, self.motion = e, motion_along(e, path)
+        self.sharp = _moving(self.motion, e, path, sharp=True)
+        self.h = np.repeat(np.diff(e.edges_s) / SUB, SUB)
 
-    def along(self, motion: Motion) -> "Sensitivities":
-        """Sensitivities along another motion."""
+    def along(self, change: Change) -> "Sensitivities":
+        """Sensitivities along the motion changed so, the sharp one, too."""
         made = copy(self)
-        made.motion = made.sharp = motion
+        made.motion, made.sharp = change(self.motion), change(self.sharp)
+        made.__dict__.pop("calm_rate_rad_s", None)  # it is of the motion as it was
         return made
 
     def motion_of(self, effect: Effect) -> Motion:

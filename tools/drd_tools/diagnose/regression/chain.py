@@ -13,7 +13,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import ActsOn, Begins, Delays, Effect, Errors
 from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Sensitivity
-from drd_tools.diagnose.error_model.sensitivities import Sensitivities
+from drd_tools.diagnose.error_model.sensitivities import Change, Sensitivities
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values
 
@@ -108,9 +108,9 @@ class Readings:
         edges_s = sensitivities.e.edges_s
         self._late = _Late.by(delays_s([c for c in chain if _is_delay(c.effect)], edges_s)[1], edges_s)
 
-    def along(self, motion: Motion, is_read: bool = False) -> "Readings":
-        """The same of another motion; `is_read`: it is what sensors tell of it already."""
-        return Readings(self.sensitivities.along(motion), () if is_read else self.chain)
+    def along(self, change: Change, is_read: bool = False) -> "Readings":
+        """The same of the motion changed so; `is_read`: into what sensors tell of it."""
+        return Readings(self.sensitivities.along(change), () if is_read else self.chain)
 
     @cached_property
     def motion(self) -> Motion:

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from drd.effects.catalogue import catalogue
 from drd.effects.effect import Effect
-from drd.effects.motion import Motion
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.error_model.nominal_path import follow, inflated_model
 from drd_tools.diagnose.error_model.path import Path
-from drd_tools.diagnose.error_model.sensitivities import Sensitivities, nuisances
+from drd_tools.diagnose.error_model.sensitivities import Change, Sensitivities, nuisances
 from drd_tools.diagnose.observe.evidence import Evidence, Noise
 from drd_tools.diagnose.regression.chain import Readings, beside, chain_of, delays_s, has_clock, stamped_later_s
 from drd_tools.diagnose.regression.gram import Gram
@@ -114,12 +113,12 @@ class Problem:
         made.nuisance = (self.nuisance if held is None else held)[rows]
         return made
 
-    def along(self, motion: Motion, is_read: bool = False) -> "Problem":
-        """A problem with the effects' sensitivities along another motion; `is_read`: it is what sensors tell of it, to
-        which the selected geometry and delays are not added again.
+    def along(self, change: Change, is_read: bool = False) -> "Problem":
+        """A problem with the effects' sensitivities along the motion changed so; `is_read`: into what sensors tell of
+        it, to which the selected geometry and delays are not added again.
         """
         made = copy(self)
-        made.readings, made._cache, made._gram = self.readings.along(motion, is_read), {}, None
+        made.readings, made._cache, made._gram = self.readings.along(change, is_read), {}, None
         made.sensitivities = made.readings.sensitivities
         return made
 

@@ -128,7 +128,7 @@ class _HeldOut:
         residual = problem.data - problem.effect_rows(self._events)
         columns = []
         for selected, ranges in selection:
-            held = problem.along(within(problem.sensitivities.motion, ranges))
+            held = problem.along(partial(within, ranges=ranges))
             rows = held.effect_rows([selected])
             if np.isfinite(rows).all():  # of a temperature that was not recorded nothing is known
                 residual = residual - rows
