@@ -39,9 +39,10 @@ def others(folder: Path, *values: float) -> list[Result]:
     return [replace(seeing(folder, 0.001, tread(k)), recording=f"{i}") for i, k in enumerate(values)]
 
 
-def told(results: Sequence[Result], k: float) -> tuple[Expected, ...]:
-    """Effects that the last of these recordings is expected to have, where it sees `k`."""
-    return expected(results, [statistics(k)] * len(results))[-1]
+def told(results: Sequence[Result], k: float, *of_others: float) -> tuple[Expected, ...]:
+    """Effects that the last of these recordings is expected to have, where it sees `k`, and those before it so much."""
+    shown = [statistics(other) for other in of_others] or [statistics(K)] * (len(results) - 1)
+    return expected(results, [*shown, statistics(k)])[-1]
 
 
 def test_what_others_have_and_the_data_bear_out_is_expected(tmp_path: Path) -> None:
@@ -55,12 +56,13 @@ def test_what_others_have_and_the_data_bear_out_is_expected(tmp_path: Path) -> N
     assert told([*others(tmp_path, K), blind], K) == ()
 
 
-def test_others_that_would_show_it_and_do_not_speak_against_it(tmp_path: Path) -> None:
-    (alone,) = told([*others(tmp_path, K, K), seeing(tmp_path, 1.0)], 1.8 * K)
-    contradicted = told([*others(tmp_path, K, K), seeing(tmp_path, 0.001), seeing(tmp_path, 1.0)], 1.8 * K)
-    assert [one.odds for one in contradicted] == [pytest.approx(0.5 * alone.odds)]
-    seeing_none = [seeing(tmp_path, 0.001), seeing(tmp_path, 0.002)]
-    assert told([*others(tmp_path, K, K), *seeing_none, seeing(tmp_path, 1.0)], 1.8 * K) == ()
+def test_others_whose_data_speak_against_it_are_counted_and_those_that_tell_nothing_are_not(tmp_path: Path) -> None:
+    without = seeing(tmp_path, 1.0)
+    (alone,) = told([*others(tmp_path, K, K), without], 1.8 * K)
+    for shown, factor in ((-K, 0.5), (0.5 * K, 1.0)):
+        (found,) = told([*others(tmp_path, K, K), without, without], 1.8 * K, K, K, shown)
+        assert found.odds == pytest.approx(factor * alone.odds)
+    assert told([*others(tmp_path, K, K), without, without, without], 1.8 * K, K, K, -K, -K) == ()
 
 
 def test_the_bayes_factor_is_the_ratio_of_marginal_likelihoods() -> None:

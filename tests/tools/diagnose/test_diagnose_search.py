@@ -234,3 +234,15 @@ def test_what_is_driven_beyond_all_sizes_is_not_searched_from() -> None:
     assert _with_others(p, null, [selected("turn_scrub", k=0.1)], 0.0).fit.selection == ()
     (tread,) = _with_others(p, null, [selected("tread_error", k=-0.04)], 0.0).fit.selection
     assert tread.number("k") == pytest.approx(-0.05, abs=0.005)
+
+
+def test_of_two_of_a_name_the_one_that_is_driven_beyond_all_sizes_goes_alone() -> None:
+    """No wheel slips by less than nothing."""
+    slips = [
+        selected("surface_slip", left=left, right=0.0, t0=t0, t1=t0 + 8.0) for left, t0 in ((0.1, 20.0), (-0.1, 50.0))
+    ]
+    p = problem(SLALOM, 0, *slips)
+    starts = [replace(slip, values={**slip.values, "left": 0.05}, free=("left",)) for slip in slips]
+    (kept,) = _with_others(p, refine(p, ()), starts, 0.0).fit.selection
+    assert kept.number("left") == pytest.approx(0.1, abs=0.02)
+    assert kept.begin_s == 20.0

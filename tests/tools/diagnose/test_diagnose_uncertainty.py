@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from diagnosis_drives import WAREHOUSE, problem, recorded, selected
 
-from drd_tools.diagnose.conclude.uncertainty import BARELY, over_the_reference, reported_estimates, shrunk
+from drd_tools.diagnose.conclude.reference import BARELY, over_the_reference
+from drd_tools.diagnose.conclude.uncertainty import reported_estimates, shrunk
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine

@@ -8,14 +8,14 @@ import numpy as np
 
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
+from drd_tools.diagnose.conclude.reference import apart, reference_drift
 from drd_tools.diagnose.conclude.scatter import scatter_of
-from drd_tools.diagnose.conclude.uncertainty import apart
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
 from drd_tools.diagnose.regression.problem import Inflation, Problem
-from drd_tools.diagnose.regression.refine import reference_drift, refine
+from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
 from drd_tools.diagnose.select.library import release
 from drd_tools.diagnose.select.search import Found, coarse_search, converged, full_search, is_rough, linearised

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.means import scatter, weighted
-from drd_tools.diagnose.combine.pool import STRONG_ODDS, would_show
+from drd_tools.diagnose.combine.pool import STRONG_ODDS
 from drd_tools.diagnose.conclude.cause import Cause, sentence
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
@@ -30,7 +30,7 @@ class Expected(NamedTuple):
 
 def expected(results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> list[tuple[Expected, ...]]:
     """For each recording the effects that it has not found, but that others and its own data speak for by 20 to 1."""
-    return [_of_one(i, results, own) for i, own in enumerate(statistics)]
+    return [_of_one(i, results, statistics) for i in range(len(results))]
 
 
 def borne_out(conclusion: Conclusion, expected: Sequence[Expected]) -> Conclusion:
@@ -62,24 +62,29 @@ def _supported(cause: Cause, expected: Expected) -> Cause:
     )
 
 
-def _of_one(i: int, results: Sequence[Result], own: SufficientStatistics) -> tuple[Expected, ...]:
-    said = names_of(results[i].findings)
-    others = [*results[:i], *results[i + 1 :]]
-    found = (_judged(effect, others, own) for effect in dict.fromkeys(e for e, _ in own.names) if effect not in said)
+def _of_one(i: int, results: Sequence[Result], statistics: Sequence[SufficientStatistics]) -> tuple[Expected, ...]:
+    said, own = names_of(results[i].findings), statistics[i]
+    others, theirs = ([*all_of[:i], *all_of[i + 1 :]] for all_of in (results, statistics))
+    found = (
+        _judged(effect, others, theirs, own) for effect in dict.fromkeys(e for e, _ in own.names) if effect not in said
+    )
     return tuple(one for one in found if one is not None and one.odds >= STRONG_ODDS)
 
 
-def _judged(effect: str, others: Sequence[Result], own: SufficientStatistics) -> Expected | None:
-    """An effect's odds in a recording of `own` statistics; None where too few of the others show it."""
+def _judged(
+    effect: str, others: Sequence[Result], statistics: Sequence[SufficientStatistics], own: SufficientStatistics
+) -> Expected | None:
+    """An effect's odds in a recording of `own` statistics; None where too few of the others show it.
+
+    Those whose data speak against it are without it; the others' `statistics` tell.
+    """
     findings = [f for r in others for f in r.findings if f.effect == effect and f.status is not Status.SUSPECTED]
     if len(findings) < FEWEST or not all(a.std > 0.0 for f in findings for a in f.parameters.values()):
         return None
-    without = sum(would_show(r, findings[0]) for r in others)
-    if len(findings) <= without:
-        return None
     prior = _prior(effect, findings)
-    nats = own.log_bayes_factor(effect, prior)
-    if nats is None:
+    nats, *of_others = (one.log_bayes_factor(effect, prior) for one in (own, *statistics))
+    without = sum(n is not None and n < -math.log(STRONG_ODDS) for n in of_others)
+    if nats is None or len(findings) <= without:
         return None
     bayes_factor = math.exp(min(nats, LARGEST_NATS))
     values = {name: value for name, (value, _) in prior.items()}

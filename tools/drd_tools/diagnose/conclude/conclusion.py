@@ -18,9 +18,10 @@ from drd_tools.diagnose.conclude.judgement import (
     judge_ripple,
     margin,
 )
+from drd_tools.diagnose.conclude.reference import BARELY, over_the_reference
 from drd_tools.diagnose.conclude.rivals import at_odds, near_sets, unique
 from drd_tools.diagnose.conclude.shares import shared_nats
-from drd_tools.diagnose.conclude.uncertainty import BARELY, over_the_reference, reported_estimates
+from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine, refine_all

@@ -11,24 +11,18 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr
 
 from drd.effects.effect import ActsOn, Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
-from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
-from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
+from drd_tools.diagnose.conclude.reference import reference_deviation
 from drd_tools.diagnose.observe.constants import WIDER
-from drd_tools.diagnose.regression.chain import delays_s
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, joint_covariance, refine, refine_all, response
+from drd_tools.diagnose.regression.refine import Fit, refine, refine_all, response
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 
 DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
-# Delay that is usual of a motion capture by network.
-REFERENCE_S: Final = 0.05
-BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 1961)
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
 FINE: Final = 2000  # points of a profile's integral: far finer than REACHES
 USUAL: Final = 3.0  # times the middle of a parameter's range, on a scale of ratios
@@ -61,19 +55,11 @@ def reported_estimates(
         profiled = [_distances(problem, fit, i, name) for name in selected.free if _is_curved(selected, name)]
         widths = np.minimum(np.max([deviation, *profiled], axis=0), _most(problem, selected))
         widths *= [scatters[i] if selected.parameter(name).linear else 1.0 for name in selected.free]
-        by_itself = [_of_the_reference(problem, selected, name) for name in selected.free]
+        by_itself = [reference_deviation(problem, selected, name) for name in selected.free]
         widths = np.hypot(np.hypot(widths, by_itself), _by_themselves(problem, selected))
         scale = np.divide(widths, deviation, out=np.ones(k), where=deviation > 0.0)
         selection.append(replace(shrunken[i], covariance=own * scale[:, None] * scale))
     return tuple(selection)
-
-
-def _of_the_reference(problem: Problem, selected: Selected, name: str) -> float:
-    """Deviation of a delay or a clock's rate by those of the reference, where there is no gyro to tell them apart."""
-    if selected.effect.acts_on is not ActsOn.TIMING or problem.evidence.gyro_rad is not None:
-        return 0.0
-    lasts_s = float(np.ptp(problem.evidence.edges_s))
-    return {"s": REFERENCE_S, "ppm": REFERENCE_WANDER_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
 
 
 def _by_themselves(problem: Problem, selected: Selected) -> float:
@@ -89,69 +75,6 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
         wander_s = (WHEELS_WANDER_S**-2 + REFERENCE_WANDER_S**-2) ** -0.5
     calibrated = max((sigma for _, sigma in selected.prior.values()), default=0.0) / WIDER
     return max(wander_s / float(np.ptp(e.edges_s)), calibrated)
-
-
-def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
-    """How late the wheels are against the reference in the drive's middle, s, and by how much its clock runs away from
-    theirs, s/s, whosever fault it is: by the unit that it is told in, each with its deviation. (87)
-    """
-    middle_s = float(problem.evidence.edges_s[[0, -1]].mean())
-    sizes = {name: size for name, size, _ in problem.nuisances}
-    lag_s = [-sizes[name] if name == LATENCY else 0.0 for name in sizes]
-    growth = [sizes[name] if name == DRIFT else 0.0 for name in sizes]
-    for selected in fit.selection:
-        units = [selected.parameter(name).unit for name in selected.free]
-        lag_s += [{"s": 1.0, "ppm": -middle_s}.get(unit, 0.0) * _is_time(selected) for unit in units]
-        growth += [float(unit == "ppm") * _is_time(selected) for unit in units]
-    numbers = [selected.number(name) for selected in fit.selection for name in selected.free]
-    covariance = joint_covariance(problem, fit)
-    x, found = np.concatenate([fit.nuisance, numbers]), {}
-    for unit, weights in (("s", np.array(lag_s)), ("ppm", np.array(growth))):
-        found[unit] = float(weights @ x), math.sqrt(max(float(weights @ covariance @ weights), 0.0))
-    return found
-
-
-def _is_time(selected: Selected) -> bool:
-    return selected.effect.acts_on is ActsOn.TIMING
-
-
-def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
-    """The estimates, and the odds that each has an effect in it and is not the reference's own alone. (87)
-
-    Infinite for what is no delay or clock's rate, and where a gyro tells. Where the growth of a delay is as well the
-    reference's own, the delay is that of the drive's middle.
-    """
-    grown = [c for c in estimates if c.effect.begins is Begins.GROWING and _odds(problem, c) < BARELY]
-    middle_s = float(problem.evidence.edges_s[[0, -1]].mean())
-    by_then = delays_s(grown, np.array([middle_s, middle_s]))
-    found = [_later(c, *(float(late_s[0]) for late_s in by_then)) for c in estimates]
-    return found, [_odds(problem, c) for c in found]
-
-
-def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
-    """A delay that is longer by these; any other effect as it is."""
-    if not _is_time(selected) or selected.effect.begins is Begins.GROWING:
-        return selected
-    more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
-    at = {q.name: max(selected.number(q.name) + more_s, 0.0) for q in selected.effect.parameters if q.unit == "s"}
-    return replace(selected, values={**selected.values, **at})
-
-
-def _odds(problem: Problem, selected: Selected) -> float:
-    return max((_odds_of(problem, selected, name) for name in selected.free), default=math.inf)
-
-
-def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
-    if not _of_the_reference(problem, selected, name):
-        return math.inf
-    q, sigma = selected.parameter(name), selected.sigma(name)
-    high = q.high * q.si
-    x = min(abs(selected.number(name)), high)  # what is larger is no likelier the reference's
-    if sigma == 0.0:
-        return math.inf
-    low = -high if q.signed else 0.0
-    either = float(ndtr((high - x) / sigma) - ndtr((low - x) / sigma)) / (high - low)
-    return either * sigma * math.sqrt(2.0 * math.pi) * math.exp(min(0.5 * (x / sigma) ** 2, LARGEST_NATS))
 
 
 def shrunk(

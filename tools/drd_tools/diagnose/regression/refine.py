@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd_tools.diagnose.error_model.sensitivities import DRIFT
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem, Wanted, factors_of
 from drd_tools.diagnose.results import Array
@@ -59,17 +58,6 @@ def refine_all(problem: Problem, sets: Sequence[Sequence[Selected]], least: floa
         for s in active:
             s.step()
     return [s.fit for s in searches]
-
-
-def reference_drift(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Growth of the reference's lag in a fit, s/s, and its deviation; 0 and 0 where it is no nuisance."""
-    names = [name for name, _, _ in problem.nuisances]
-    if DRIFT not in names:
-        return 0.0, 0.0
-    i = names.index(DRIFT)
-    size = problem.nuisances[i][1]
-    deviation = math.sqrt(float(np.linalg.inv(Marginal(problem.nuisance).A)[i, i]))
-    return float(fit.nuisance[i]) * size, deviation * size
 
 
 class _Descent:

@@ -84,7 +84,8 @@ def coarse_search(
 def _with_others(problem: Problem, fit: Fit, others: Sequence[Selected], null: float) -> Found:
     """The fit with other effects, linearised around, without those that this drives beyond all sizes."""
     found = linearised(problem, replace(fit, selection=(*fit.selection, *others)), null)
-    kept = [c for c in others if all(is_possible(problem, own) for own in found.fit.selection if own.id == c.id)]
+    fitted = found.fit.selection[len(fit.selection) :]
+    kept = [c for c, own in zip(others, fitted, strict=True) if is_possible(problem, own)]
     return found if len(kept) == len(others) else _with_others(problem, fit, kept, null)
 
 

@@ -1,0 +1,103 @@
+"""Delays and clock rates beside those of the reference: whose they may be, and by how much the two are apart. (87)"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from scipy.special import ndtr
+
+from drd.effects.effect import ActsOn, Begins
+from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S
+from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
+from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
+from drd_tools.diagnose.regression.chain import delays_s
+from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.refine import Fit, joint_covariance
+from drd_tools.diagnose.selected import Selected
+
+REFERENCE_S: Final = 0.05  # delay that is usual of a motion capture by network
+BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 1961)
+
+
+def reference_deviation(problem: Problem, selected: Selected, name: str) -> float:
+    """Deviation of a delay or a clock's rate by those of the reference, where there is no gyro to tell them apart."""
+    if not _is_time(selected) or problem.evidence.gyro_rad is not None:
+        return 0.0
+    lasts_s = float(np.ptp(problem.evidence.edges_s))
+    return {"s": REFERENCE_S, "ppm": REFERENCE_WANDER_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
+
+
+def reference_drift(problem: Problem, fit: Fit) -> tuple[float, float]:
+    """Growth of the reference's lag in a fit, s/s, and its deviation; 0 and 0 where it is no nuisance."""
+    return _summed(problem, fit, {DRIFT: 1.0}, {})
+
+
+def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
+    """How late the wheels are against the reference in the drive's middle, s, and by how much its clock runs away from
+    theirs, s/s, whosever fault it is: by the unit that it is told in, each with its deviation.
+    """
+    return {
+        "s": _summed(problem, fit, {LATENCY: -1.0}, {"s": 1.0, "ppm": -_middle_s(problem)}),
+        "ppm": _summed(problem, fit, {DRIFT: 1.0}, {"ppm": 1.0}),
+    }
+
+
+def _summed(
+    problem: Problem, fit: Fit, of_reference: Mapping[str, float], of_times: Mapping[str, float]
+) -> tuple[float, float]:
+    """Sum of a fit's nuisances, by name, and delays and clock rates, by unit, each so many times; its deviation."""
+    weights = [of_reference.get(name, 0.0) * size for name, size, _ in problem.nuisances]
+    numbers = list(fit.nuisance)
+    for selected in fit.selection:
+        weights += [of_times.get(selected.parameter(n).unit, 0.0) * _is_time(selected) for n in selected.free]
+        numbers += [selected.number(n) for n in selected.free]
+    w = np.array(weights)
+    return float(w @ numbers), math.sqrt(max(float(w @ joint_covariance(problem, fit) @ w), 0.0))
+
+
+def _middle_s(problem: Problem) -> float:
+    return float(problem.evidence.edges_s[[0, -1]].mean())
+
+
+def _is_time(selected: Selected) -> bool:
+    return selected.effect.acts_on is ActsOn.TIMING
+
+
+def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
+    """The estimates, and the odds that each has an effect in it and is not the reference's own alone.
+
+    Infinite for what is no delay or clock's rate, and where a gyro tells. Where the growth of a delay is as well the
+    reference's own, the delay is that of the drive's middle.
+    """
+    grown = [c for c in estimates if c.effect.begins is Begins.GROWING and _odds(problem, c) < BARELY]
+    by_then = delays_s(grown, np.full(2, _middle_s(problem)))
+    found = [_later(c, *(float(late_s[0]) for late_s in by_then)) for c in estimates]
+    return found, [_odds(problem, c) for c in found]
+
+
+def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
+    """A delay that is longer by these; any other effect as it is."""
+    if not _is_time(selected) or selected.effect.begins is Begins.GROWING:
+        return selected
+    more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
+    at = {q.name: max(selected.number(q.name) + more_s, 0.0) for q in selected.effect.parameters if q.unit == "s"}
+    return replace(selected, values={**selected.values, **at})
+
+
+def _odds(problem: Problem, selected: Selected) -> float:
+    return max((_odds_of(problem, selected, name) for name in selected.free), default=math.inf)
+
+
+def _odds_of(problem: Problem, selected: Selected, name: str) -> float:
+    if not reference_deviation(problem, selected, name):
+        return math.inf
+    q, sigma = selected.parameter(name), selected.sigma(name)
+    high = q.high * q.si
+    x = min(abs(selected.number(name)), high)  # what is larger is no likelier the reference's
+    if sigma == 0.0:
+        return math.inf
+    low = -high if q.signed else 0.0
+    either = float(ndtr((high - x) / sigma) - ndtr((low - x) / sigma)) / (high - low)
+    return either * sigma * math.sqrt(2.0 * math.pi) * math.exp(min(0.5 * (x / sigma) ** 2, LARGEST_NATS))
