@@ -66,6 +66,18 @@ def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp
     assert "contradict" not in found[0].sentence
 
 
+def test_a_name_in_some_recordings_that_more_others_would_show_is_withdrawn(tmp_path: Path) -> None:
+    """Of a hundred drives of a robot a few have the same name by chance; no model of all of them has it."""
+    shown = [seeing(tmp_path, 0.001, tread(k)) for k in (0.02, 0.021)]
+    blind, without = seeing(tmp_path, 0.02), seeing(tmp_path, 0.002)
+    (finding,) = together(*shown, without, without, without).findings
+    assert finding.status is Status.SUSPECTED
+    assert "3 others would show it" in finding.sentence
+    assert [f.status for f in together(*shown, without, without, blind).findings] == [Status.CONFIRMED]
+    (finding,) = combined([*shown, *[blind] * 3], [EMPTY, EMPTY, *[knowing(0.0, 0.004)] * 3]).findings
+    assert finding.status is Status.SUSPECTED
+
+
 def knowing(k: float, sigma: float) -> SufficientStatistics:
     """A recording whose data tell a tread to `sigma`, and see `k`."""
     return SufficientStatistics(

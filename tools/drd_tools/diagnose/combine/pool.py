@@ -31,7 +31,6 @@ from drd_tools.diagnose.results import (
 )
 
 SURER: Final = list(Status)
-FEWEST_AGAINST: Final = 2  # recordings: one alone may be the one that is wrong
 STRONG_ODDS: Final = 20.0  # to 1 (Kass and Raftery 1995)
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
@@ -141,16 +140,15 @@ def _apart(said: Sequence[_Said]) -> str:
 def _borne_out(
     finding: Finding, said: Sequence[_Said], results: Sequence[Result], statistics: Sequence[SufficientStatistics]
 ) -> Finding:
-    """The finding; withdrawn to a suspicion where one recording says so and several others speak against it. (89)"""
-    if len(said) > 1:
-        return finding
-    others = [(r, own) for r, own in zip(results, statistics, strict=True) if name_of(r) != said[0].recording]
+    """The finding; withdrawn to a suspicion where more recordings speak against it than show it. (89)"""
+    shown_in = {recording for recording, _ in said}
+    others = [(r, own) for r, own in zip(results, statistics, strict=True) if name_of(r) not in shown_in]
     found = (own.log_bayes_factor(finding.effect, _prior(finding)) for _, own in others)
     if nats := [n for n in found if n is not None]:
         against = sum(n < 0.0 for n in nats) if sum(nats) < -math.log(STRONG_ODDS) else 0
     else:
         against = sum(would_show(r, finding) for r, _ in others)
-    if against < FEWEST_AGAINST:
+    if against <= len(said):  # one alone may be the one that is wrong
         return finding
     text = f"{finding.sentence} {against} others would show it and do not: it is withdrawn."
     return replace(finding, status=Status.SUSPECTED, sentence=text)
