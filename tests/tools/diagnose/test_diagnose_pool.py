@@ -67,7 +67,7 @@ def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp
 
 
 def test_a_name_in_some_recordings_that_more_others_would_show_is_withdrawn(tmp_path: Path) -> None:
-    """Of a hundred drives of a robot a few have the same name by chance; no model of all of them has it."""
+    """A few of a hundred drives of a robot have the same name by chance: it is not in the model of all."""
     shown = [seeing(tmp_path, 0.001, tread(k)) for k in (0.02, 0.021)]
     blind, without = seeing(tmp_path, 0.02), seeing(tmp_path, 0.002)
     (finding,) = together(*shown, without, without, without).findings

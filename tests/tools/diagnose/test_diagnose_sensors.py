@@ -127,7 +127,7 @@ def test_without_wheels_positions_say_nothing_and_headings_all() -> None:
     e = gather(without_wheels(recorded(DRIVE, 1)))
     problem = Problem(e)
     assert len(problem.data) == len(e.fix) + e.still.sum() == len(problem.row_time_s)
-    sensitivities = Sensitivities(e, problem.path)
+    sensitivities = Sensitivities.on(e, problem.path)
     assert np.abs(problem.whiten([sensitivities.of(Errors(lateral_m_s=np.ones(len(sensitivities.h))))])).max() < 1e-9
     turning = sensitivities.of(Errors(gyro_rad_s=0.01 * sensitivities.motion.rate_rad_s))
     assert np.linalg.norm(problem.whiten([turning])) > 10.0
@@ -206,7 +206,9 @@ def test_times_are_told_by_turns_as_sharp_as_they_are_and_sizes_by_turns_without
     )
     left, right = (0.5 * e.step_s + sign * 0.5 * e.tread_m * rate * e.step_s for sign in (-1.0, 1.0))
     e = replace(e, left_m=left + noise_m[0], right_m=right + noise_m[1], still=np.zeros(len(rate), bool))
-    made = Sensitivities(e, dead_reckon((e.right_m - e.left_m) / e.tread_m, 0.5 * (e.left_m + e.right_m), np.zeros(3)))
+    made = Sensitivities.on(
+        e, dead_reckon((e.right_m - e.left_m) / e.tread_m, 0.5 * (e.left_m + e.right_m), np.zeros(3))
+    )
     by_step = {name: getattr(made, name).rate_rad_s.reshape(len(rate), -1).mean(axis=1) for name in ("motion", "sharp")}
     edge = np.abs(np.diff(rate, prepend=0.0)) > 0.0
     off = {name: float(np.sqrt(np.mean((found - rate)[edge][1:-1] ** 2))) for name, found in by_step.items()}

@@ -75,7 +75,7 @@ def modelled(e: Evidence, path: Path, terms: Sequence[Term]) -> Sensitivity:
     """What a model's effects add to the increments along the path."""
     if not terms:
         return Sensitivity()
-    sensitivities = Sensitivities(e, path)
+    sensitivities = Sensitivities.on(e, path)
     bias_rad_s = standstill(e).bias_rad_s  # limits and dead bands act on the sum of rate and bias
     motion = replace(sensitivities.motion, rate_rad_s=sensitivities.motion.rate_rad_s + bias_rad_s)
     changed, lateral_m_s = add(motion, [(term.effect, term.values()) for term in terms])

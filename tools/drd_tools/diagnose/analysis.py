@@ -8,7 +8,7 @@ import numpy as np
 
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
-from drd_tools.diagnose.conclude.reference import apart, reference_drift
+from drd_tools.diagnose.conclude.reference import apart
 from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
@@ -85,13 +85,12 @@ def analyse(recording: Recording, expected: Sequence[Expected] = ()) -> Analysis
 def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
     """Faults of the reference, or what is as well its own."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
-    problem, fit = conclusion.found.problem, conclusion.found.fit
-    drift, sigma = reference_drift(problem, fit)
+    found = apart(conclusion.found.problem, conclusion.found.fit)
+    drift, sigma = found.drift
     if abs(drift) > CLEARLY * sigma:
         faults["drift"] = Amount(drift / PPM, sigma / PPM, "ppm")
-    found = apart(problem, fit) if conclusion.of_the_reference else {}
     for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):
-        value, sigma = found[q.unit]
+        value, sigma = found.by_unit[q.unit]
         faults[FAULT_OF_UNIT[q.unit]] = Amount(value / q.si, sigma / q.si, q.unit)
     return faults
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import END, START, Effect, Parameter
+from drd.effects.effect import END, START, ActsOn, Effect, Parameter
 from drd_tools.diagnose.results import Array
 
 Values = Mapping[str, float | str]
@@ -35,6 +35,11 @@ class Selected:
     def id(self) -> str:
         """The effect's name."""
         return self.effect.id
+
+    @property
+    def is_timing(self) -> bool:
+        """Whether it is a delay or a clock's rate."""
+        return self.effect.acts_on is ActsOn.TIMING
 
     def number(self, name: str) -> float:
         """Value of a parameter that is a number."""

@@ -54,7 +54,7 @@ class Whitener:
         found = analysis.conclusion.found
         selected = [(c.effect, c.values) for c in found.fit.selection]
         problem = found.problem.along(lambda motion: add(motion, selected)[0], is_read=True)
-        beside = [_more(c) if c.effect.acts_on is ActsOn.TIMING else c for c in found.fit.selection]
+        beside = [_more(c) if c.is_timing else c for c in found.fit.selection]
         clocks = _clocks(analysis.measured) if problem.evidence.is_far else {}
         return cls(problem, problem.sensitivities.motion, beside, clocks)
 

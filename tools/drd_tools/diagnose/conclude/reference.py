@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
-from drd.effects.effect import ActsOn, Begins
+from drd.effects.effect import Begins
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.error_model.sensitivities import DRIFT, LATENCY
@@ -23,46 +23,48 @@ BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 
 
 def reference_deviation(problem: Problem, selected: Selected, name: str) -> float:
     """Deviation of a delay or a clock's rate by those of the reference, where there is no gyro to tell them apart."""
-    if not _is_time(selected) or problem.evidence.gyro_rad is not None:
+    if not selected.is_timing or problem.evidence.gyro_rad is not None:
         return 0.0
     lasts_s = float(np.ptp(problem.evidence.edges_s))
     return {"s": REFERENCE_S, "ppm": REFERENCE_WANDER_S / lasts_s}.get(selected.parameter(name).unit, 0.0)
 
 
-def reference_drift(problem: Problem, fit: Fit) -> tuple[float, float]:
-    """Growth of the reference's lag in a fit, s/s, and its deviation; 0 and 0 where it is no nuisance."""
-    return _summed(problem, fit, {DRIFT: 1.0}, {})
+class Apart(NamedTuple):
+    """By how much wheels and reference are apart, each with its deviation.
 
-
-def apart(problem: Problem, fit: Fit) -> dict[str, tuple[float, float]]:
-    """How late the wheels are against the reference in the drive's middle, s, and by how much its clock runs away from
-    theirs, s/s, whosever fault it is: by the unit that it is told in, each with its deviation.
+    `drift`: growth of the reference's lag by itself, s/s; 0 where it is no nuisance. `by_unit`: whosever fault it is,
+    by the unit that it is told in: how late the wheels are in the drive's middle, s, and by how much the reference's
+    clock runs away from theirs, s/s.
     """
-    return {
-        "s": _summed(problem, fit, {LATENCY: -1.0}, {"s": 1.0, "ppm": -_middle_s(problem)}),
-        "ppm": _summed(problem, fit, {DRIFT: 1.0}, {"ppm": 1.0}),
-    }
+
+    drift: tuple[float, float]
+    by_unit: Mapping[str, tuple[float, float]]
 
 
-def _summed(
-    problem: Problem, fit: Fit, of_reference: Mapping[str, float], of_times: Mapping[str, float]
-) -> tuple[float, float]:
-    """Sum of a fit's nuisances, by name, and delays and clock rates, by unit, each so many times; its deviation."""
-    weights = [of_reference.get(name, 0.0) * size for name, size, _ in problem.nuisances]
-    numbers = list(fit.nuisance)
-    for selected in fit.selection:
-        weights += [of_times.get(selected.parameter(n).unit, 0.0) * _is_time(selected) for n in selected.free]
-        numbers += [selected.number(n) for n in selected.free]
-    w = np.array(weights)
-    return float(w @ numbers), math.sqrt(max(float(w @ joint_covariance(problem, fit) @ w), 0.0))
+def apart(problem: Problem, fit: Fit) -> Apart:
+    """By how much wheels and reference are apart in a fit."""
+    free = [(selected, name) for selected in fit.selection for name in selected.free]
+    x = np.concatenate([fit.nuisance, [selected.number(name) for selected, name in free]])
+    covariance = joint_covariance(problem, fit)
+
+    def summed(of_reference: Mapping[str, float], of_times: Mapping[str, float]) -> tuple[float, float]:
+        """Nuisances, by name, and delays and clock rates, by unit, each so many times."""
+        nuisances = [of_reference.get(name, 0.0) * size for name, size, _ in problem.nuisances]
+        times = [of_times.get(c.parameter(name).unit, 0.0) * c.is_timing for c, name in free]
+        w = np.array([*nuisances, *times])
+        return float(w @ x), math.sqrt(max(float(w @ covariance @ w), 0.0))
+
+    return Apart(
+        drift=summed({DRIFT: 1.0}, {}),
+        by_unit={
+            "s": summed({LATENCY: -1.0}, {"s": 1.0, "ppm": -_middle_s(problem)}),
+            "ppm": summed({DRIFT: 1.0}, {"ppm": 1.0}),
+        },
+    )
 
 
 def _middle_s(problem: Problem) -> float:
     return float(problem.evidence.edges_s[[0, -1]].mean())
-
-
-def _is_time(selected: Selected) -> bool:
-    return selected.effect.acts_on is ActsOn.TIMING
 
 
 def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple[list[Selected], list[float]]:
@@ -79,7 +81,7 @@ def over_the_reference(problem: Problem, estimates: Sequence[Selected]) -> tuple
 
 def _later(selected: Selected, gyro_s: float, wheels_s: float) -> Selected:
     """A delay that is longer by these; any other effect as it is."""
-    if not _is_time(selected) or selected.effect.begins is Begins.GROWING:
+    if not selected.is_timing or selected.effect.begins is Begins.GROWING:
         return selected
     more_s = wheels_s if selected.effect.channel == "wheels" else gyro_s
     at = {q.name: max(selected.number(q.name) + more_s, 0.0) for q in selected.effect.parameters if q.unit == "s"}

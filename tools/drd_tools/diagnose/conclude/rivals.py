@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drd.effects.effect import ActsOn
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine_all
 from drd_tools.diagnose.results import NOTHING, UNNAMED
@@ -113,7 +112,7 @@ def rivals_of(found: Found, search: Search, selected: Selected, rest: Fit, near:
 def _best_score(found: Found, search: Search, selected: Selected, rival: Selected, fit: Fit) -> float:
     """Score of a fit with a rival in a selected effect's place; where both shift the time, in its own linearisation."""
     score = search.score(fit)
-    if selected.effect.acts_on is rival.effect.acts_on is ActsOn.TIMING and score <= found.score - CLASS_NATS:
+    if selected.is_timing and rival.is_timing and score <= found.score - CLASS_NATS:
         score = max(score, linearised(found.problem, fit, found.null).score)
     return score
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import ActsOn, Begins, Parameter
+from drd.effects.effect import Begins, Parameter
 from drd_tools.calibrate.wheels.drift import REFERENCE_WANDER_S, WHEELS_WANDER_S
 from drd_tools.diagnose.conclude.reference import reference_deviation
 from drd_tools.diagnose.observe.constants import WIDER
@@ -68,7 +68,7 @@ def _by_themselves(problem: Problem, selected: Selected) -> float:
     It has at least the calibration's, of which few turns may tell.
     """
     effect, e = selected.effect, problem.evidence
-    if effect.acts_on is not ActsOn.TIMING or effect.begins is not Begins.GROWING or not e.has_three_clocks:
+    if not selected.is_timing or effect.begins is not Begins.GROWING or not e.has_three_clocks:
         return 0.0
     wander_s = WHEELS_WANDER_S
     if effect.channel == "gyro":  # which both of them tell

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -162,23 +161,25 @@ def _turn(e: Evidence, path: Path, typical_s: float, sharp: bool) -> Array:
 
 
 class Sensitivities:
-    """Makes sensitivities along a path. (72)
+    """Makes sensitivities along a motion. (72)
 
     `sharp`: the motion of what acts on the time. Its noise does no harm there: no series looks like its own derivative,
     while a scale would be found that explains the noise in it by itself.
     """
 
-    def __init__(self, e: Evidence, path: Path):
-        self.e, self.motion = e, motion_along(e, path)
-        self.sharp = _moving(self.motion, e, path, sharp=True)
+    def __init__(self, e: Evidence, motion: Motion, sharp: Motion):
+        self.e, self.motion, self.sharp = e, motion, sharp
         self.h = np.repeat(np.diff(e.edges_s) / SUB, SUB)
+
+    @classmethod
+    def on(cls, e: Evidence, path: Path) -> "Sensitivities":
+        """Sensitivities along the motion on a path."""
+        motion = motion_along(e, path)
+        return cls(e, motion, _moving(motion, e, path, sharp=True))
 
     def along(self, change: Change) -> "Sensitivities":
         """Sensitivities along the motion changed so, the sharp one, too."""
-        made = copy(self)
-        made.motion, made.sharp = change(self.motion), change(self.sharp)
-        made.__dict__.pop("calm_rate_rad_s", None)  # it is of the motion as it was
-        return made
+        return Sensitivities(self.e, change(self.motion), change(self.sharp))
 
     def motion_of(self, effect: Effect) -> Motion:
         """The motion along which an effect acts."""

@@ -80,7 +80,7 @@ class Problem:
             evidence, self.path, self.noise, fix_inflation, None if near is None else near.linear
         )
         self._inflated: Linear | None = None if near is None else near._inflated
-        self.sensitivities = Sensitivities(evidence if cleared is None else cleared, self.path)
+        self.sensitivities = Sensitivities.on(evidence if cleared is None else cleared, self.path)
         self.readings = Readings(self.sensitivities, chain)
         self.nuisances = nuisances(evidence, self.path, self.noise.ahead_m)
         if evidence.has_three_clocks and not has_clock(chain):
@@ -168,7 +168,7 @@ class Problem:
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
             # Where no fix holds the path, the old one would drag shifted turns back into their old place.
-            sensitivities = Sensitivities(clear, self.path if len(raw.fix) else follow(clear))
+            sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
             readings = Readings(sensitivities, chain_of(selection))
             body, added = sensitivities.body, Sensitivity()
             for selected in selection:

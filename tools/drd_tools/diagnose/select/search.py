@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from drd.effects.effect import ActsOn
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
@@ -138,10 +137,10 @@ def _relinearised_rivals(search: "Search", found: Found) -> Found:
         worth = found.score - search.score(rest)
         if not _needs_linearising([selected], worth):
             continue
-        is_known, is_late = selected.id in search.known, any(map(_is_timing, rest.selection))
+        is_known, is_late = selected.id in search.known, any(c.is_timing for c in rest.selection)
         # Two delays may stand for one, or a delay and others for it: each alone is far off until the time is shifted.
         sets = [[*rest.selection]] if is_late and not is_known else []
-        if _is_timing(selected) and not is_known:
+        if selected.is_timing and not is_known:
             sets.append([*(c for c in rest.selection if c.id in search.known), selected])
         if not is_known:
             close = (1.0 - CLOSE_SHARE) * worth
@@ -182,11 +181,7 @@ def _plausibly_linearised(found: Found, fit: Fit) -> Found | None:
 
 
 def _needs_linearising(selection: Sequence[Selected], worth: float) -> bool:
-    return worth > STRONG_NATS or any(map(_is_timing, selection))
-
-
-def _is_timing(selected: Selected) -> bool:
-    return selected.effect.acts_on is ActsOn.TIMING
+    return worth > STRONG_NATS or any(c.is_timing for c in selection)
 
 
 def linearised(problem: Problem, fit: Fit, null: float) -> Found:
