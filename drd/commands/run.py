@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 from drd.commands import command, config_argument, placed
 from drd.config.file import load_config
@@ -39,16 +39,16 @@ Exit code: 0 ended by a signal, 1 failed, 2 CONFIG or a file that it names canno
 """
 
 
-def main(argv: list[str]) -> int:
-    """Run until SIGINT or SIGTERM."""
+def main(argv: list[str]) -> NoReturn:
+    """Run until SIGINT or SIGTERM, and end the process. Raises ConfigError before the start."""
     arguments = command("drd run", DESCRIPTION, EPILOG, [config_argument()]).parse_args(argv)
     loaded = load_config(arguments.config)
     with placed(loaded):
-        return run(loaded, arguments.config.parent)
+        run(loaded, arguments.config.parent)
 
 
-def run(loaded: Loaded[Config], base: Path) -> int:
-    """Run the daemon until SIGINT or SIGTERM; returns the exit code. Raises ConfigError before the start.
+def run(loaded: Loaded[Config], base: Path) -> NoReturn:
+    """Run the daemon until SIGINT or SIGTERM, and end the process. Raises ConfigError before the start.
 
     SIGHUP has the configuration read again, unless a terminal's closing sends it.
     """
@@ -71,9 +71,9 @@ def run(loaded: Loaded[Config], base: Path) -> int:
         return await daemon.run(stop)
 
     if not asyncio.run(main()):
-        # All that is ours is written. A neighbour that does not read must not make an orderly end a failed one.
         log.warning("zenoh did not close within %g s: a neighbour does not read; left it", CLOSE_DEADLINE_S)
-        with contextlib.suppress(OSError, ValueError):
-            sys.stderr.flush()
-        os._exit(0)
-    return 0
+    # All that is ours is written. A neighbour that does not read must not make an orderly end a failed one; nor must
+    # the interpreter's own end, which ends threads within Zenoh's functions, at which Zenoh aborts the process.
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.flush()
+    os._exit(0)

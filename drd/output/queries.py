@@ -54,7 +54,8 @@ class QueryDesk:
         self._command_log = CommandLog(lambda: neighbours(self._session), self._outbox.put)
         self.counters = counters
         counters.update(dict.fromkeys(("queries", "query_errors", "queries_refused", "commands"), 0))
-        threading.Thread(target=self._work, name="zenoh-replies", daemon=True).start()
+        self._replies = threading.Thread(target=self._work, name="zenoh-replies", daemon=True)
+        self._replies.start()
 
     def declare(self, session: Any, prefix: str, services: Sequence[Form] = ()) -> None:
         """Make every handler's name a queryable under `prefix`, and each of `services` one, too.
@@ -71,6 +72,14 @@ class QueryDesk:
         """Refuse what comes from now on and let the reply thread end. Call before the session is closed."""
         self._closed = True
         self._outbox.put(None)
+
+    def join(self) -> None:
+        """Wait for the reply thread. Call once the session is closed: a reply that waits for a neighbour fails then.
+
+        An interpreter that exits while the thread is in one of Zenoh's functions ends it there, at which Zenoh aborts
+        the process (PyO3, pull request 4874).
+        """
+        self._replies.join()
 
     def _receive(self, form: Form, query: Any) -> None:
         """Take a query in; in Zenoh's thread, so with bounded work, and nothing raises."""

@@ -150,6 +150,7 @@ class ZenohLink:
         except zenoh.ZError as error:
             self._closed_well = False
             log.warning("zenoh: close failed: %s", tidy(error))
+        self._desk.join()
 
 
 def _times_slept() -> int:

@@ -72,7 +72,7 @@ class Daemon:
         self._input_tasks: list[asyncio.Task[None]] = []
 
     async def run(self, stop: asyncio.Event) -> bool:
-        """Work until `stop` is set. False: Zenoh did not close in time, so only os._exit ends the process surely."""
+        """Work until `stop` is set. False: Zenoh did not close in time, and an orderly exit could hang."""
         loop = asyncio.get_running_loop()
         self._link = ZenohLink(self._config.output.beside(self._base), self._handlers(), loop)
         if self._recorder is not None:

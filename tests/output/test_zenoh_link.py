@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -310,6 +311,16 @@ def test_a_close_that_hangs_is_given_up_at_the_deadline() -> None:
         assert not link.close(0.05)
         release.set()
         assert link.close(PATIENCE_S)
+
+
+def test_a_closed_link_leaves_no_thread_in_zenoh() -> None:
+    # Exiting while a thread is in one of Zenoh's functions aborts the process.
+    before = set(threading.enumerate())
+    with a_link() as (link, _):
+        link._desk._outbox.put(lambda: time.sleep(0.3))
+        assert link.close(PATIENCE_S)
+        names = {thread.name for thread in set(threading.enumerate()) - before}
+    assert not names & {"zenoh-replies", "zenoh-close"}
 
 
 def test_a_process_with_queryables_exits_with_its_code(tmp_path: Path) -> None:
