@@ -1,12 +1,14 @@
 """The pose of each drive with what the robot's other drives tell: by `drd calibrate wheels`, and by model.yaml.
 
-Beside them stands the simplest that can be learned: the gyro's heading with the bias from stops, one scale of the way
-and one delay of the wheels, which fit the other drives best.
+Beside them stands, where there is a gyro, the simplest that can be learned: its heading with the bias from stops, one
+scale of the way and one delay of the wheels, which fit the other drives best.
 
 `python -m held_out_pose RECORDING ...` (in tests/): recordings of one robot with a dense reference. Printed are the rms
 of the position, m, and the drift, %, on the reference as it would show the robot's centre (`drd_tools.honesty`), and by
 how much both differ from those by `drd calibrate wheels`, drive for drive: mean and standard error. The centre is where
 that calibration puts it, whose lever arm takes a sideways slip for its own where a drive hardly changes its speed.
+With `--folds N` drives are held out N-th by N-th, else one by one, and what each other drive tells alone stands there,
+too.
 """
 
 import argparse
@@ -83,6 +85,8 @@ def row(recording: Recording, others: Sequence[Recording], models: Mapping[str, 
         configs = {"nominal": None, CALIBRATED: found.file, **models}
         own = yardstick_of(recording, found)
         figures = {name: replayed(recording, config, own) for name, config in configs.items()}
+        if recording.fog is None:
+            return figures
         of_others = np.mean([scaled_and_delayed(r, yardstick_of(r, found))[..., 0] for r in others], axis=0)
         best = np.unravel_index(np.argmin(of_others), of_others.shape)
         return {**figures, "scale and delay": Off(*scaled_and_delayed(recording, own)[best])}
@@ -90,7 +94,7 @@ def row(recording: Recording, others: Sequence[Recording], models: Mapping[str, 
 
 def yardstick_of(recording: Recording, found: c.Calibration) -> Yardstick:
     """The recording's reference, as it would show the robot's centre."""
-    robot = ROBOTS["warthog"]
+    robot = next(r for name, r in ROBOTS.items() if recording.name.startswith(name))
     return Yardstick(at_centre(reference_of(recording), found.mounting), False, robot.allowed_m, robot.moving_m_s)
 
 
@@ -102,8 +106,8 @@ def in_common(rows: Sequence[Mapping[str, Off]], which: int) -> list[str]:
         apart = values - [row[CALIBRATED][which] for row in rows]
         error = apart.std(ddof=1) / np.sqrt(len(rows)) if len(rows) > 1 else np.nan
         lines.append(
-            f"{name:18} median {np.median(values):.3f}  mean {values.mean():.3f}  "
-            f"rms {np.sqrt(np.mean(values**2)):.3f}  against {CALIBRATED} {apart.mean():+.3f} +- {error:.3f}"
+            f"{name:18} median {np.median(values):.4f}  mean {values.mean():.4f}  "
+            f"rms {np.sqrt(np.mean(values**2)):.4f}  against {CALIBRATED} {apart.mean():+.4f} +- {error:.4f}"
         )
     return lines
 
@@ -112,16 +116,21 @@ def main() -> None:
     """Print each drive's row, and what they have in common."""
     parser = argparse.ArgumentParser(prog="python -m held_out_pose", description=__doc__)
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING")
-    recordings = [read_recording(path) for path in parser.parse_args().recordings]
+    parser.add_argument("--folds", type=int, metavar="N", help="hold out every N-th drive at a time")
+    arguments = parser.parse_args()
+    recordings = [read_recording(path) for path in arguments.recordings]
+    alone, folds = arguments.folds is None, arguments.folds or len(recordings)
     rows = []
     with tempfile.TemporaryDirectory() as place:
-        of_one = {r.name: modelled([r.folder], Path(place) / r.name) for r in recordings}
-        for recording in recordings:
-            others = [r for r in recordings if r is not recording]
-            models = {"their model": modelled([r.folder for r in others], Path(place) / f"all but {recording.name}")}
-            models |= {f"model {k}": of_one[r.name] for k, r in enumerate(others, 1)}
-            rows.append(row(recording, others, models))
-            print(recording.name, {name: np.round(value, 3).tolist() for name, value in rows[-1].items()}, flush=True)
+        of_one = {r.name: modelled([r.folder], Path(place) / r.name) for r in recordings if alone}
+        for fold in range(folds):
+            others = [r for i, r in enumerate(recordings) if i % folds != fold]
+            models = {"their model": modelled([r.folder for r in others], Path(place) / f"all but {fold}")}
+            models |= {f"model {k}": of_one[r.name] for k, r in enumerate(others, 1) if alone}
+            for recording in recordings[fold::folds]:
+                rows.append(row(recording, others, models))
+                figures = {name: np.round(value, 4).tolist() for name, value in rows[-1].items()}
+                print(recording.name, figures, flush=True)
     for which, quantity in enumerate(Off._fields):
         print(quantity, *in_common(rows, which), sep="\n")
 

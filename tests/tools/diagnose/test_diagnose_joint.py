@@ -2,12 +2,16 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnosis_drives import SLALOM, problem, selected
+from diagnosis_results import seeing, tread
+from msgspec.structs import replace as replace_result
 
 from drd_tools.diagnose.combine.joint import SufficientStatistics, shared, sufficient_statistics, together
+from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 
@@ -66,3 +70,49 @@ def test_noise_and_contradictions_are_no_findings() -> None:
     selection = [together([part(0.0, 10 * k + seed) for seed in range(6)], set()) for k in range(20)]
     assert sum(map(bool, selection)) <= 1
     assert together([part((-1.0) ** seed * 3.0 * D, seed) for seed in range(10)], set()) == []
+
+
+def without(one: SufficientStatistics, *names: str) -> SufficientStatistics:
+    """Of a recording that has selected some effects itself."""
+    kept = [i for i, (effect, _) in enumerate(one.names) if effect not in names]
+    ranges = {effect: seen for effect, seen in one.ranges.items() if effect not in names}
+    held = tuple(one.names[i] for i in kept)
+    return replace(one, names=held, G=one.G[np.ix_(kept, kept)], b=one.b[kept], ranges=ranges)
+
+
+def test_what_one_recording_claims_itself_is_found_in_the_others() -> None:
+    """One drive's chance name hides from none of the others what they have in common."""
+    parts = [part(D, seed) for seed in range(10)]
+    (found,) = together(parts, set())
+    parts[4] = without(parts[4], found.effect, *found.also_fits)
+    (again,) = together(parts, set())
+    assert again.effect == found.effect
+    assert again.gain_nats == pytest.approx(0.9 * found.gain_nats, rel=0.2)
+    mostly = [without(one, found.effect, *found.also_fits) if i < 6 else one for i, one in enumerate(parts)]
+    assert together(mostly, set()) == []
+
+
+def test_a_name_that_is_withdrawn_may_be_what_all_have_in_common(tmp_path: Path) -> None:
+    """One drive's tread of 0.5 is withdrawn, as nine others speak against it; what all of them show is not."""
+    alone = seeing(tmp_path, 0.001, tread(0.5))
+    results = [alone, *(replace_result(seeing(tmp_path, 0.01), recording=f"drive {i}") for i in range(9))]
+    parts = [part(2.0 * D, seed) for seed in range(10)]
+    (found,) = combined(results, [without(parts[0], "tread_error", "turn_scrub"), *parts[1:]]).findings
+    assert (found.effect, found.status) == ("tread_error", "confirmed")
+    k = found.parameters["k"]
+    assert k.value == pytest.approx(2.0 * D / np.linalg.norm(drive().effect_rows([TREAD])), abs=4.0 * k.std)
+
+
+def test_values_of_several_effects_are_each_beside_all_others() -> None:
+    p = drive()
+    both = (selected("tread_error", k=0.02), selected("turn_scrub", k=0.06))
+    rows = p.effect_rows(both)
+    parts = []
+    for seed in range(10):
+        data = p.with_data(rows + np.random.default_rng(seed).standard_normal(len(rows)))
+        parts.append(sufficient_statistics(data, refine(data, ())))
+    found = {f.effect: f.parameters["k"] for f in together(parts, set())}
+    assert set(found) == {"tread_error", "turn_scrub"}
+    for one in both:
+        amount = found[one.id]
+        assert amount.value == pytest.approx(one.number("k"), abs=4.0 * amount.std)

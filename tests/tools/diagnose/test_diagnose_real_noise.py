@@ -10,7 +10,7 @@ from diagnosis_drives import recorded, selected
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import gather
-from drd_tools.diagnose.regression.noise_fit import fitted, long_run, ratios, tails
+from drd_tools.diagnose.regression.noise_fit import by_direction, fitted, long_run, ratios, tails
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Array
@@ -182,3 +182,20 @@ def test_a_delay_of_wheels_without_a_gyro_is_found_alone_and_with_its_size(name:
     (cause,) = analysis.conclusion.causes
     assert cause.selected is not None
     assert cause.selected.number("delay") == pytest.approx(0.15 + 0.03, abs=0.04)
+
+
+def test_noise_sideways_is_not_taken_for_noise_of_turns_where_all_is_to_be_told() -> None:
+    """Without a gyro one factor for all directions is that of the loudest: three times the slip of turns, too."""
+    e = gather(replace(recorded(("warehouse", 130.0), 2), fog=None))
+    p, random = Problem(e), np.random.default_rng(2)
+    heading = p.path.middle_rad
+    aside_m = 20.0 * e.datasheet.lateral_m_per_sqrt_m * np.sqrt(e.travel_m / 2.0) * random.standard_normal(len(heading))
+    drifted = np.cumsum(np.column_stack([-np.sin(heading), np.cos(heading)]) * aside_m[:, None], axis=0)
+    fix = e.fix.copy()
+    fix[:, :2] += drifted[e.fix_step]
+    p = Problem(replace(e, fix=fix))
+    fit = refine(p, [])
+    alike, apart = fitted(p, fit, searched=True)[0], by_direction(p, fit).noise
+    assert alike.slip_m_per_sqrt_m > 1.5 * e.datasheet.slip_m_per_sqrt_m
+    assert apart.slip_m_per_sqrt_m < 1.2 * e.datasheet.slip_m_per_sqrt_m
+    assert apart.lateral_m_per_sqrt_m > 2.0 * e.datasheet.lateral_m_per_sqrt_m

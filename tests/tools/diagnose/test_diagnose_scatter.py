@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from drd_tools.diagnose import files
 from drd_tools.diagnose.conclude.scatter import is_loud, scatter_of
-from drd_tools.diagnose.regression.noise_fit import slipping
+from drd_tools.diagnose.regression.noise_fit import WHEELS, scaled
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.report.page import write_report
 from drd_tools.diagnose.results import Array, Scatter
@@ -20,7 +20,7 @@ from drd_tools.simulate.robot import DEFAULT
 def loud(seed: int, times: float = 5.0) -> tuple[Problem, Array, Array]:
     """A problem of loud wheels, white rows of so much noise as it has, and the turn rate at those of the wheels."""
     p = problem(WAREHOUSE, seed)
-    p.noise = slipping(p.noise, times)
+    p.noise = scaled(p.noise, times, WHEELS)
     m = p.sensitivities.motion
     rate = np.interp(p.evidence.time_s, m.time_s, np.abs(m.rate_rad_s))
     return p, np.random.default_rng(seed).standard_normal(len(p.data)), rate

@@ -11,7 +11,7 @@ from scipy import stats
 
 from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.observe.evidence import gather
-from drd_tools.diagnose.regression.noise_fit import slipping
+from drd_tools.diagnose.regression.noise_fit import WHEELS, scaled
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.select.library import Library
@@ -165,7 +165,7 @@ def test_perfect_sensors_of_the_nominal_robot_give_no_effect_any_weight(drive: t
 def test_noise_of_other_sizes_whitens_as_if_it_had_been_there_from_the_start(factor: float) -> None:
     p, delayed = problem(WAREHOUSE, 3), selected("encoder_latency", delay=0.02)
     p.around([delayed])  # its gains are kept
-    noise = slipping(p.noise, factor)
+    noise = scaled(p.noise, factor, WHEELS)
     again = p.with_noise(noise, p.fix_inflation, p.inflation)
     fresh = Problem(p.evidence, p.path, noise, p.fix_inflation, inflation=p.inflation)
     np.testing.assert_array_equal(again.data, fresh.data)

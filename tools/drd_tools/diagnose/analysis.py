@@ -13,7 +13,7 @@ from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
-from drd_tools.diagnose.regression.noise_fit import fitted, inflated, ratios, score_with_noise, slipping
+from drd_tools.diagnose.regression.noise_fit import WHEELS, fitted, inflated, ratios, scaled, score_with_noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Amount, Array, Figures, Scatter
@@ -118,7 +118,7 @@ def _as_stated(problem: Problem, noise: Noise) -> Noise | None:
     """
     sheet = problem.evidence.datasheet
     if problem.evidence.gyro_rad is None and noise.slip_m_per_sqrt_m > sheet.slip_m_per_sqrt_m:
-        return slipping(noise, sheet.slip_m_per_sqrt_m / noise.slip_m_per_sqrt_m)
+        return scaled(noise, sheet.slip_m_per_sqrt_m / noise.slip_m_per_sqrt_m, WHEELS)
     if not problem.evidence.has_wheels and noise.walk_rad_per_sqrt_s > sheet.walk_rad_per_sqrt_s:
         return replace(noise, walk_rad_per_sqrt_s=sheet.walk_rad_per_sqrt_s)
     return None

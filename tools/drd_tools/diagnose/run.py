@@ -26,6 +26,7 @@ from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.parts import cut_off
+from drd_tools.diagnose.regression.noise_fit import by_direction
 from drd_tools.diagnose.results import Figures, Fit, Result, Scatter, Status, Train, Unexplained
 from drd_tools.diagnose.series import Bar, Course, Drive, Series, Spread
 from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
@@ -121,7 +122,8 @@ def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosi
         scatter, spreads = analysis.scatter()
         result = _result(analysis, validated, train, unseen, scatter)
         series = _series(analysis, validated, drive, unseen, spreads)
-        statistics = sufficient_statistics(conclusion.found.problem, conclusion.found.fit)
+        found = conclusion.found
+        statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit)
     return Diagnosis(result, series, validated.model, recording.notes, statistics)
 
 

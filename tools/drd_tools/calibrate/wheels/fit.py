@@ -123,7 +123,9 @@ class _Part:
         """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
         drive = self.drive
         self.white_m = max(drive.position_sigma_m, 1.4826 * float(np.median(np.abs(r[:, :2]))))
-        self.white_rad = max(drive.heading_sigma_rad, 1.4826 * float(np.median(np.abs(r[:, 2]))))
+        # Where data contradict the model a heading is off by any number of turns; no noise is more than half of one.
+        white_rad = min(1.4826 * float(np.median(np.abs(r[:, 2]))), math.pi)
+        self.white_rad = max(drive.heading_sigma_rad, white_rad)
         ratio = np.column_stack([np.hypot(r[:, 0], r[:, 1]) / self.white_m, np.abs(r[:, 2]) / self.white_rad])
         huber = np.minimum(1.0, HUBER / np.maximum(ratio, 1e-12))
         self.weights = huber / np.array([self.white_m**2, self.white_rad**2])

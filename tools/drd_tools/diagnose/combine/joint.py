@@ -93,22 +93,24 @@ def sufficient_statistics(problem: Problem, fit: Fit) -> SufficientStatistics:
 
 def together(statistics: Sequence[SufficientStatistics], selected: set[str]) -> list[Finding]:
     """Findings of effects that no recording shows by itself."""
-    names = [n for n in statistics[0].names if n[0] not in selected and all(n in s.names for s in statistics)]
+    every = dict.fromkeys(n for s in statistics for n in s.names)
+    names = [n for n in every if n[0] not in selected and sum(n in s.names for s in statistics) > 0.5 * len(statistics)]
     parts = [_chosen(s, names) for s in statistics]
-    rows, chosen, refused, findings = sum(s.rows for s in statistics), list[str](), set[str](), list[Finding]()
-    while len(findings) < MOST:
-        ranked = [r for r in _ranked(parts, names, chosen, rows) if r[1] not in refused]
+    rows, chosen, refused = sum(s.rows for s in statistics), dict[str, list[str]](), set[str]()
+    while len(chosen) < MOST:
+        ranked = [r for r in _ranked(parts, names, list(chosen), rows) if r[1] not in refused]
         if not ranked or ranked[0][0] <= 0.0:
             break
         best = ranked[0][1]
         also = [name for score, name in ranked[1:] if score > ranked[0][0] - CLASS_NATS]
-        finding = _finding(statistics, parts, names, chosen, best, also)
-        if finding is None:
+        if _finding(statistics, parts, names, list(chosen), best, also) is None:
             refused.add(best)
         else:
-            chosen.append(best)
-            findings.append(finding)
-    return findings
+            chosen[best] = also
+    # Each beside all others, as the model has them.
+    beside = {name: [other for other in chosen if other != name] for name in chosen}
+    found = (_finding(statistics, parts, names, beside[name], name, also) for name, also in chosen.items())
+    return [finding for finding in found if finding is not None]
 
 
 def united(seen: Sequence[Ranges]) -> Ranges:
@@ -119,8 +121,12 @@ def united(seen: Sequence[Ranges]) -> Ranges:
 
 
 def _chosen(one: SufficientStatistics, names: Sequence[tuple[str, str]]) -> Part:
-    index = [one.names.index(n) for n in names]
-    return one.G[np.ix_(index, index)], one.b[index]
+    """Information and score of columns; a recording says nothing of those that it has not."""
+    own = [i for i, name in enumerate(names) if name in one.names]
+    index = [one.names.index(names[i]) for i in own]
+    G, b = np.zeros((len(names), len(names))), np.zeros(len(names))
+    G[np.ix_(own, own)], b[own] = one.G[np.ix_(index, index)], one.b[index]
+    return G, b
 
 
 def _index(names: Sequence[tuple[str, str]], effects: Sequence[str]) -> list[int]:
@@ -186,7 +192,7 @@ def _finding(
         acts_on=effect.channel,
         parameters=parameters_of(selected)[0],
         windows=((min(s.span_s[0] for s in statistics), max(s.span_s[1] for s in statistics)),),
-        seen=united([s.ranges[best] for s in statistics]),
+        seen=united([s.ranges[best] for s in statistics if best in s.ranges]),
         covariate=effect.covariate,
         evidence=Support(gain, p, e),
         explains=None,

@@ -53,7 +53,8 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         else:
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
-    common = together(statistics, names_of(findings))
+    common = together(statistics, names_of(f for f in findings if f.status is not Status.SUSPECTED))
+    findings = [f for f in findings if f.effect not in names_of(common)]  # what one alone has of them was withdrawn
     findings = sorted([*findings, *common], key=lambda f: (-(f.explains or 0.0), -f.gain_nats))
     found, detectable = names_of(findings), _most_sensitive(results)
     before = _side_by_side(results, [r.fit.train.before for r in results])

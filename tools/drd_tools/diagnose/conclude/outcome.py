@@ -1,6 +1,6 @@
 """Results from the conclusion: verdict, findings, model, and the series that are drawn."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -191,6 +191,6 @@ def residual_of(null: Array, null_problem: Problem, conclusion: Conclusion) -> R
     return Residual(time_s, before, after)
 
 
-def names_of(findings: Sequence[Finding]) -> set[str]:
+def names_of(findings: Iterable[Finding]) -> set[str]:
     """The effects that were found."""
     return {f.effect for f in findings}

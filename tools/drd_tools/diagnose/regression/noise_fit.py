@@ -1,20 +1,19 @@
 """Sizes of the noise: data sheets are the priors, the selected effects' residual corrects them, robustly. (77)"""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, ndtri, stdtrit
 
-from drd_tools.diagnose.error_model.linear import Linear
+from drd_tools.diagnose.error_model.linear import Linear, Sensitivity
 from drd_tools.diagnose.observe.evidence import Noise
 from drd_tools.diagnose.regression.problem import Inflation, Problem
 from drd_tools.diagnose.regression.refine import Fit
 from drd_tools.diagnose.results import Array, Figures
-from drd_tools.diagnose.selected import Selected
 
 DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
 FEWEST_ROWS: Final = 50  # a deviation of fewer is known to 12 % or worse
@@ -27,6 +26,10 @@ TOGETHER_S: Final = (0.3, 0.5, 1.0, 2.0, 4.0)  # of slip: from a row or two to t
 SHARES: Final = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)  # of the variance
 LEAST_COLOUR: Final = 1.15  # less is taken for the scatter of the estimate
 INFLATED_BEYOND: Final = 2.5  # sigma, of a fix
+# Sizes that have one factor: of the gyro; of the wheels, sideways, ahead, and against each other.
+WALK: Final = ("walk_rad_per_sqrt_s",)
+WAY: Final = ("lateral_m_per_sqrt_m", "forward_m_per_sqrt_m")
+WHEELS: Final = (*WAY, "slip_m_per_sqrt_m")
 # Times what it was, then down and up from there while that is likelier; the rounds go further.
 SLIPS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
 SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
@@ -166,16 +169,16 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         walk = _walk(problem, wheels[e.still])
     elif not e.has_wheels:
         slip = 1.0
-        factor, fixes = _most_likely(problem, fit.selection, fixes, walking)
+        factor, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WALK)
         walk = max(noise.walk_rad_per_sqrt_s * factor, e.datasheet.walk_rad_per_sqrt_s)
     else:
-        slip, fixes = _most_likely(problem, fit.selection, fixes, slipping)
+        slip, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WHEELS)
     way = slip
     if jitter_s or noise.jitter_s:
-        way, fixes = _most_likely(problem, fit.selection, fixes, driving)
+        way, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WAY)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
-    scaled = fixes / np.array([position, position, heading])
-    inflation = np.maximum(1.0, np.mean(scaled**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
+    white = fixes / np.array([position, position, heading])
+    inflation = np.maximum(1.0, np.mean(white**2, axis=1) / INFLATED_BEYOND**2 * 3.0)
     if not searched and len(fixes) < FEWEST_ROWS:
         inflation = np.ones(len(inflation))
     position_m = max(noise.position_m * position, LEAST_M)
@@ -183,7 +186,7 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     before = problem.fix_inflation if problem.fix_inflation is not None else np.ones(len(inflation))
     return (
         replace(
-            driving(noise, way),
+            scaled(noise, way, WAY),
             slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * slip,
             walk_rad_per_sqrt_s=walk,
             position_m=position_m,
@@ -204,20 +207,21 @@ def _walk(problem: Problem, at_rest: Array) -> float:
 
 
 def _most_likely(
-    problem: Problem, selection: Sequence[Selected], fixes: Array, scaled: Callable[[Noise, float], Noise]
+    problem: Problem, fixes: Array, known: list[Sensitivity], noise: Noise, sizes: Sequence[str]
 ) -> tuple[float, Array]:
-    """Factor of the slip with which the fixes' innovations are most likely, and the whitened fixes (m, 3) with it.
+    """Factor of some sizes of the noise with which the fixes' innovations are most likely, what is `known` taken off,
+    and the whitened fixes (m, 3) with it.
 
     Without a gyro nothing else tells how much the wheels slip; with few fixes it stays.
     """
     if len(fixes) < FEWEST_ROWS:
         return 1.0, fixes
-    sensitivities = [problem.linear.data(), *(problem.sensitivity(c.effect, c.values) for c in selection)]
+    sensitivities = [problem.linear.data(), *known]
     best, most = (1.0, fixes), -math.inf
     for factors in SLIPS:
         for factor in factors:
-            noise = scaled(problem.noise, factor)
-            linear = Linear(problem.evidence, problem.path, noise, problem.fix_inflation, problem.linear)
+            tried = scaled(noise, factor, sizes)
+            linear = Linear(problem.evidence, problem.path, tried, problem.fix_inflation, problem.linear)
             rows = linear.whiten(sensitivities)[1]
             left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
             nats = _nats(linear, left)
@@ -225,6 +229,29 @@ def _most_likely(
                 break
             best, most = (factor, left), nats
     return best
+
+
+def _selected(problem: Problem, fit: Fit) -> list[Sensitivity]:
+    return [problem.sensitivity(c.effect, c.values) for c in fit.selection]
+
+
+def by_direction(problem: Problem, fit: Fit) -> Problem:
+    """The problem, without a gyro with the wheels' noise of each direction as it is likeliest by itself. (77)
+
+    One factor for all is as large as the largest, that sideways of real robots: with it hardly any constant of theirs
+    is seen in one drive, and nothing that it hides is taken for another effect. Where many drives tell of what they
+    have in common, each should tell all that it can.
+    """
+    e = problem.evidence
+    if e.gyro_rad is not None or not e.has_wheels or len(e.fix) < FEWEST_ROWS:
+        return problem
+    # Where an effect and the reference's own faults cancel, neither may be taken off without the other.
+    faults = [s * (sigma * x) for (_, sigma, s), x in zip(problem.nuisances, fit.nuisance, strict=True)]
+    noise, fixes = problem.noise, not_inflated(problem, fit.left)[1]
+    for size in WHEELS:
+        factor, _ = _most_likely(problem, fixes, [*_selected(problem, fit), *faults], noise, [size])
+        noise = scaled(noise, factor, [size])
+    return problem.with_noise(noise, problem.fix_inflation, problem.inflation)
 
 
 def score_with_noise(problem: Problem, fit: Fit) -> float:
@@ -267,23 +294,10 @@ def _variance(problem: Problem, noise: Noise) -> Array:
     return noise.wheels(problem.evidence, problem.path.steps()[2])
 
 
-def slipping(noise: Noise, factor: float) -> Noise:
-    """Noise with `factor` times the slip."""
-    return replace(driving(noise, factor), slip_m_per_sqrt_m=noise.slip_m_per_sqrt_m * factor)
-
-
-def walking(noise: Noise, factor: float) -> Noise:
-    """Noise with `factor` times the gyro's walk."""
-    return replace(noise, walk_rad_per_sqrt_s=noise.walk_rad_per_sqrt_s * factor)
-
-
-def driving(noise: Noise, factor: float) -> Noise:
-    """Noise with `factor` times the slip in common, and of the wheels against each other as it was."""
-    return replace(
-        noise,
-        forward_m_per_sqrt_m=noise.forward_m_per_sqrt_m * factor,
-        lateral_m_per_sqrt_m=noise.lateral_m_per_sqrt_m * factor,
-    )
+def scaled(noise: Noise, factor: float, sizes: Sequence[str]) -> Noise:
+    """Noise with `factor` times some of its sizes."""
+    changed: Any = {name: getattr(noise, name) * factor for name in sizes}
+    return replace(noise, **changed)
 
 
 def long_run(rows: Array, every_s: float) -> float:
