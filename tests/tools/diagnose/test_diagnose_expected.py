@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from scipy import stats
 
 from drd_tools.diagnose.combine.expected import Expected, expected
-from drd_tools.diagnose.combine.joint import SufficientStatistics, sufficient_statistics
 from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.statistics import SufficientStatistics, sufficient_statistics
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.results import Result
 from drd_tools.diagnose.run import run_all

@@ -1,5 +1,6 @@
 """What several recordings show together, though none shows it alone."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,10 +11,13 @@ from diagnosis_drives import SLALOM, problem, selected
 from diagnosis_results import seeing, tread
 from msgspec.structs import replace as replace_result
 
-from drd_tools.diagnose.combine.joint import SufficientStatistics, shared, sufficient_statistics, together
+from drd_tools.diagnose.combine import joint
 from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.statistics import SufficientStatistics, shared, sufficient_statistics
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.results import Amount, Finding, Status, Support
+from drd_tools.diagnose.selected import Selected
 
 TREAD = selected("tread_error", k=1.0)
 D = 3.5  # visibility in each recording: 6 nats, where 8 are asked for
@@ -30,6 +34,10 @@ def part(size: float, seed: int) -> SufficientStatistics:
     row = p.effect_rows([TREAD])
     p = p.with_data(np.random.default_rng(seed).standard_normal(len(row)) + size * row / np.linalg.norm(row))
     return sufficient_statistics(p, refine(p, ()))
+
+
+def together(parts: Sequence[SufficientStatistics], selected: set[str]) -> list[Finding]:
+    return joint.together(parts, selected).findings
 
 
 def test_effects_with_a_shape_or_an_origin_of_their_own_are_not_shared() -> None:
@@ -49,7 +57,6 @@ def test_weak_in_each_is_found_in_all() -> None:
         k = found.parameters["k"]
         assert k.value == pytest.approx(true_k, abs=4.0 * k.std)
         assert k.std < 0.5 * true_k
-    assert "all 10 together" in found.sentence
 
 
 def test_a_recording_that_shows_an_effect_at_one_value_only_is_no_error() -> None:
@@ -116,3 +123,67 @@ def test_values_of_several_effects_are_each_beside_all_others() -> None:
     for one in both:
         amount = found[one.id]
         assert amount.value == pytest.approx(one.number("k"), abs=4.0 * amount.std)
+
+
+BUMPS = selected("bump_counts", travel_per_m=0.004)
+RADII = selected("wheel_radius_error", left=-0.004, right=-0.004)
+
+
+def part_that_found(found: Selected, true: Selected, seed: int) -> SufficientStatistics:
+    """A recording with a true effect, and another that it has found by itself."""
+    p = drive()
+    p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([true]))
+    return sufficient_statistics(p, refine(p, [found]), [found.id])
+
+
+def test_what_each_has_found_by_itself_may_stand_for_what_all_have_in_common() -> None:
+    """Bumps on every drive, and of one size, are a radius; on one drive they are bumps."""
+    alike = joint.together([part_that_found(BUMPS, RADII, seed) for seed in range(6)], set())
+    (found,) = alike.findings
+    assert found.effect == "wheel_radius_error"
+    for amount in found.parameters.values():
+        assert amount.value == pytest.approx(-0.004, abs=4.0 * amount.std)
+    assert not any(alike.own)
+    one = [part_that_found(BUMPS, BUMPS, 0), *(part(0.0, seed) for seed in range(1, 6))]
+    apart = joint.together(one, set())
+    assert not apart.findings
+    assert apart.own == [{"bump_counts"}, *([frozenset()] * 5)]
+
+
+def test_names_of_single_drives_go_where_what_all_have_explains_them(tmp_path: Path) -> None:
+    bumps = Finding(
+        effect="bump_counts", status=Status.CONFIRMED, also_fits=("wheel_radius_error",), acts_on="wheels",
+        windows=((0.0, 1.0),), parameters={"travel_per_m": Amount(0.004, 0.0004, "1")}, covariate=None,
+        evidence=Support(50.0, 0.001, 1e9), explains=1.0, sentence="Bumps.",
+    )  # fmt: skip
+    results = [replace_result(seeing(tmp_path, 0.1, bumps), recording=f"drive {i}") for i in range(6)]
+    (found,) = combined(results, [part_that_found(BUMPS, RADII, seed) for seed in range(6)]).findings
+    assert (found.effect, found.explains) == ("wheel_radius_error", 1.0)
+    assert "6 of 6 recordings show it, or what may stand for it" in found.sentence
+    parts = [part_that_found(BUMPS, BUMPS, 0), *(part(0.0, seed) for seed in range(1, 6))]
+    others = [replace_result(r, findings=()) for r in results[1:]]
+    assert [f.effect for f in combined([results[0], *others], parts).findings] == ["bump_counts"]
+
+
+def test_a_recording_with_a_value_of_its_own_does_not_hide_that_of_the_others() -> None:
+    other = selected("wheel_radius_error", left=-0.2, right=0.1)
+    strange = part_that_found(other, other, 0)
+    found = joint.together([strange, *(part_that_found(RADII, RADII, seed) for seed in range(1, 6))], set())
+    (radii,) = found.findings
+    assert radii.effect == "wheel_radius_error"
+    for amount in radii.parameters.values():
+        assert amount.value == pytest.approx(-0.004, abs=4.0 * amount.std)
+    assert found.own == [{"wheel_radius_error"}, *([frozenset()] * 5)]
+
+
+def test_statistics_beside_an_effect_are_those_with_it_projected_out() -> None:
+    whole = part(D, 3)
+    names = [n for n in whole.names if n[0] != "tread_error"]
+    beside = whole.beside({"tread_error"})
+    assert list(beside.names) == names
+    index = [whole.names.index(n) for n in names]
+    at = [i for i, (effect, _) in enumerate(whole.names) if effect == "tread_error"]
+    share = whole.G[np.ix_(index, at)] / whole.G[np.ix_(at, at)]
+    np.testing.assert_allclose(
+        beside.b, whole.b[index] - share @ whole.b[at], rtol=1e-6, atol=1e-6 * np.abs(whole.b).max()
+    )

@@ -8,8 +8,9 @@ from diagnosis_results import said, seeing, tread
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from drd_tools.diagnose.combine.joint import SufficientStatistics, united
+from drd_tools.diagnose.combine.joint import united
 from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.results import Because, Result, Smallest, Status
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))

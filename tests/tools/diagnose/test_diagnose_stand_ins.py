@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from drd.effects.model import Model, load_model
 from drd_tools.diagnose.analysis import analyse
-from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.outcome import findings_of, model_of, terms_of
 from drd_tools.diagnose.files import load
 from drd_tools.diagnose.report.text import in_words

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drd.effects.model import Model, save_model
 from drd_tools.diagnose import files
-from drd_tools.diagnose.combine.joint import SufficientStatistics
+from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.results import Finding, Result, Verdict
 from drd_tools.diagnose.series import Series
 

@@ -19,8 +19,8 @@ from drd.batch.run import no_garbage
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.combine.expected import Expected, expected
-from drd_tools.diagnose.combine.joint import sufficient_statistics
 from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.statistics import may_stand_for_shared, sufficient_statistics
 from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
 from drd_tools.diagnose.conclude.identify import not_observable
@@ -123,7 +123,8 @@ def concluded(analysis: Analysis, held_out: Sequence[Prepared] = ()) -> Diagnosi
         result = _result(analysis, validated, train, unseen, scatter)
         series = _series(analysis, validated, drive, unseen, spreads)
         found = conclusion.found
-        statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit)
+        surrogates = [f.effect for f in validated.findings if may_stand_for_shared(f)]
+        statistics = sufficient_statistics(by_direction(found.problem, found.fit), found.fit, surrogates)
     return Diagnosis(result, series, validated.model, recording.notes, statistics)
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.combine.joint import SufficientStatistics
 from drd_tools.diagnose.combine.means import scatter, weighted
 from drd_tools.diagnose.combine.pool import STRONG_ODDS
+from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.cause import Cause, sentence
 from drd_tools.diagnose.conclude.conclusion import Conclusion
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
@@ -66,7 +66,9 @@ def _of_one(i: int, results: Sequence[Result], statistics: Sequence[SufficientSt
     said, own = names_of(results[i].findings), statistics[i]
     others, theirs = ([*all_of[:i], *all_of[i + 1 :]] for all_of in (results, statistics))
     found = (
-        _judged(effect, others, theirs, own) for effect in dict.fromkeys(e for e, _ in own.names) if effect not in said
+        _judged(effect, others, theirs, own)
+        for effect in dict.fromkeys(e for e, _ in own.alone.names)
+        if effect not in said
     )
     return tuple(one for one in found if one is not None and one.odds >= STRONG_ODDS)
 

@@ -1,29 +1,23 @@
-"""Effects that several recordings of one robot show together, though none shows them alone.
+"""Effects that several recordings of one robot show together, though few or none shows them alone.
 
-Each recording gives the sufficient statistics of the lasting, linear effects, its nuisances and its own effects
-projected out. Their sums are those of one regression over all recordings, with the parameters in common. (89)
+Sums of their sufficient statistics are those of one regression over all recordings, with the parameters in common. (89)
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Collection, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
 from drd.effects.catalogue import catalogue
-from drd.effects.effect import ActsOn, Effect
+from drd_tools.diagnose.combine.statistics import Name, SufficientStatistics, columns_of, shared
 from drd_tools.diagnose.conclude.cause import sentence
 from drd_tools.diagnose.conclude.conclusion import LEAST_NATS
 from drd_tools.diagnose.conclude.confirm import e_value
 from drd_tools.diagnose.conclude.judgement import CONFIRMING_E, FAMILY_WISE
 from drd_tools.diagnose.conclude.outcome import parameters_of
-from drd_tools.diagnose.error_model.ranges import seen
-from drd_tools.diagnose.regression.marginal import Marginal
-from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import Fit, nuisance_design
-from drd_tools.diagnose.results import NOTHING, Array, Finding, Ranges, Status, Support, Window
+from drd_tools.diagnose.results import NOTHING, Array, Finding, Ranges, Status, Support
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected
@@ -33,69 +27,77 @@ Part = tuple[Array, Array]  # G (p, p) and b (p,)
 MOST: Final = 4  # effects that only all recordings show: limits a greedy search
 
 
-@dataclass(frozen=True)
-class SufficientStatistics:
-    """One recording's information `G` (p, p) and score `b` (p,) of the columns `names`, from `rows` rows of data.
+class Common(NamedTuple):
+    """Findings of what all recordings have in common, and which effects each of them has of its own beside those."""
 
-    `ranges`: where each effect's covariate was, by the effect's name; `span_s`: from when to when. An effect that it
-    selected itself has no column.
+    findings: list[Finding]
+    own: list[frozenset[str]]
+
+
+def together(statistics: Sequence[SufficientStatistics], selected: Collection[str]) -> Common:
+    """What all have in common besides effects `selected`, which each recording that shows them has by itself.
+
+    So has a recording what it has clearly more of than all, or of another value.
     """
-
-    names: tuple[tuple[str, str], ...]
-    G: Array
-    b: Array
-    rows: int
-    ranges: dict[str, Ranges]
-    span_s: Window
-
-    def log_bayes_factor(self, effect: str, prior: Mapping[str, tuple[float, float]]) -> float | None:
-        """Log of the likelihood with an effect over that without it, nats; None where it has no columns. (89)
-
-        `prior`: mean and standard deviation, SI, of each parameter.
-        """
-        if not prior or not all((effect, name) in self.names for name in prior):
-            return None
-        index = [self.names.index((effect, name)) for name in prior]
-        mean, std = np.transpose(list(prior.values()))
-        G, weight = self.G[np.ix_(index, index)], np.diag(std**-2.0)
-        score = self.b[index] + weight @ mean
-        nats = 0.5 * float(score @ np.linalg.solve(G + weight, score) - mean @ weight @ mean)
-        return nats - 0.5 * float(np.linalg.slogdet(np.eye(len(mean)) + std[:, None] ** 2 * G)[1])
+    own = [s.own.intersection(selected) for s in statistics]
+    while True:
+        parts = [s.beside(its) for s, its in zip(statistics, own, strict=True)]
+        found, refused = _common(parts, selected)
+        more = [set[str]() for _ in parts]
+        for effect in refused:
+            for i in _furthest(parts, effect):
+                more[i].add(effect)
+        # Where one alone hides what the others have in common, that comes first.
+        more = more if any(more) else [_unlike(s, found) for s in parts]
+        if not any(more):
+            return Common(found, own)
+        own = [its | new for its, new in zip(own, more, strict=True)]
 
 
-def shared() -> list[Effect]:
-    """Effects whose parameters are all linear and mean the same in each recording."""
-    return [
-        e
-        for e in catalogue().values()
-        if e.lasting
-        and e.covariate != "temperature"  # it counts from each recording's own standstill
-        and e.acts_on not in (ActsOn.TIMING, ActsOn.READOUT)
-        and all(q.linear for q in e.parameters)
-    ]
+def _unlike(one: SufficientStatistics, found: Sequence[Finding]) -> set[str]:
+    """Effects of a recording's own that it has otherwise than all: as one more name they gain more than they cost."""
+    units = {(f.effect, q.name): q.si for f in found for q in catalogue()[f.effect].parameters}
+    values = {(f.effect, name): a.value * units[f.effect, name] for f in found for name, a in f.parameters.items()}
+    kept = [i for i, n in enumerate(one.names) if n in values or n[0] in one.own]
+    names, G = [one.names[i] for i in kept], one.G[np.ix_(kept, kept)]
+    left = one.b[kept] - G @ [values.get(n, 0.0) for n in names]
+
+    def gain(effect: str) -> float:
+        index = columns_of(names, [effect])
+        return 0.5 * float(left @ _solved(G, left, index)) - _cost(len(index), one.rows)
+
+    return {effect for effect in one.own if gain(effect) > 0.0}
 
 
-def sufficient_statistics(problem: Problem, fit: Fit) -> SufficientStatistics:
-    """Score and information of the shared effects in a recording, beside its own."""
-    selected = {c.id for c in fit.selection}
-    effects = [e for e in shared() if e.id not in selected and e.channel in problem.evidence.channels]
-    names = tuple((e.id, name) for e in effects for name in e.linear())
-    X = np.column_stack(
-        [np.zeros((len(problem.data), 0)), *problem.units([(catalogue()[e], {}, name) for e, name in names])]
-    )
-    data = problem.data - problem.effect_rows(fit.selection)
-    left = Marginal(nuisance_design(problem, fit.selection)).projected(np.column_stack([X, data]))
-    motion = problem.sensitivities.motion
-    ranges: dict[str, Ranges] = {e.id: seen(motion, Selected(e, dict.fromkeys(e.linear(), 0.0), ())) for e in effects}
-    span_s = float(problem.evidence.time_s[0]), float(problem.evidence.time_s[-1])
-    return SufficientStatistics(names, X.T @ left[:, :-1], X.T @ left[:, -1], len(data), ranges, span_s)
+def _furthest(statistics: Sequence[SufficientStatistics], effect: str) -> list[int]:
+    """Of the recordings that have selected an effect the one with a value furthest from that of all; all of them where
+    no one is clearly apart.
+    """
+    holders = [i for i, s in enumerate(statistics) if effect in s.own]
+    if not holders:
+        return []
+    names = [n for n in statistics[holders[0]].names if n[0] == effect]
+    parts, index = [s.part(names) for s in statistics], list(range(len(names)))
+    x = _solved(*_sum(parts), index)
+
+    def gain(i: int) -> float:
+        left = parts[i][1] - parts[i][0] @ x
+        return 0.5 * float(left @ _solved(parts[i][0], left, index))
+
+    worst = max(holders, key=gain)
+    return [worst] if gain(worst) > _cost(len(index), statistics[worst].rows) else holders
 
 
-def together(statistics: Sequence[SufficientStatistics], selected: set[str]) -> list[Finding]:
-    """Findings of effects that no recording shows by itself."""
-    every = dict.fromkeys(n for s in statistics for n in s.names)
-    names = [n for n in every if n[0] not in selected and sum(n in s.names for s in statistics) > 0.5 * len(statistics)]
-    parts = [_chosen(s, names) for s in statistics]
+def _cost(parameters: int, rows: int) -> float:
+    """Cost of one more effect, nats. (80)"""
+    return 0.5 * parameters * math.log(rows) + math.log(len(catalogue()))
+
+
+def _common(statistics: Sequence[SufficientStatistics], selected: Collection[str]) -> tuple[list[Finding], set[str]]:
+    """Findings of effects besides those `selected`, and the names of which one value for all is refused."""
+    every, alike = dict.fromkeys(n for s in statistics for n in s.names), {e.id for e in shared()}.difference(selected)
+    names = [n for n in every if n[0] in alike and sum(n in s.names for s in statistics) > 0.5 * len(statistics)]
+    parts = [s.part(names) for s in statistics]
     rows, chosen, refused = sum(s.rows for s in statistics), dict[str, list[str]](), set[str]()
     while len(chosen) < MOST:
         ranked = [r for r in _ranked(parts, names, list(chosen), rows) if r[1] not in refused]
@@ -110,7 +112,7 @@ def together(statistics: Sequence[SufficientStatistics], selected: set[str]) -> 
     # Each beside all others, as the model has them.
     beside = {name: [other for other in chosen if other != name] for name in chosen}
     found = (_finding(statistics, parts, names, beside[name], name, also) for name, also in chosen.items())
-    return [finding for finding in found if finding is not None]
+    return [finding for finding in found if finding is not None], refused
 
 
 def united(seen: Sequence[Ranges]) -> Ranges:
@@ -118,19 +120,6 @@ def united(seen: Sequence[Ranges]) -> Ranges:
     covariates = sorted({name for one in seen for name in one})
     ends = {name: [one[name] for one in seen if name in one] for name in covariates}
     return {name: (min(low for low, _ in found), max(high for _, high in found)) for name, found in ends.items()}
-
-
-def _chosen(one: SufficientStatistics, names: Sequence[tuple[str, str]]) -> Part:
-    """Information and score of columns; a recording says nothing of those that it has not."""
-    own = [i for i, name in enumerate(names) if name in one.names]
-    index = [one.names.index(names[i]) for i in own]
-    G, b = np.zeros((len(names), len(names))), np.zeros(len(names))
-    G[np.ix_(own, own)], b[own] = one.G[np.ix_(index, index)], one.b[index]
-    return G, b
-
-
-def _index(names: Sequence[tuple[str, str]], effects: Sequence[str]) -> list[int]:
-    return [i for i, (effect, _) in enumerate(names) if effect in effects]
 
 
 def _solved(G: Array, b: Array, index: list[int]) -> Array:
@@ -151,36 +140,34 @@ def _gain(parts: Sequence[Part], index: list[int]) -> float:
     return 0.5 * float(b @ _solved(G, b, index))
 
 
-def _ranked(
-    parts: Sequence[Part], names: Sequence[tuple[str, str]], chosen: Sequence[str], rows: int
-) -> list[tuple[float, str]]:
+def _ranked(parts: Sequence[Part], names: Sequence[Name], chosen: Sequence[str], rows: int) -> list[tuple[float, str]]:
     """Score of each effect beside those chosen, nats; best first. Those that gain next to nothing are left out."""
-    before = _gain(parts, _index(names, chosen))
+    before = _gain(parts, columns_of(names, chosen))
     found = []
     for effect in dict.fromkeys(e for e, _ in names if e not in chosen):
-        own = _index(names, [effect])
-        gain = _gain(parts, _index(names, [*chosen, effect])) - before
+        own = columns_of(names, [effect])
+        gain = _gain(parts, columns_of(names, [*chosen, effect])) - before
         if gain >= LEAST_NATS:
-            found.append((gain - 0.5 * len(own) * math.log(rows) - math.log(len(catalogue())), effect))
+            found.append((gain - _cost(len(own), rows), effect))
     return sorted(found, reverse=True)
 
 
 def _finding(
     statistics: Sequence[SufficientStatistics],
     parts: Sequence[Part],
-    names: Sequence[tuple[str, str]],
+    names: Sequence[Name],
     chosen: Sequence[str],
     best: str,
     also: Sequence[str],
 ) -> Finding | None:
     """Finding of one effect; None where its gain over the recordings' scatter is too small, or its value absurd."""
-    effect, index, own = catalogue()[best], _index(names, [*chosen, best]), _index(names, [best])
+    effect, index, own = catalogue()[best], columns_of(names, [*chosen, best]), columns_of(names, [best])
     G, b = _sum(parts)
     x, scatter = _solved(G, b, index), _scatter(parts, index)
     covariance = np.asarray(np.linalg.pinv(G[np.ix_(index, index)], rcond=1e-8, hermitian=True) * scatter, float)
     at = [index.index(i) for i in own]
     selected = Selected(effect, {names[i][1]: float(x[i]) for i in own}, effect.linear(), covariance[np.ix_(at, at)])
-    gain = (_gain(parts, index) - _gain(parts, _index(names, chosen))) / scatter
+    gain = (_gain(parts, index) - _gain(parts, columns_of(names, chosen))) / scatter
     p = min(1.0, float(chdtrc(len(own), 2.0 * gain)) * len(catalogue()))
     if not is_plausible(selected) or gain < LEAST_NATS or p > FAMILY_WISE:
         return None
@@ -196,7 +183,7 @@ def _finding(
         covariate=effect.covariate,
         evidence=Support(gain, p, e),
         explains=None,
-        sentence=sentence(selected, None, also) + f" No recording shows it alone; all {len(statistics)} together do.",
+        sentence=sentence(selected, None, also),
         probabilities=_alike(best, also, e),
     )
 

@@ -1,6 +1,7 @@
 """Results of several recordings, each diagnosed by itself, combined into one."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -9,8 +10,9 @@ from msgspec import UNSET
 from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.combine.joint import SufficientStatistics, together, united
+from drd_tools.diagnose.combine.joint import Common, together, united
 from drd_tools.diagnose.combine.means import contradict, scatter, sigmas, weighted
+from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.cause import rounded
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
@@ -46,15 +48,15 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     """Combine several results. A lasting effect's parameters are means over recordings, which scatter; those of effects
     of one run stay as they are. What only all together show comes to it (`joint`).
     """
+    of_all = together(statistics, _of_most(results))
+    common = [_with_share(f, results) for f in of_all.findings]
     findings: list[Finding] = []
-    for name, said in _grouped(results).items():
+    for name, said in _grouped(_beside(results, of_all)).items():
         if name in catalogue() and catalogue()[name].lasting:
             findings.append(_borne_out(_one_of(said, len(results)), said, results, statistics))
         else:
             findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
     findings = _with_one_surrogate_each(findings)
-    common = together(statistics, names_of(f for f in findings if f.status is not Status.SUSPECTED))
-    findings = [f for f in findings if f.effect not in names_of(common)]  # what one alone has of them was withdrawn
     findings = sorted([*findings, *common], key=lambda f: (-(f.explains or 0.0), -f.gain_nats))
     found, detectable = names_of(findings), _most_sensitive(results)
     before = _side_by_side(results, [r.fit.train.before for r in results])
@@ -88,6 +90,39 @@ def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
         for finding in result.findings:
             groups.setdefault(finding.effect, []).append(_Said(name_of(result), finding))
     return groups
+
+
+def _of_most(results: Sequence[Result]) -> set[str]:
+    """Lasting effects that most recordings have by themselves: their values may differ from drive to drive."""
+    count = Counter(name for r in results for name in names_of(r.findings) if name in catalogue())
+    return {name for name, n in count.items() if n > 0.5 * len(results) and catalogue()[name].lasting}
+
+
+def _beside(results: Sequence[Result], of_all: Common) -> list[Result]:
+    """The results without findings of what all have in common, and without what stands for that."""
+    common = names_of(of_all.findings)
+    kept = [
+        tuple(f for f in r.findings if f.effect not in common and (f.effect in own or not _stands_for(f, common)))
+        for r, own in zip(results, of_all.own, strict=True)
+    ]
+    return [replace(r, findings=findings) for r, findings in zip(results, kept, strict=True)]
+
+
+def _stands_for(finding: Finding, effects: set[str]) -> bool:
+    """Whether one of the effects is what a recording has found, or as likely as that."""
+    return not effects.isdisjoint({finding.effect, *finding.also_fits})
+
+
+def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
+    """The finding of all, with what the recordings by themselves say of it, or of what stands for it."""
+    shown = [[f for f in r.findings if _stands_for(f, {finding.effect})] for r in results]
+    count = sum(map(bool, shown))
+    if not count:
+        text = f"{finding.sentence} No recording shows it alone; all {len(results)} together do."
+        return replace(finding, sentence=text)
+    explains = sum(f.explains or 0.0 for own in shown for f in own) / len(results)
+    text = f"{finding.sentence} By themselves {count} of {len(results)} recordings show it, or what may stand for it."
+    return replace(finding, explains=explains, sentence=text)
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:
