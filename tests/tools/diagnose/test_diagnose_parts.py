@@ -10,12 +10,18 @@ from diagnosis_drives import recorded, selected
 from diagnosis_runs import written
 
 from drd.cli import main
+from drd_tools.diagnose import run as run_module
+from drd_tools.diagnose.analysis import Analysis
+from drd_tools.diagnose.files import load
 from drd_tools.diagnose.observe import parts as parts_module
 from drd_tools.diagnose.observe.parts import parts
+from drd_tools.diagnose.results import Train
+from drd_tools.diagnose.series import Drive
 from drd_tools.recordings.folder import Recording
 
 SCALE = selected("gyro_scale_error", k=0.01)
 DRIVE = ("warehouse", 180.0)
+TRAINED = run_module._trained
 
 
 @pytest.fixture
@@ -81,3 +87,22 @@ def test_the_whole_is_put_together(tmp_path: Path) -> None:
     each = [json.loads(f.read_text()) for f in sorted((tmp_path / "out").glob("*/diagnosis.json"))]
     assert len(each) == 2
     assert (tmp_path / "out/report.html").exists()
+
+
+@pytest.mark.usefixtures("ninety_seconds")
+def test_the_whole_is_drawn_with_the_model_of_all_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here each part by itself has said nothing, and all together a scale."""
+    written(tmp_path / "run", SCALE, reference="full", drive=DRIVE, seed=3)
+    monkeypatch.setattr(run_module, "_trained", of_nominal)
+    assert main(["diagnose", str(tmp_path / "run"), "--output", str(tmp_path / "out"), "--jobs", "1"]) == 0
+    result, series = load(tmp_path / "out")
+    assert "gyro_scale_error" in {f.effect for f in result.findings}
+    after = result.fit.train.after
+    assert result.unexplained.end_error_m == max(after[f"{d.name}: end_error_m"] or 0.0 for d in series.recordings)
+    for drive in series.recordings:
+        assert drive.path.corrected is not None
+        assert drive.path.corrected.x_m[-1] != drive.path.nominal.x_m[-1]
+
+
+def of_nominal(analysis: Analysis, _: Path | None) -> tuple[Train, Drive]:
+    return TRAINED(analysis, None)

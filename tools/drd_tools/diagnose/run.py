@@ -30,8 +30,8 @@ from drd_tools.diagnose.regression.noise_fit import by_direction
 from drd_tools.diagnose.results import Figures, Fit, Result, Scatter, Status, Train, Unexplained
 from drd_tools.diagnose.series import Bar, Course, Drive, Series, Spread
 from drd_tools.diagnose.validate.held_out import Map, Prepared, prepared
-from drd_tools.diagnose.validate.trajectory import checked, judged, paths
-from drd_tools.diagnose.validate.validation import Validated, figures_of, validate
+from drd_tools.diagnose.validate.trajectory import checked, judged, path_from, paths, with_path
+from drd_tools.diagnose.validate.validation import Validated, validate
 from drd_tools.processes import pool_of
 from drd_tools.recordings.folder import Recording
 
@@ -143,16 +143,23 @@ def together(
         model_file = Path(folder) / "model.yaml"
         validated = validate(model_file, build, terms, result.findings, held_out, each)
         own = _with_common_model(recordings, made, model_file if validated.model.terms else None, each)
-    verdict = checked(result.verdict, validated.findings, own.values(), validated.poses_after)
-    after = result.fit.train.after | {f"{name}: {q}": v for name, figures in own.items() for q, v in figures.items()}
-    fit = Fit(Train(result.fit.train.before, after), validated.figures)
+    verdict = checked(result.verdict, validated.findings, [figures for figures, _ in own], validated.poses_after)
+    after = {f"{drive.name}: {q}": v for figures, drive in own for q, v in figures.items()}
+    fit = Fit(Train(result.fit.train.before, result.fit.train.after | after), validated.figures)
+    ends_m = [end_m for figures, _ in own if (end_m := figures.get("end_error_m")) is not None]
+    unexplained = msgspec.structs.replace(result.unexplained, end_error_m=max(ends_m, default=None))
     result = msgspec.structs.replace(
-        result, recording=names, verdict=verdict, findings=tuple(validated.findings), fit=fit
+        result,
+        recording=names,
+        verdict=verdict,
+        findings=tuple(validated.findings),
+        fit=fit,
+        unexplained=unexplained,
     )
     courses = {c.effect: c for d in reversed(made) for c in d.series.findings}
     series = msgspec.structs.replace(
         made[0].series,
-        recordings=[drive for d in made for drive in d.series.recordings],
+        recordings=[drive for _, drive in own],
         findings=[courses.get(f.effect, Course(f.effect)) for f in result.findings],
         held_out=validated.bars,
     )
@@ -161,13 +168,14 @@ def together(
 
 def _with_common_model(
     recordings: Sequence[Recording], made: Sequence[Diagnosis], model: Path | None, each: Map
-) -> dict[str, Figures]:
-    """Figures of each recording by its name, with the model of all: its own has told of itself alone."""
+) -> list[tuple[Figures, Drive]]:
+    """Figures and path of each recording with the model of all: its own has told of itself alone."""
+    drives = [d.series.recordings[0] for d in made]
     if model is None:
-        return {r.name: d.result.fit.train.before for r, d in zip(recordings, made, strict=True)}
+        return [(d.result.fit.train.before, with_path(drive, None)) for d, drive in zip(made, drives, strict=True)]
     in_time = [_in_time(r, d.result) for r, d in zip(recordings, made, strict=True)]
-    figures = each(partial(figures_of, model=model), in_time)
-    return {r.name: f for r, f in zip(recordings, figures, strict=True)}
+    found = zip(each(partial(judged, model=model), in_time), drives, in_time, strict=True)
+    return [(figures, with_path(drive, path_from(r.reference, rows))) for (figures, rows), drive, r in found]
 
 
 def _in_time(recording: Recording, result: Result) -> Recording:

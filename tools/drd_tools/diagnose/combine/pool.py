@@ -55,7 +55,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         if name in catalogue() and catalogue()[name].lasting:
             findings.append(_borne_out(_one_of(said, len(results)), said, results, statistics))
         else:
-            findings += [replace(f, sentence=f"{name}: {f.sentence}") for name, f in said]
+            findings += [_of_one(f, recording, len(results)) for recording, f in said]
     findings = _with_one_surrogate_each(findings)
     findings = sorted([*findings, *common], key=lambda f: (-(f.explains or 0.0), -f.gain_nats))
     found, detectable = names_of(findings), _most_sensitive(results)
@@ -123,6 +123,12 @@ def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
     explains = sum(f.explains or 0.0 for own in shown for f in own) / len(results)
     text = f"{finding.sentence} By themselves {count} of {len(results)} recordings show it, or what may stand for it."
     return replace(finding, explains=explains, sentence=text)
+
+
+def _of_one(finding: Finding, recording: str, count: int) -> Finding:
+    """A finding of one of `count` recordings, with its share of the mismatch in all."""
+    explains = None if finding.explains is None else finding.explains / count
+    return replace(finding, explains=explains, sentence=f"{recording}: {finding.sentence}")
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:

@@ -4,12 +4,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from drd.config.schema import ConfigError
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.results import Array, Figures, Finding, Verdict
-from drd_tools.diagnose.series import Line, Paths
+from drd_tools.diagnose.series import Drive, Line, Paths
 from drd_tools.diagnose.validate.heading_only import heading_figures
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import consistency
@@ -81,9 +82,19 @@ def paths(recording: Recording, nominal: Array, corrected: Array | None) -> Path
     r = recording.reference
     return Paths(
         None if r is None else _line(np.column_stack([r.time_s, r.x_m, r.y_m])),
-        _line(_from_reference(r, nominal)),
-        None if corrected is None else _line(_from_reference(r, corrected)),
+        path_from(r, nominal),
+        None if corrected is None else path_from(r, corrected),
     )
+
+
+def with_path(drive: Drive, corrected: Line | None) -> Drive:
+    """The drive with another corrected path."""
+    return msgspec.structs.replace(drive, path=msgspec.structs.replace(drive.path, corrected=corrected))
+
+
+def path_from(r: ReferenceLog | None, rows: Array) -> Line:
+    """The path of poses (n, columns) that is drawn, from the reference's pose at their start."""
+    return _line(_from_reference(r, rows))
 
 
 def _from_reference(r: ReferenceLog | None, rows: Array) -> Array:
