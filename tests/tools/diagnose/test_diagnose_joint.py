@@ -80,7 +80,7 @@ def test_noise_and_contradictions_are_no_findings() -> None:
 
 
 def without(one: SufficientStatistics, *names: str) -> SufficientStatistics:
-    """Of a recording that has selected some effects itself."""
+    """The statistics of a recording that has selected some effects itself."""
     kept = [i for i, (effect, _) in enumerate(one.names) if effect not in names]
     ranges = {effect: seen for effect, seen in one.ranges.items() if effect not in names}
     held = tuple(one.names[i] for i in kept)

@@ -19,7 +19,7 @@ from drd.batch.run import no_garbage
 from drd_tools.diagnose.advise.next_drive import next_drive
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.combine.expected import Expected, expected
-from drd_tools.diagnose.combine.pool import combined
+from drd_tools.diagnose.combine.pool import combined, largest
 from drd_tools.diagnose.combine.statistics import may_stand_for_shared, sufficient_statistics
 from drd_tools.diagnose.conclude import outcome
 from drd_tools.diagnose.conclude.confirm import rms, unseen_rms
@@ -146,8 +146,8 @@ def together(
     verdict = checked(result.verdict, validated.findings, [figures for figures, _ in own], validated.poses_after)
     after = {f"{drive.name}: {q}": v for figures, drive in own for q, v in figures.items()}
     fit = Fit(Train(result.fit.train.before, result.fit.train.after | after), validated.figures)
-    ends_m = [end_m for figures, _ in own if (end_m := figures.get("end_error_m")) is not None]
-    unexplained = msgspec.structs.replace(result.unexplained, end_error_m=max(ends_m, default=None))
+    end_m = largest(figures.get("end_error_m") for figures, _ in own)
+    unexplained = msgspec.structs.replace(result.unexplained, end_error_m=end_m)
     result = msgspec.structs.replace(
         result,
         recording=names,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from drd.effects.catalogue import catalogue
-from drd_tools.diagnose.combine.statistics import Name, SufficientStatistics, columns_of, shared
+from drd_tools.diagnose.combine.statistics import Name, Part, SufficientStatistics, columns_of, shared
 from drd_tools.diagnose.conclude.cause import sentence
 from drd_tools.diagnose.conclude.conclusion import LEAST_NATS
 from drd_tools.diagnose.conclude.confirm import e_value
@@ -21,8 +21,6 @@ from drd_tools.diagnose.results import NOTHING, Array, Finding, Ranges, Status, 
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import CLASS_NATS
 from drd_tools.diagnose.selected import Selected
-
-Part = tuple[Array, Array]  # G (p, p) and b (p,)
 
 MOST: Final = 4  # effects that only all recordings show: limits a greedy search
 
@@ -35,7 +33,7 @@ class Common(NamedTuple):
 
 
 def together(statistics: Sequence[SufficientStatistics], selected: Collection[str]) -> Common:
-    """What all have in common besides effects `selected`, which each recording that shows them has by itself.
+    """Find what all have in common besides effects `selected`, which each recording that shows them has by itself.
 
     So has a recording what it has clearly more of than all, or of another value.
     """
@@ -64,14 +62,14 @@ def _unlike(one: SufficientStatistics, found: Sequence[Finding]) -> set[str]:
 
     def gain(effect: str) -> float:
         index = columns_of(names, [effect])
-        return 0.5 * float(left @ _solved(G, left, index)) - _cost(len(index), one.rows)
+        return _gain([(G, left)], index) - _cost(len(index), one.rows)
 
     return {effect for effect in one.own if gain(effect) > 0.0}
 
 
 def _furthest(statistics: Sequence[SufficientStatistics], effect: str) -> list[int]:
-    """Of the recordings that have selected an effect the one with a value furthest from that of all; all of them where
-    no one is clearly apart.
+    """Index of the recording, among those that have selected an effect, whose value is furthest from that of all; of
+    each of them where none is clearly apart.
     """
     holders = [i for i, s in enumerate(statistics) if effect in s.own]
     if not holders:
@@ -81,8 +79,8 @@ def _furthest(statistics: Sequence[SufficientStatistics], effect: str) -> list[i
     x = _solved(*_sum(parts), index)
 
     def gain(i: int) -> float:
-        left = parts[i][1] - parts[i][0] @ x
-        return 0.5 * float(left @ _solved(parts[i][0], left, index))
+        G, b = parts[i]
+        return _gain([(G, b - G @ x)], index)
 
     worst = max(holders, key=gain)
     return [worst] if gain(worst) > _cost(len(index), statistics[worst].rows) else holders

@@ -55,7 +55,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         if name in catalogue() and catalogue()[name].lasting:
             findings.append(_borne_out(_one_of(said, len(results)), said, results, statistics))
         else:
-            findings += [_of_one(f, recording, len(results)) for recording, f in said]
+            findings += [_in_one_recording(f, recording, len(results)) for recording, f in said]
     findings = _with_one_surrogate_each(findings)
     findings = sorted([*findings, *common], key=lambda f: (-(f.explains or 0.0), -f.gain_nats))
     found, detectable = names_of(findings), _most_sensitive(results)
@@ -66,8 +66,8 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         verdict=_verdict(results, findings, bool(common)),
         findings=tuple(findings),
         unexplained=Unexplained(
-            _largest(r.unexplained.share_of_residual for r in results),
-            _largest(r.unexplained.end_error_m for r in results),
+            largest(r.unexplained.share_of_residual for r in results),
+            largest(r.unexplained.end_error_m for r in results),
         ),
         ruled_out=_ruled_out(results, found),
         detectable=detectable,
@@ -125,7 +125,7 @@ def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
     return replace(finding, explains=explains, sentence=text)
 
 
-def _of_one(finding: Finding, recording: str, count: int) -> Finding:
+def _in_one_recording(finding: Finding, recording: str, count: int) -> Finding:
     """A finding of one of `count` recordings, with its share of the mismatch in all."""
     explains = None if finding.explains is None else finding.explains / count
     return replace(finding, explains=explains, sentence=f"{recording}: {finding.sentence}")
@@ -249,7 +249,7 @@ def _verdict(results: Sequence[Result], findings: Sequence[Finding], is_more_tog
     return Verdict.PARTLY if verdicts - {Verdict.NOTHING, Verdict.EXPLAINED} else Verdict.EXPLAINED
 
 
-def _largest(values: Iterable[float | None]) -> float | None:
+def largest(values: Iterable[float | None]) -> float | None:
     """The largest value that is known; None where none is."""
     return max((v for v in values if v is not None), default=None)
 

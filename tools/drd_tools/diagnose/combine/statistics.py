@@ -1,4 +1,4 @@
-"""What a recording knows of the effects that it may share with others of its robot: its part in one regression. (89)"""
+"""Sufficient statistics of one recording for the effects that it may share with others of its robot. (89)"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +16,7 @@ from drd_tools.diagnose.results import Array, Finding, Ranges, Window
 from drd_tools.diagnose.selected import Selected, linear_names
 
 Name = tuple[str, str]  # of a column: an effect and one of its parameters
+Part = tuple[Array, Array]  # G (p, p) and b (p,)
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class SufficientStatistics:
         G, b = self.G[np.ix_(kept, kept)] - self.G[np.ix_(kept, out)] @ share, self.b[kept] - self.b[out] @ share
         return replace(self, names=tuple(self.names[i] for i in kept), G=G, b=b, own=self.own.difference(effects))
 
-    def part(self, names: Sequence[Name]) -> tuple[Array, Array]:
+    def part(self, names: Sequence[Name]) -> Part:
         """Information and score of columns; it says nothing of those that it has not."""
         own = [i for i, name in enumerate(names) if name in self.names]
         index = [self.names.index(names[i]) for i in own]

@@ -247,9 +247,9 @@ def by_direction(problem: Problem, fit: Fit) -> Problem:
         return problem
     # Where an effect and the reference's own faults cancel, neither may be taken off without the other.
     faults = [s * (sigma * x) for (_, sigma, s), x in zip(problem.nuisances, fit.nuisance, strict=True)]
-    noise, fixes = problem.noise, not_inflated(problem, fit.left)[1]
+    known, noise, fixes = [*_selected(problem, fit), *faults], problem.noise, not_inflated(problem, fit.left)[1]
     for size in WHEELS:
-        factor, _ = _most_likely(problem, fixes, [*_selected(problem, fit), *faults], noise, [size])
+        factor, _ = _most_likely(problem, fixes, known, noise, [size])
         noise = scaled(noise, factor, [size])
     return problem.with_noise(noise, problem.fix_inflation, problem.inflation)
 
