@@ -6,7 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, SLALOM, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
+from diagnosis_drives import (
+    ASIDE_4_CM,
+    FAR,
+    LEFT,
+    REFERENCE_S,
+    RIGHT,
+    SLALOM,
+    TREAD,
+    WAREHOUSE,
+    WHEELS_S,
+    recorded,
+    selected,
+)
 from wheel_recordings import later
 
 from drd.batch.logs import EncoderLog
@@ -23,7 +35,7 @@ from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.run import concluded
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
-from drd_tools.simulate.conditions import Conditions
+from drd_tools.simulate.conditions import Conditions, Reference
 from drd_tools.simulate.missions import Drive
 from drd_tools.simulate.robot import DEFAULT
 from drd_tools.simulate.route import Route
@@ -219,6 +231,26 @@ def test_a_reference_that_jumps_names_nothing() -> None:
     assert e.time_s[at] == pytest.approx(60.0, abs=0.2)
     assert e.jump_m2[at] > 0.1
     assert analyse(other).conclusion.causes == []
+
+
+@pytest.mark.parametrize("at_s", [60.02, 60.07])
+def test_a_dense_reference_that_jumps_in_the_midst_of_a_step_names_nothing(at_s: float) -> None:
+    """Of a motion capture a step has two fixes: one may be before the jump, or both after it."""
+    recording = replace(recorded(SLALOM, 3, conditions=Conditions(reference=Reference(period_s=0.05))), fog=None)
+    assert recording.reference is not None
+    moved_m = np.where(recording.reference.time_s > at_s, 0.3, 0.0)
+    jumped = replace(recording, reference=replace(recording.reference, x_m=recording.reference.x_m + moved_m))
+    e = gather(jumped)
+    assert np.bincount(e.fix_step).min() == 2
+    assert np.count_nonzero(audit(jumped, e).evidence.jump_m2) == 1
+    analysis = analyse(jumped)
+    assert analysis.conclusion.causes == []
+    assert analysis.reference["jumps"].value == 1.0
+
+
+def test_a_markers_place_is_told_as_the_references_own_fault() -> None:
+    left = analyse(recorded(WAREHOUSE, 3, conditions=ASIDE_4_CM)).reference["left"]
+    assert left.value == pytest.approx(0.04, abs=min(4.0 * left.std, 0.01))
 
 
 def test_a_path_through_jumps_of_the_reference_in_a_row_stays_where_it_is() -> None:

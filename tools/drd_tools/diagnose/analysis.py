@@ -6,10 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
 from drd_tools.diagnose.conclude.reference import apart
 from drd_tools.diagnose.conclude.scatter import scatter_of
+from drd_tools.diagnose.error_model.sensitivities import AHEAD, DRIFT, SIDEWAYS, SMOOTHING, YAW
+from drd_tools.diagnose.observe.audit import jumped
 from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.observe.evidence import Noise
@@ -28,8 +31,15 @@ ROUGH_ROUNDS: Final = 4  # where the data are far off
 GROWING_ROUNDS: Final = 8  # where a set that explains much waits for its noise: limits the time
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
-CLEARLY: Final = 3.0  # sigmas: of a drift that is told
-PPM: Final = 1e-6
+# Faults that are the reference's alone: name, unit, and its size in SI.
+FAULT_OF_NUISANCE: Final = {
+    DRIFT: ("drift", "ppm", 1e-6),
+    AHEAD: ("ahead", "m", 1.0),
+    SIDEWAYS: ("left", "m", 1.0),
+    YAW: ("heading", "deg", RAD_PER_DEG),
+    SMOOTHING: ("smoothing", "1", 1.0),
+}
+CLEARLY: Final = 3.0  # sigmas: of a fault that is told
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 
@@ -38,7 +48,8 @@ class Analysis:
     """Conclusion on one recording. `null` (r,): whitened data less the nuisances, before any effect.
 
     `measured`: the robot's constants. `reference`: its faults: `lag`, how late it is where that is more than usual, and
-    `drift`, by how much its clock and the wheels' drift apart, where no gyro tells which of them does.
+    `drift`, by how much its clock and the wheels' drift apart, where no gyro tells which of them does; where its marker
+    is, `ahead` and `left` of the robot's centre, and its `heading`'s offset; `smoothing`, and how often it `jumps`.
     """
 
     measured: Constants
@@ -86,9 +97,12 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
     """Faults of the reference, or what is as well its own."""
     faults = {"lag": Amount(measured.lag_s, measured.lag_sigma_s, "s")} if measured.lag_s else {}
     found = apart(conclusion.found.problem, conclusion.found.fit)
-    drift, sigma = found.drift
-    if abs(drift) > CLEARLY * sigma:
-        faults["drift"] = Amount(drift / PPM, sigma / PPM, "ppm")
+    for nuisance, (name, unit, si) in FAULT_OF_NUISANCE.items():
+        value, sigma = found.nuisances.get(nuisance, (0.0, 0.0))
+        if abs(value) > CLEARLY * sigma:
+            faults[name] = Amount(value / si, sigma / si, unit)
+    if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
+        faults["jumps"] = Amount(float(jumps), 0.0, "1")
     for q in (c.parameter(name) for c in conclusion.of_the_reference for name in c.free):
         value, sigma = found.by_unit[q.unit]
         faults[FAULT_OF_UNIT[q.unit]] = Amount(value / q.si, sigma / q.si, q.unit)

@@ -234,7 +234,8 @@ class Result(Struct, frozen=True, kw_only=True):
     """The content of diagnosis.json.
 
     `noise`: sizes of the noise over those that are stated; `scatter`: those that are much larger. `reference`: faults
-    of the reference itself: its lag and, without a gyro, its clock's drift and a delay.
+    of the reference itself: its `lag`, where its marker is, `ahead` and `left` of the robot's centre, its `heading`'s
+    offset, `smoothing`, `jumps` (how many) and, without a gyro, its clock's `drift` and a `delay`.
     """
 
     schema: Literal[1] = 1

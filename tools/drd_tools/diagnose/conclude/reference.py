@@ -32,12 +32,12 @@ def reference_deviation(problem: Problem, selected: Selected, name: str) -> floa
 class Apart(NamedTuple):
     """By how much wheels and reference are apart, each with its deviation.
 
-    `drift`: growth of the reference's lag by itself, s/s; 0 where it is no nuisance. `by_unit`: whosever fault it is,
-    by the unit that it is told in: how late the wheels are in the drive's middle, s, and by how much the reference's
-    clock runs away from theirs, s/s.
+    `nuisances`: by name, SI; DRIFT is the growth of the reference's lag by itself, s/s. `by_unit`: whosever fault it
+    is, by the unit that it is told in: how late the wheels are in the drive's middle, s, and by how much the
+    reference's clock runs away from theirs, s/s.
     """
 
-    drift: tuple[float, float]
+    nuisances: Mapping[str, tuple[float, float]]
     by_unit: Mapping[str, tuple[float, float]]
 
 
@@ -55,7 +55,7 @@ def apart(problem: Problem, fit: Fit) -> Apart:
         return float(w @ x), math.sqrt(max(float(w @ covariance @ w), 0.0))
 
     return Apart(
-        drift=summed({DRIFT: 1.0}, {}),
+        nuisances={name: summed({name: 1.0}, {}) for name, _, _ in problem.nuisances},
         by_unit={
             "s": summed({LATENCY: -1.0}, {"s": 1.0, "ppm": -_middle_s(problem)}),
             "ppm": summed({DRIFT: 1.0}, {"ppm": 1.0}),

@@ -53,9 +53,10 @@ def dead_reckon(turn_rad: Array, forward_m: Array, start: Array) -> Path:
 def with_jumps(e: Evidence, pose: Array) -> Path:
     """The path of these poses, (n + 1, 3): where the reference jumps, the robot drove as its sensors say.
 
-    Only where the robot's lags are measured: a sensor that is late makes a jump of each turn.
+    Not where a gyro's lag is not measured: a sensor that is late makes a jump of each turn.
     """
-    at = np.flatnonzero(e.is_far & ((e.jump_m2 > 0.0) | (e.jump_rad2 > 0.0)))
+    is_sure = e.is_far or e.gyro_rad is None
+    at = np.flatnonzero(is_sure & ((e.jump_m2 > 0.0) | (e.jump_rad2 > 0.0)))
     wheels = (e.right_m - e.left_m) / e.tread_m
     turn = (wheels if e.gyro_rad is None else np.where(e.gyroless, wheels, e.gyro_rad))[at]
     middle, travel = 0.5 * (pose[at + 1, 2] + pose[at, 2]), 0.5 * (e.left_m + e.right_m)[at]

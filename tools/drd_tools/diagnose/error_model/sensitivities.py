@@ -31,7 +31,9 @@ SHARPER = 2
 CALM_SMOOTHING_S = 0.4  # averages a gyro's white noise, short beside a turn
 CALM_SIGMAS = 3.0  # beyond, it is a turn and no noise
 UNKNOWN_LAG_S = 0.4  # of a real one that nothing tells: lidar odometry's is 0.26 to 0.46 s
-LATENCY, DRIFT = "reference_latency", "reference_drift"
+# Nuisances: faults of the reference.
+LATENCY, DRIFT, YAW = "reference_latency", "reference_drift", "reference_yaw"
+AHEAD, SIDEWAYS, SMOOTHING = "reference_ahead", "reference_sideways", "reference_smoothing"
 LAG_SHARE = 0.1  # of a lag that was found: headings and positions may be filtered differently
 AHEAD_M = 0.2  # lever arm of a reference that nobody has measured, prior
 AVERAGED_S = 0.6  # over which a reference may average: lidar odometry of a skid-steer robot does over 0.4 to 0.8 s
@@ -247,16 +249,16 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         latency_s = UNKNOWN_LAG_S
     found = [
         (LATENCY, latency_s, Sensitivity(fix=-dp)),
-        ("reference_yaw", np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
-        ("reference_sideways", 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
+        (YAW, np.radians(2.0), Sensitivity(fix=np.column_stack([zero, zero, one]))),
+        (SIDEWAYS, 0.05, Sensitivity(fix=np.column_stack([-s, c, zero]))),
     ]
     if e.gyro_rad is None or e.is_far:
         since_s = (e.fix_time_s - e.fix_time_s.mean())[:, None]
         found.append((DRIFT, REFERENCE_WANDER_S / float(np.ptp(e.edges_s)), Sensitivity(fix=-dp * since_s)))
     if ahead_m := AHEAD_M if e.is_far else ahead_m:
-        found.append(("reference_ahead", ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
+        found.append((AHEAD, ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
         passed = np.cumsum(moved, axis=0)
         mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
-        found.append(("reference_smoothing", 1.0, Sensitivity(fix=(mean - passed)[k])))
+        found.append((SMOOTHING, 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found

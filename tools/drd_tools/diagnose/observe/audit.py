@@ -81,10 +81,20 @@ def _with_jumps(e: Evidence) -> Evidence:
     sheet = e.datasheet
     is_jump = (off_m > JUMP_SIGMAS * sheet.position_m) | (off_rad > JUMP_SIGMAS * sheet.heading_rad)
     jump_m2, jump_rad2 = e.jump_m2.copy(), e.jump_rad2.copy()
-    step = e.fix_step[1:][is_jump]
+    step, first_after = e.fix_step[1:][is_jump], 1 + np.flatnonzero(is_jump)
     np.add.at(jump_m2, step, off_m[is_jump] ** 2)
     np.add.at(jump_rad2, step, off_rad[is_jump] ** 2)
-    return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2)
+    # The jump is at its step's begin: what the same step has from before it would contradict what comes after.
+    kept = np.ones(len(at), np.bool_)
+    for begin, end in zip(np.searchsorted(e.fix_step, step), first_after, strict=True):
+        kept[begin:end] = False
+    fix_step, fix_share, fix = e.fix_step[kept], e.fix_share[kept], e.fix[kept]
+    return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2, fix_step=fix_step, fix_share=fix_share, fix=fix)
+
+
+def jumped(e: Evidence) -> npt.NDArray[np.bool_]:
+    """Steps (n,) in which the reference's position jumps."""
+    return e.jump_m2 > (JUMP_SIGMAS * e.datasheet.position_m) ** 2
 
 
 def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:

@@ -50,6 +50,11 @@ CHANNELS: Final = {
 FAULTS: Final = {
     "lag": "the reference is late by {}, which was taken off",
     "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
+    "ahead": "the reference sits {} ahead of the robot's centre",
+    "left": "the reference sits {} to the left of the robot's centre",
+    "heading": "the reference's heading is {} off the robot's",
+    "smoothing": "the reference is smoothed, by {} of a mean over 0.6 s",
+    "jumps": "jumps of the reference's position: {}",
     "delay": "the wheels are {} later than the reference, and nothing tells which of them is off",
 }
 SEGMENT_HEADER: Final = ("manoeuvre", "times", "minutes")
@@ -180,7 +185,8 @@ def reference_faults(d: Result) -> list[str]:
     """Words for the reference's own faults, and for what is as well its own."""
     if isinstance(d.reference, UnsetType):
         return []
-    shown = {name: with_sigma(fault.value, fault.std, fault.unit) for name, fault in d.reference.items()}
+    # Without a deviation: counted, not fitted.
+    shown = {n: with_sigma(f.value, f.std, f.unit) if f.std else f"{f.value:.0f}" for n, f in d.reference.items()}
     return [FAULTS[name].format(size) for name, size in shown.items() if name in FAULTS]
 
 
