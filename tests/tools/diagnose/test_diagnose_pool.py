@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from drd_tools.diagnose.combine.joint import united
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
-from drd_tools.diagnose.results import Because, Result, Smallest, Status
+from drd_tools.diagnose.results import Amount, Because, Result, Smallest, Status
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
 
@@ -115,3 +115,24 @@ def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path:
     assert "contradict" not in finding.sentence
     assert finding.parameters["k"].value == pytest.approx(0.035)
     assert "All together: k = 0.035 +- 0.015." in finding.sentence  # ((0.01^2 + T^2) / 2)^0.5, T^2 = 3.5e-4
+
+
+def test_faults_of_the_reference_that_most_recordings_show_are_told_with_their_scatter(tmp_path: Path) -> None:
+    """What one in three shows may be chance; jumps are counted."""
+    jumps, lever = Amount(2.0, 0.0, "1"), Amount(0.03, 0.001, "m")
+    faults = [
+        {
+            "drift": Amount(ppm, 100.0, "ppm"),
+            "heading": Amount(0.01 * (ppm - 1000.0), 0.1, "deg"),
+            "jumps": jumps,
+            **more,
+        }
+        for ppm, more in ((500.0, {"left": lever}), (1000.0, {}), (1500.0, {}))
+    ]
+    reference = together(*(replace(said(tmp_path, f"run {i}"), reference=f) for i, f in enumerate(faults))).reference
+    assert isinstance(reference, dict)
+    assert reference.keys() == {"drift", "jumps"}
+    assert reference["drift"].value == pytest.approx(1000.0)
+    assert reference["drift"].std == pytest.approx(500.0 / 3.0**0.5, rel=0.01)
+    assert reference["jumps"].value == 6.0
+    assert together(said(tmp_path, "one"), said(tmp_path, "two")).reference is UNSET

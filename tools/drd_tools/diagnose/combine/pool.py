@@ -34,6 +34,7 @@ from drd_tools.diagnose.results import (
 
 SURER: Final = list(Status)
 STRONG_ODDS: Final = 20.0  # to 1 (Kass and Raftery 1995)
+CLEARLY: Final = 3.0  # sigmas: of a fault that is told
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 
@@ -76,7 +77,24 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         fit=Fit(Train(before, after), results[0].fit.held_out),
         scatter=tuple(replace(n, sentence=f"{name_of(r)}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
+        reference=_reference_of_all(results) or UNSET,
     )
+
+
+def _reference_of_all(results: Sequence[Result]) -> dict[str, Amount]:
+    """Faults of the reference that most recordings show: their means, which scatter; how often it jumps, in all."""
+    said: dict[str, list[Amount]] = {}
+    for result in results:
+        for name, fault in (result.reference or {}).items():
+            said.setdefault(name, []).append(fault)
+    found = {
+        name: Amount(*weighted(faults, scatter(faults)), faults[0].unit)
+        if all(f.std > 0.0 for f in faults)
+        else Amount(sum(f.value for f in faults), 0.0, faults[0].unit)
+        for name, faults in said.items()
+        if 2 * len(faults) > len(results)
+    }
+    return {name: fault for name, fault in found.items() if abs(fault.value) > CLEARLY * fault.std}
 
 
 def name_of(result: Result) -> str:
