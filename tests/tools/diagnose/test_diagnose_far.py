@@ -32,6 +32,7 @@ from drd_tools.diagnose.observe.lags import find_lags
 from drd_tools.diagnose.observe.parts import _between
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.results import Status
 from drd_tools.diagnose.run import concluded
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, read_recording
@@ -114,6 +115,14 @@ def test_without_a_gyro_a_delay_is_named_at_odds_of_three_against_the_references
         assert sum(cause.probabilities.values()) == pytest.approx(1.0)
     else:
         assert analysis.reference["delay"].value == pytest.approx(delay_s, abs=0.02)
+
+
+def test_beside_a_tread_two_and_a_half_times_as_wide_slip_is_found_and_both_are_confirmed() -> None:
+    """What the calibrator has measured is plausible, however far it is from robot.yaml."""
+    slip = selected("surface_slip", t0=80.0, t1=110.0, left=0.12, right=0.03)
+    found = analyse(late(recorded(WAREHOUSE, 3, selected("tread_error", k=1.5), *FAR[1:], slip))).conclusion.causes
+    assert {c.effect for c in found} == {"surface_slip", *(c.id for c in FAR)}
+    assert {c.status for c in found} == {Status.CONFIRMED}
 
 
 def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None:

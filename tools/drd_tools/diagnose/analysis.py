@@ -9,7 +9,7 @@ import numpy as np
 from drd.units import RAD_PER_DEG
 from drd_tools.diagnose.combine.expected import Expected, borne_out
 from drd_tools.diagnose.conclude.conclusion import Conclusion, conclude
-from drd_tools.diagnose.conclude.reference import apart
+from drd_tools.diagnose.conclude.reference import CLEARLY, apart
 from drd_tools.diagnose.conclude.scatter import scatter_of
 from drd_tools.diagnose.error_model.sensitivities import AHEAD, DRIFT, SIDEWAYS, SMOOTHING, YAW
 from drd_tools.diagnose.observe.audit import jumped
@@ -39,7 +39,6 @@ FAULT_OF_NUISANCE: Final = {
     YAW: ("heading", "deg", RAD_PER_DEG),
     SMOOTHING: ("smoothing", "1", 1.0),
 }
-CLEARLY: Final = 3.0  # sigmas: of a fault that is told
 NOISE_CHANGED: Final = 0.1  # relative: the selected effects are then searched for again
 
 

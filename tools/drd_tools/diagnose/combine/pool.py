@@ -16,6 +16,7 @@ from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.cause import rounded
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
 from drd_tools.diagnose.conclude.outcome import names_of
+from drd_tools.diagnose.conclude.reference import CLEARLY
 from drd_tools.diagnose.results import (
     Amount,
     Because,
@@ -34,7 +35,6 @@ from drd_tools.diagnose.results import (
 
 SURER: Final = list(Status)
 STRONG_ODDS: Final = 20.0  # to 1 (Kass and Raftery 1995)
-CLEARLY: Final = 3.0  # sigmas: of a fault that is told
 LEAST: Final = 1e-300  # of an e-value, whose logarithm is taken
 
 

@@ -197,13 +197,13 @@ def _relearned(part: Problem, library: Library, train: npt.NDArray[np.bool_], se
     G, b = columns.T @ left[:, :-1], columns.T @ left[:, -1]
     for variant in variants:
         at = [index.index(i) for i in variant.columns]
-        gain, found = variant.fitted(G[np.ix_(at, at)], b[at])
+        gain, found = variant.fitted(G[np.ix_(at, at)], b[at], selected.prior)
         if gain > most and found is not None and found.free == selected.free:
             best, most = found, gain
     if best is None:
         return None
     refined = refine(part, [best]).selection[0]
-    return refined if is_plausible(refined) else best
+    return refined if is_plausible(refined, selected.prior) else best
 
 
 def e_value(nats: tuple[float, float]) -> float:

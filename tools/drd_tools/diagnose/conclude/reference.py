@@ -18,6 +18,7 @@ from drd_tools.diagnose.regression.refine import Fit, joint_covariance
 from drd_tools.diagnose.selected import Selected
 
 REFERENCE_S: Final = 0.05  # delay that is usual of a motion capture by network
+CLEARLY: Final = 3.0  # sigmas: of a fault that is told
 BARELY: Final = 3.0  # to 1: odds below are "barely worth mentioning" (Jeffreys 1961)
 
 

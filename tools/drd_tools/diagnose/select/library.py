@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 from weakref import WeakKeyDictionary
@@ -18,6 +19,9 @@ from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interv
 from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names
 
 Parameters = dict[str, float | str]
+Measured = Mapping[str, tuple[float, float]]  # mean and standard deviation of parameters, SI
+
+NOTHING: Final[Measured] = {}
 
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 MOST_OF_THE_WAY: Final = 0.8  # what acts on more of it is no interval but acts always
@@ -41,12 +45,12 @@ class Candidate:
         """Whether it is a threshold or a delay, whose form changes with its size."""
         return self.effect.acts_on in (ActsOn.READOUT, ActsOn.TIMING) and self.names == ("",)
 
-    def fitted(self, G: Array, b: Array) -> tuple[float, Selected | None]:
+    def fitted(self, G: Array, b: Array, measured: Measured = NOTHING) -> tuple[float, Selected | None]:
         """Gain, nats, and fitted parameters, from its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
-        return 0.5 * float(b @ x), self.selected(x)
+        return 0.5 * float(b @ x), self.selected(x, measured)
 
-    def selected(self, coefficients: Array) -> Selected | None:
+    def selected(self, coefficients: Array, measured: Measured = NOTHING) -> Selected | None:
         """The effect with parameters from the regression's coefficients; None where they make no sense."""
         values = dict(self.shape)
         linear = self.effect.linear()
@@ -65,7 +69,7 @@ class Candidate:
                     values[q.name] = at + (float(values[q.name]) - at) * float(coefficients[0])
         chosen = linear if self.angle or self.names == ("",) else self.names
         selected = Selected(self.effect, values, chosen + _free_shape(self.effect, values))
-        return selected if is_plausible(selected) else None
+        return selected if is_plausible(selected, measured) else None
 
 
 def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
@@ -73,15 +77,19 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
     return own + ((BIAS.name,) if BIAS.name in values else ())
 
 
-def is_plausible(selected: Selected) -> bool:
-    """Whether parameters are of the right sign, and not beyond all sizes."""
+def is_plausible(selected: Selected, measured: Measured = NOTHING) -> bool:
+    """Whether parameters are of the right sign, and not beyond all sizes about what something else has measured: its
+    own prior, or `measured`.
+    """
+    measured = measured or selected.prior
     for q in selected.effect.parameters:
         if q.choices or q.moment or q.is_angle:
             continue
         value = selected.number(q.name)
+        usual, _ = measured.get(q.name, (0.0, 0.0))
         if q.neutral and abs(value / q.si - q.neutral) > 3.0 * abs(q.high - q.neutral):
             return False
-        if (not q.signed and value < 0.0) or not abs(value) <= 3.0 * q.high * q.si:
+        if (not q.signed and value < 0.0) or not abs(value - usual) <= 3.0 * q.high * q.si:
             return False
     if not selected.effect.is_plausible(selected.values):
         return False
