@@ -125,6 +125,18 @@ def test_beside_a_tread_two_and_a_half_times_as_wide_slip_is_found_and_both_are_
     assert {c.status for c in found} == {Status.CONFIRMED}
 
 
+def test_without_a_gyro_a_far_robots_constants_are_found_and_nothing_else() -> None:
+    """At the ends of its turns the smoothed turn is wrong for half a second, by a hundred times the noise."""
+    found = analyse(replace(late(recorded(WAREHOUSE, 5, *FAR)), fog=None)).conclusion.causes
+    named = {c.effect: c.selected for c in found}
+    assert named.keys() == {"tread_error", "wheel_radius_error"}  # whose delay it is nothing tells
+    tread, radii = named["tread_error"], named["wheel_radius_error"]
+    assert tread is not None
+    assert radii is not None
+    assert tread.number("k") == pytest.approx(TREAD, abs=0.03)
+    assert radii.number("left") == pytest.approx(LEFT, abs=0.005)
+
+
 def test_slip_beside_constants_far_off_is_found_with_its_size_and_time() -> None:
     slip = selected("surface_slip", t0=80.0, t1=110.0, left=0.12, right=0.03)
     found = {c.effect: c.selected for c in analyse(far(slip)).conclusion.causes}
@@ -328,6 +340,17 @@ def test_a_real_skid_steer_robots_constants_are_the_calibrations() -> None:
 
 @pytest.mark.recordings
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
+@pytest.mark.parametrize("name", ["asphalt_2024_9_25_12h8s57", "grass_2024_7_29_14h8s51", "grass_2024_8_8_16h11s19"])
+def test_without_a_gyro_a_real_skid_steer_robots_tread_is_found(name: str) -> None:
+    """The drive holds its speeds for 0.25 to 0.5 s: as white noise that would take most of each turn for its own."""
+    found = analyse(replace(read_recording(SHARED / f"warthog_{name}"), fog=None)).conclusion.causes
+    (tread,) = (c.selected for c in found if c.effect == "tread_error")
+    assert tread is not None
+    assert 0.6 < tread.number("k") < 0.85
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
 def test_a_jump_in_a_real_drive_is_found_at_its_moment() -> None:
     """The moments 103.2, 106.0 and 108.4 s are each likelier than those beside it."""
     whole = read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39")
@@ -411,3 +434,15 @@ def test_a_real_counter_that_stops_in_a_drive_of_30_cm_makes_no_other_robot() ->
     (event,) = audited.events
     assert event.selected.id == "encoder_dropout"
     assert event.windows[0] == pytest.approx((8.2, 10.24), abs=0.1)
+
+
+def test_without_a_gyro_a_gap_of_the_reference_elsewhere_hides_no_stopped_counter() -> None:
+    dropout = selected("encoder_dropout", side="right", t0=60.0, t1=62.0)
+    made = replace(recorded(WAREHOUSE, 3, dropout), fog=None)
+    assert made.reference is not None
+    kept = np.abs(made.reference.time_s - 100.0) > 1.0
+    r = made.reference
+    gap = replace(r, time_s=r.time_s[kept], x_m=r.x_m[kept], y_m=r.y_m[kept], heading_rad=r.heading_rad[kept])
+    for reference in (r, gap):
+        (event,) = observe(replace(made, reference=reference))[1].events
+        assert event.windows[0] == pytest.approx((60.0, 62.0), abs=0.1)

@@ -79,3 +79,14 @@ def without_gyro(period_s: float) -> Recording:
     reference = recording.reference
     assert reference is not None
     return replace(recording, fog=None, reference=replace(reference, time_s=1.0004 * reference.time_s))
+
+
+def test_fixes_from_before_the_wheels_do_not_shift_the_steps() -> None:
+    """Of stamps that are put right the first may be early, and at another phase of the steps than all that count."""
+    recording = replace(recorded(SLALOM, 3), fog=None)
+    reference = recording.reference
+    assert reference is not None
+    time_s = reference.time_s - 0.3
+    time_s[0] -= 0.037
+    early = replace(recording, reference=replace(reference, time_s=time_s))
+    assert len(gather(early).fix) > 0.98 * len(reference.time_s)

@@ -8,7 +8,7 @@ from diagnosis_drives import SLALOM, WAREHOUSE, problem, recorded, selected
 
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE, discrepancies, refine, refine_all
+from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE, _inverse, discrepancies, refine, refine_all
 from drd_tools.diagnose.selected import Selected
 
 GROUND = replace(
@@ -83,3 +83,10 @@ def test_a_delay_of_many_steps_is_found_and_nothing_else(effect: str) -> None:
     assert found.selected is not None
     assert found.selected.number("delay") == pytest.approx(0.35, abs=3.0 * found.selected.sigma("delay"))
     assert found.selected.sigma("delay") < 0.02
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-320, 1e-200, 1.0])
+def test_what_is_not_seen_has_an_inverse_of_nothing(size: float) -> None:
+    S = np.diag([4.0, size])
+    assert _inverse(S) == pytest.approx(np.diag([0.25, float(size == 1.0)]))
+    assert _inverse(S[1:, 1:]) == pytest.approx(float(size == 1.0))

@@ -79,7 +79,7 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     fix_s = fix_s[(fix_s >= begin_s) & (fix_s <= end_s + 1e-9)]
     since = (fix_s - (fix_s[0] if len(fix_s) else 0.0)) / STEP_S
     if not swings(np.ceil(since - WITHIN_SHARE) - since):
-        first = 0.0 if reference is None else float((reference.time_s[0] - begin_s) % STEP_S)
+        first = float((fix_s[0] - begin_s) % STEP_S) if len(fix_s) else 0.0
         time_s = np.arange(begin_s + first + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
         return Grid(time_s, np.full(len(time_s), STEP_S), None, np.full(len(time_s), np.nan), np.zeros(len(time_s)))
     kept = [float(fix_s[0])]

@@ -193,8 +193,9 @@ def _headings(e: Evidence, time_s: Array) -> Array | None:
     elif len(e.fix) < 2:  # no interval
         return None
     else:
-        at, heading = e.time_s[e.fix_step], e.fix[:, 2]
-        if at[0] > time_s[0] or at[-1] < time_s[-1] or np.diff(at).max() >= LONGEST_FIX_S:
+        at, heading = e.fix_time_s, e.fix[:, 2]
+        first, last = int(np.searchsorted(at, time_s[0], "right")) - 1, int(np.searchsorted(at, time_s[-1]))
+        if first < 0 or last == len(at) or np.diff(at[first : last + 1]).max() >= LONGEST_FIX_S:
             return None
     shifted: Array = np.interp(time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]]), at, heading)
     return shifted

@@ -214,7 +214,7 @@ def _most_likely(
 
     Without a gyro nothing else tells how much the wheels slip; with few fixes it stays.
     """
-    if len(fixes) < FEWEST_ROWS:
+    if fixes.size < FEWEST_ROWS:
         return 1.0, fixes
     sensitivities = [problem.linear.data(), *known]
     best, most = (1.0, fixes), -math.inf

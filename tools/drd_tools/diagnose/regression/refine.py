@@ -21,6 +21,7 @@ CLEAR_ROUNDS: Final = 3  # after so many, if
 HOPED: Final = 5.0  # times what the linear model still expects would not be enough
 PRIOR_SIZES: Final = 3.0  # a parameter of so many times its plausible range is implausible
 ROUNDING: Final = 1e-14  # of the products of columns: where counters leap by a kilometre it is more than their priors
+UNSEEN: Final = 1e-60  # square of a column that is all rounding: its inverse would overflow
 FREE: Final = 1e6  # prior, in units of the data's deviation, of what is as good as free
 DISCREPANCY_SHARE: Final = 0.15  # of an effect's size: how wrong its catalogue form is taken to be
 
@@ -215,9 +216,10 @@ def joint_covariance(problem: Problem, fit: Fit) -> Array:
 
 
 def _inverse(S: Array) -> Array:
+    """Inverse of a symmetric matrix (k, k), 0 for what is not seen."""
     if len(S) == 1:
-        return np.where(S > 0.0, 1.0 / np.maximum(S, 1e-300), 0.0)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+        return np.where(S > UNSEEN, 1.0 / np.maximum(S, UNSEEN), 0.0)
+    scale: Array = np.where(np.diag(S) > UNSEEN, 1.0 / np.sqrt(np.maximum(np.diag(S), UNSEEN)), 0.0)
     inverse: Array = np.linalg.pinv(S * scale[:, None] * scale, rcond=1e-10, hermitian=True) * scale[:, None] * scale
     return inverse
 

@@ -2,15 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from drd_tools.diagnose.observe.audit import Audit
 from drd_tools.diagnose.observe.constants import Constants
+from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.select.search import STRONG_NATS
 from drd_tools.diagnose.selected import Selected
+
+APART_S: Final = 2.0  # between fixes: four times what real drives hold their speeds for, and lidars average over
 
 
 class Start(NamedTuple):
@@ -37,11 +42,23 @@ def started(audited: Audit, measured: Constants) -> Start:
     constants = list(measured.selection)
     far = replace(problem.evidence, is_far=True)
     if constants and _explained_nats(problem, known, constants) > STRONG_NATS:
-        return Start(Problem(far, problem.path, near=problem), known, constants)
+        return Start(Problem(_apart(far), problem.path, near=problem), known, constants)
     # Without wheels nothing else tells real ground from a model of it.
     if not far.has_wheels and far.reference_lag_s:
         return Start(Problem(far, problem.path, near=problem), known, [])
     return Start(problem, known, [])
+
+
+def _apart(e: Evidence) -> Evidence:
+    """The evidence without the fixes between which nothing is told of a far robot without a gyro. (79)
+
+    Within a second or two its drive holds and filters the speeds, the reference averages, and turns are smoothed: noise
+    that is none of (68), which takes a part of each turn for its own.
+    """
+    if e.gyro_rad is not None or not e.has_wheels:
+        return e
+    _, kept = np.unique(e.fix_time_s // APART_S, return_index=True)
+    return replace(e, fix_step=e.fix_step[kept], fix_share=e.fix_share[kept], fix=e.fix[kept])
 
 
 def _explained_nats(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> float:
