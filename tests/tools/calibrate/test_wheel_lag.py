@@ -12,7 +12,7 @@ from replay_folders import write_perfect
 from wheel_recordings import STRAIGHT, TOUR, Leg
 
 from drd.batch.logs import EncoderLog
-from drd_tools.calibrate.wheels.lag import Lag, find_lag
+from drd_tools.calibrate.wheels.lag import Lag, find_lag, held_s
 from drd_tools.calibrate.wheels.turns import EARLIEST_S, LATEST_S
 from drd_tools.recordings.folder import Recording, read_recording
 
@@ -139,3 +139,11 @@ def test_the_real_robots_wheels_are_as_late_as_others_found() -> None:
     assert lag.sigma_s < 0.01
     assert all(0.14 < of < 0.19 for of in lag.each.values())
     assert lag.hold_s == pytest.approx(0.25, abs=0.01)  # it refreshes its speeds at 4 Hz
+
+
+@pytest.mark.parametrize(("rows", "hold_s"), [(1, 0.0), (4, 0.2)])
+def test_a_counter_that_is_read_every_so_many_rows_is_held(tour: Recording, rows: int, hold_s: float) -> None:
+    time_s = np.arange(0.0, 20.0, 0.05)
+    turned = np.round(400.0 * np.clip(time_s[(np.arange(400) // rows) * rows] - 5.0, 0.0, 10.0))
+    wheels = EncoderLog(time_s, turned, 0.5 * turned, None, None)
+    assert held_s(replace(tour, wheels=wheels)) == pytest.approx(hold_s)

@@ -165,7 +165,8 @@ def test_what_a_motion_capture_may_be_off_by_itself_is_no_finding(name: str, fau
     recording = read_recording(SHARED / f"optiodom_{name}")
     analysis = analyse(recording)
     assert analysis.conclusion.causes == []
-    assert set(analysis.reference) == faults
+    assert set(analysis.reference) == {"ahead", "heading", *faults}
+    assert 0.0005 < abs(analysis.reference["ahead"].value) < 0.002
     if faults:
         changes_s = 1e-6 * analysis.reference["drift"].value * float(np.ptp(recording.encoders.time_s))
         assert 0.05 < changes_s < 0.15

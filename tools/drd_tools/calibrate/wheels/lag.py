@@ -27,6 +27,8 @@ LIMIT_S: Final = 0.05
 CLEARLY: Final = 2.0
 # A value that lasts for so many rows is held; new values each row jitter by less.
 HELD_ROWS: Final = 1.5
+# At a time: a wheel that turns by less may well stand on the same count for a row or two.
+FEWEST_COUNTS: Final = 3
 # A speed that stays for longer is constant, as simulated ones are: no drive is that slow.
 LONGEST_HOLD_S: Final = 1.0
 MAX_STEPS: Final = 25
@@ -143,13 +145,17 @@ def _result(against: str, parts: Sequence[Turns], scores: Sequence[_Scores], lag
 
 
 def held_s(recording: Recording) -> float:
-    """Time for which the drive holds a wheel speed: the median, and 0 where that is a single row."""
+    """Time for which the drive holds a wheel's speed, or its count: the median, and 0 where that is a single row."""
     log = recording.encoders
     held_s = []
     for speed in (log.left_rad_s, log.right_rad_s):
         if speed is not None:
             changes = np.flatnonzero(np.diff(speed) != 0.0) + 1
             held_s.append(np.diff(log.time_s[changes])[speed[changes][:-1] != 0.0])  # a standstill is no hold
+    for counts in (log.left_counts, log.right_counts):
+        if counts is not None:
+            changes = np.flatnonzero(np.abs(np.diff(counts)) >= FEWEST_COUNTS) + 1
+            held_s.append(np.diff(log.time_s[changes]))
     times_s = np.concatenate([*held_s, np.zeros(0)])
     times_s = times_s[times_s <= LONGEST_HOLD_S]
     hold_s = float(np.median(times_s)) if len(times_s) else 0.0

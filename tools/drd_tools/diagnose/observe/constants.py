@@ -20,6 +20,7 @@ from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
 from drd_tools.diagnose.observe.grids import DENSE_S
 from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
+from drd_tools.diagnose.observe.reads import as_read
 from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
 from drd_tools.recordings.folder import Recording, ReferenceLog
@@ -165,6 +166,7 @@ def observe(recording: Recording, measured: Constants | None = None) -> tuple[Co
     """
     check_comparable(recording)
     check_conventions(recording)
+    recording = as_read(recording)
     measured = constants(recording) if measured is None else measured
     audited = _audited(measured)
     if _has_stopped(audited):
