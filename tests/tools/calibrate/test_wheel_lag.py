@@ -147,3 +147,10 @@ def test_a_counter_that_is_read_every_so_many_rows_is_held(tour: Recording, rows
     turned = np.round(400.0 * np.clip(time_s[(np.arange(400) // rows) * rows] - 5.0, 0.0, 10.0))
     wheels = EncoderLog(time_s, turned, 0.5 * turned, None, None)
     assert held_s(replace(tour, wheels=wheels)) == pytest.approx(hold_s)
+
+
+@pytest.mark.parametrize("per_row", [0.3, 2.3, 40.0])
+def test_a_counter_of_few_counts_is_not_held(tour: Recording, per_row: float) -> None:
+    time_s = np.arange(0.0, 20.0, 0.05)
+    turned = np.floor(per_row * np.arange(400))
+    assert held_s(replace(tour, wheels=EncoderLog(time_s, turned, turned, None, None))) == 0.0

@@ -154,8 +154,9 @@ def held_s(recording: Recording) -> float:
             held_s.append(np.diff(log.time_s[changes])[speed[changes][:-1] != 0.0])  # a standstill is no hold
     for counts in (log.left_counts, log.right_counts):
         if counts is not None:
-            changes = np.flatnonzero(np.abs(np.diff(counts)) >= FEWEST_COUNTS) + 1
-            held_s.append(np.diff(log.time_s[changes]))
+            counted = np.diff(counts)
+            changes = np.flatnonzero(counted) + 1
+            held_s.append(np.diff(log.time_s[changes])[np.abs(counted[changes - 1])[1:] >= FEWEST_COUNTS])
     times_s = np.concatenate([*held_s, np.zeros(0)])
     times_s = times_s[times_s <= LONGEST_HOLD_S]
     hold_s = float(np.median(times_s)) if len(times_s) else 0.0
