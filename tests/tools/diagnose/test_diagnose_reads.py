@@ -9,6 +9,7 @@ from diagnosis_drives import SLALOM, recorded, selected
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.reads import as_read
+from drd_tools.diagnose.validate.held_out import prepared
 from drd_tools.recordings.folder import Recording
 
 
@@ -46,3 +47,8 @@ def test_a_counter_that_stops_between_its_reads_is_found() -> None:
     dropout = selected("encoder_dropout", side="right", t0=60.0, t1=62.0)
     (event,) = observe(repeated(recorded(SLALOM, 3, dropout), 0.2))[1].events
     assert event.windows[0] == pytest.approx((60.0, 62.0), abs=0.3)
+
+
+def test_a_held_out_recording_is_read_alike() -> None:
+    recording = repeated(recorded(SLALOM, 3), 0.2)
+    assert np.array_equal(prepared(recording).audited.evidence.left_m, observe(recording)[1].evidence.left_m)

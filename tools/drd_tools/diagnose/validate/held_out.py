@@ -14,6 +14,7 @@ from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.ranges import within
 from drd_tools.diagnose.observe.audit import Audit
 from drd_tools.diagnose.observe.constants import Constants, constants, observe
+from drd_tools.diagnose.observe.reads import as_read
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
@@ -58,7 +59,7 @@ class Prepared:
 def prepared(recording: Recording) -> Prepared:
     """Measure what no model changes, once for all models."""
     with threadpool_limits(limits=1):
-        measured = constants(recording)
+        measured = constants(as_read(recording))
         again, audited = observe(recording, measured)
         problem = started(audited, again).problem
         audited = replace(audited, evidence=problem.evidence)
