@@ -118,7 +118,7 @@ def test_without_a_gyro_a_delay_is_named_at_odds_of_three_against_the_references
 
 
 def test_beside_a_tread_two_and_a_half_times_as_wide_slip_is_found_and_both_are_confirmed() -> None:
-    """What the calibrator has measured is plausible, however far it is from robot.yaml."""
+    """A constant that the calibrator has measured is plausible, however far it is from robot.yaml."""
     slip = selected("surface_slip", t0=80.0, t1=110.0, left=0.12, right=0.03)
     found = analyse(late(recorded(WAREHOUSE, 3, selected("tread_error", k=1.5), *FAR[1:], slip))).conclusion.causes
     assert {c.effect for c in found} == {"surface_slip", *(c.id for c in FAR)}
@@ -256,7 +256,7 @@ def test_a_reference_that_jumps_names_nothing() -> None:
 
 @pytest.mark.parametrize("at_s", [60.02, 60.07])
 def test_a_dense_reference_that_jumps_in_the_midst_of_a_step_names_nothing(at_s: float) -> None:
-    """Of a motion capture a step has two fixes: one may be before the jump, or both after it."""
+    """A step holds two fixes of a motion capture: one may be before the jump, or both after it."""
     recording = replace(recorded(SLALOM, 3, conditions=Conditions(reference=Reference(period_s=0.05))), fog=None)
     assert recording.reference is not None
     moved_m = np.where(recording.reference.time_s > at_s, 0.3, 0.0)

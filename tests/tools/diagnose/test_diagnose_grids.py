@@ -82,7 +82,7 @@ def without_gyro(period_s: float) -> Recording:
 
 
 def test_fixes_from_before_the_wheels_do_not_shift_the_steps() -> None:
-    """Of stamps that are put right the first may be early, and at another phase of the steps than all that count."""
+    """The first of the corrected stamps may be early, and at another phase of the steps than all that count."""
     recording = replace(recorded(SLALOM, 3), fog=None)
     reference = recording.reference
     assert reference is not None

@@ -118,7 +118,7 @@ def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path:
 
 
 def test_faults_of_the_reference_that_most_recordings_show_are_told_with_their_scatter(tmp_path: Path) -> None:
-    """What one in three shows may be chance; jumps are counted."""
+    """A fault that one in three shows may be chance; jumps are counted."""
     jumps, lever = Amount(2.0, 0.0, "1"), Amount(0.03, 0.001, "m")
     faults = [
         {

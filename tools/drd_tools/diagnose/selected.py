@@ -11,6 +11,7 @@ from drd.effects.effect import END, START, ActsOn, Effect, Parameter
 from drd_tools.diagnose.results import Array
 
 Values = Mapping[str, float | str]
+Prior = Mapping[str, tuple[float, float]]  # mean and standard deviation of parameters, SI
 
 # Parameters beside an effect's own: the gyro's bias where an effect acts on the sum of rate and bias (rad/s), and a
 # constant scale error where the form is known up to one only.
@@ -29,7 +30,7 @@ class Selected:
     values: Values
     free: tuple[str, ...]
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    prior: Prior = field(default_factory=dict)
 
     @property
     def id(self) -> str:

@@ -31,6 +31,11 @@ def scatter(amounts: Sequence[Amount]) -> float:
     return max(0.0, excess / (sum(weights) - std**2 * sum(w**2 for w in weights)))
 
 
+def mean_of(amounts: Sequence[Amount]) -> Amount:
+    """Mean of values that scatter from recording to recording."""
+    return Amount(*weighted(amounts, scatter(amounts)), amounts[0].unit)
+
+
 def contradict(amounts: Sequence[Amount]) -> bool:
     """Whether values with standard deviations are not one value."""
     if any(not a.std > 0.0 for a in amounts):

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.combine.joint import Common, together, united
-from drd_tools.diagnose.combine.means import contradict, scatter, sigmas, weighted
+from drd_tools.diagnose.combine.means import contradict, mean_of, sigmas
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
 from drd_tools.diagnose.conclude.cause import rounded
 from drd_tools.diagnose.conclude.confirm import LARGEST_NATS
@@ -88,7 +88,7 @@ def _reference_of_all(results: Sequence[Result]) -> dict[str, Amount]:
         for name, fault in (result.reference or {}).items():
             said.setdefault(name, []).append(fault)
     found = {
-        name: Amount(*weighted(faults, scatter(faults)), faults[0].unit)
+        name: mean_of(faults)
         if all(f.std > 0.0 for f in faults)
         else Amount(sum(f.value for f in faults), 0.0, faults[0].unit)
         for name, faults in said.items()
@@ -234,10 +234,10 @@ def would_show(result: Result, finding: Finding) -> bool:
 def _mean(parameters: Sequence[Mapping[str, Amount]]) -> dict[str, Amount]:
     """Means over recordings, whose own values scatter."""
     found = dict(parameters[0])
-    for name, first in parameters[0].items():
+    for name in parameters[0]:
         amounts = [p[name] for p in parameters if name in p]
         if all(a.std > 0.0 for a in amounts):
-            found[name] = Amount(*weighted(amounts, scatter(amounts)), first.unit)
+            found[name] = mean_of(amounts)
     return found
 
 

@@ -89,8 +89,7 @@ def _with_jumps(e: Evidence) -> Evidence:
     kept = np.ones(len(at), np.bool_)
     for begin, end in zip(np.searchsorted(e.fix_step, step), first_after, strict=True):
         kept[begin:end] = False
-    fix_step, fix_share, fix = e.fix_step[kept], e.fix_share[kept], e.fix[kept]
-    return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2, fix_step=fix_step, fix_share=fix_share, fix=fix)
+    return replace(e, jump_m2=jump_m2, jump_rad2=jump_rad2).with_fixes(kept)
 
 
 def jumped(e: Evidence) -> npt.NDArray[np.bool_]:

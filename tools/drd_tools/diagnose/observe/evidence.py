@@ -1,6 +1,6 @@
 """A recording on one grid of time: what the sensors say of each step, and what the reference says of the pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -175,6 +175,10 @@ class Evidence:
         """Time of each fix, (m,)."""
         result: Array = self.time_s[self.fix_step] - self.fix_share * self.step_s[self.fix_step]
         return result
+
+    def with_fixes(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "Evidence":
+        """The evidence with some of its fixes only."""
+        return replace(self, fix_step=self.fix_step[kept], fix_share=self.fix_share[kept], fix=self.fix[kept])
 
     @property
     def edges_s(self) -> Array:

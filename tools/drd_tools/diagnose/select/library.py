@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 from weakref import WeakKeyDictionary
@@ -16,12 +15,10 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.intervals import Columns, Intervals, is_of_interval
-from drd_tools.diagnose.selected import BIAS, SCALE, Selected, Values, linear_names
+from drd_tools.diagnose.selected import BIAS, SCALE, Prior, Selected, Values, linear_names
 
 Parameters = dict[str, float | str]
-Measured = Mapping[str, tuple[float, float]]  # mean and standard deviation of parameters, SI
-
-NOTHING: Final[Measured] = {}
+NOTHING: Final[Prior] = {}
 
 ABOVE_NOISE: Final = 1.5  # sigmas of a gyro's sample: the rms of what a dead band hides
 MOST_OF_THE_WAY: Final = 0.8  # what acts on more of it is no interval but acts always
@@ -45,12 +42,12 @@ class Candidate:
         """Whether it is a threshold or a delay, whose form changes with its size."""
         return self.effect.acts_on in (ActsOn.READOUT, ActsOn.TIMING) and self.names == ("",)
 
-    def fitted(self, G: Array, b: Array, measured: Measured = NOTHING) -> tuple[float, Selected | None]:
+    def fitted(self, G: Array, b: Array, measured: Prior = NOTHING) -> tuple[float, Selected | None]:
         """Gain, nats, and fitted parameters, from its columns' products G (k, k) and those with the data b (k,)."""
         x = np.asarray(np.linalg.lstsq(G, b, rcond=1e-8)[0], float)
         return 0.5 * float(b @ x), self.selected(x, measured)
 
-    def selected(self, coefficients: Array, measured: Measured = NOTHING) -> Selected | None:
+    def selected(self, coefficients: Array, measured: Prior = NOTHING) -> Selected | None:
         """The effect with parameters from the regression's coefficients; None where they make no sense."""
         values = dict(self.shape)
         linear = self.effect.linear()
@@ -77,7 +74,7 @@ def _free_shape(effect: Effect, values: Values) -> tuple[str, ...]:
     return own + ((BIAS.name,) if BIAS.name in values else ())
 
 
-def is_plausible(selected: Selected, measured: Measured = NOTHING) -> bool:
+def is_plausible(selected: Selected, measured: Prior = NOTHING) -> bool:
     """Whether parameters are of the right sign, and not beyond all sizes about what something else has measured: its
     own prior, or `measured`.
     """

@@ -58,7 +58,7 @@ def _apart(e: Evidence) -> Evidence:
     if e.gyro_rad is not None or not e.has_wheels:
         return e
     _, kept = np.unique(e.fix_time_s // APART_S, return_index=True)
-    return replace(e, fix_step=e.fix_step[kept], fix_share=e.fix_share[kept], fix=e.fix[kept])
+    return e.with_fixes(kept)
 
 
 def _explained_nats(problem: Problem, known: Sequence[Selected], constants: Sequence[Selected]) -> float:
