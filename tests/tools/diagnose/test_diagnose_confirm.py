@@ -17,6 +17,7 @@ from drd_tools.diagnose.regression.refine import Fit, refine
 from drd_tools.diagnose.results import Status
 from drd_tools.diagnose.select.library import Library
 from drd_tools.diagnose.select.search import Found, Search
+from drd_tools.diagnose.select.sets import Sets
 from drd_tools.diagnose.select.splines import SplineTerms
 from drd_tools.diagnose.selected import Selected
 from drd_tools.simulate.conditions import Conditions, Reference
@@ -155,7 +156,7 @@ def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
 
 def test_a_monotone_warming_cannot_tell_the_gyros_biases_apart_and_says_so() -> None:
     p, library = null()
-    classes = [set(c) for c in Identifiability(p, library).classes()]
+    classes = [set(c) for c in Identifiability(p, library, Sets(p, ())).classes()]
     of_bias = {"gyro_bias_temperature", "gyro_bias_temperature_rate", "gyro_warmup"}
     assert any(of_bias <= c for c in classes)
     assert not any({"gyro_scale_error", "tread_error"} <= c for c in classes)
@@ -166,11 +167,31 @@ def test_a_monotone_warming_cannot_tell_the_gyros_biases_apart_and_says_so() -> 
 
 def test_what_is_detectable_would_gain_just_its_cost() -> None:
     p, library = null()
-    smallest = Identifiability(p, library).detectable()["gyro_scale_error"]
+    smallest = Identifiability(p, library, Sets(p, ())).detectable()["gyro_scale_error"]
     assert smallest.unit == "1"
     row = p.effect_rows([selected("gyro_scale_error", k=smallest.smallest or 0.0)])
     held = row - p.nuisance @ np.linalg.solve(p.nuisance.T @ p.nuisance + np.eye(3), p.nuisance.T @ row)
     assert 0.5 * float(row @ held) == pytest.approx(p.per_parameter + p.per_effect, rel=1e-3)
+
+
+def test_what_is_ruled_out_may_not_be_concealed_by_what_was_found() -> None:
+    p, library = null()
+    radii, tread = selected("wheel_radius_error", left=-0.05, right=-0.05), selected("tread_error", k=0.01)
+    noisy = p.with_data(p.effect_rows([radii, tread]) + np.random.default_rng(7).standard_normal(len(p.data)))
+    # Radii that change under load in turns look like another tread: the fit has the one in the other.
+    fit = refine(noisy, [radii])
+    column = next(c.columns[0] for c in library.candidates if c.effect.id == "tread_error")
+    alone, beside = Sets(noisy, ()).estimates(), Sets(noisy, fit.selection).estimates()
+    assert beside.sigma[column] > 3.0 * alone.sigma[column]
+    assert abs(beside.value[column] - 0.01) < 3.0 * beside.sigma[column]
+    identity = Identifiability(noisy, library, Sets(noisy, fit.selection))
+    smallest = identity.detectable()["tread_error"].smallest
+    assert smallest is not None
+    assert smallest > 3.0 * (Identifiability(p, library, Sets(p, ())).detectable()["tread_error"].smallest or np.inf)
+    told, sigma = identity.bounds()["tread_error"].removeprefix("k = ").split(" 1,")[0].split(" +- ")
+    assert abs(float(told) - 0.01) < 3.0 * float(sigma) < 0.1
+    assert "wheel_radius_error" in identity.detectable()
+    assert "wheel_radius_error" not in identity.bounds()
 
 
 def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:

@@ -70,7 +70,6 @@ def conclude(
     tests = _tests(found, search)
     found = _held(found, search, tests, constants, expected)
     search, splines = Search(found.problem, logic), SplineTerms(found.problem)
-    identity = Identifiability(found.problem, search.library)
     chance = chance_gains(found.problem, search.library, found.fit.left)
     by_logic = {e.selected.id: e for e in events}
     found, unnamed = _in_place_of_several(found, search, splines, chance, constants)
@@ -78,7 +77,8 @@ def conclude(
         tests = _tests(found, search)
     near, problem, fit = near_sets(found, search), found.problem, found.fit
     unnamed += [judge_ripple(r) for r in ripples(problem, fit.selection, LEAST_NATS, FAMILY_WISE)]
-    reported = reported_estimates(problem, fit, search.known, Sets(problem, fit.selection).scatter)
+    beside = Sets(problem, fit.selection)
+    reported = reported_estimates(problem, fit, search.known, beside.scatter)
     estimates, odds = over_the_reference(problem, reported)
     of_the_reference = [one for one, own in zip(estimates, odds, strict=True) if own < BARELY]
     nats = shared_nats(problem, fit, search.known.union(one.id for one in of_the_reference))
@@ -102,7 +102,8 @@ def conclude(
         findings += _left_over(found, search, splines, left, findings, unexplained)
     findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
-    bounds = sorted(identity.bounds(fit.left).items())
+    identity = Identifiability(problem, search.library, beside)
+    bounds = sorted(identity.bounds().items())
     ruled_out = [Because(name, text) for name, text in bounds if name not in named]
     return Conclusion(
         findings, found, ruled_out, identity.detectable(), identity.classes(), unexplained, of_the_reference

@@ -1,6 +1,7 @@
-"""Identifiability in a recording, before any residual is looked at: smallest sizes, names it cannot separate."""
+"""Identifiability in a recording: smallest sizes, estimates of what was not found, names it cannot separate."""
 
 import math
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
@@ -9,33 +10,36 @@ from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array, Because, Smallest
+from drd_tools.diagnose.results import Because, Smallest
 from drd_tools.diagnose.select.library import Library, is_absent
+from drd_tools.diagnose.select.sets import Sets
 
 APART_NATS: Final = 3.0  # odds of 20 to 1 between two names
 TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
 
 
 class Identifiability:
-    """Products of the library's columns, beside the nuisances. (81)"""
+    """What a problem tells of each effect of its library, beside the effects of `sets`, and of pairs of them. (81)"""
 
-    def __init__(self, problem: Problem, library: Library):
-        self._library = library
+    def __init__(self, problem: Problem, library: Library, sets: Sets):
+        self._library, self._estimates = library, sets.estimates()
         C = np.asarray(library.columns.T @ problem.nuisance.astype(np.float32), float)
-        self.products = Marginal(problem.nuisance).beside(np.asarray(library.products, float), C.T)
-        self.norm = np.sqrt(np.maximum(np.diag(self.products), 0.0))
+        self._products = Marginal(problem.nuisance).beside(np.asarray(library.products, float), C.T)
+        self._norm = np.sqrt(np.maximum(np.diag(self._products), 0.0))
 
     def detectable(self) -> dict[str, Smallest]:
         """Smallest size of each effect that would be found, in its first parameter's unit."""
         found: dict[str, Smallest] = {}
+        held = self._estimates.held
         for candidate in self._library.candidates:
             if len(candidate.columns) > 1 and not candidate.angle:
                 continue
-            norm = float(self.norm[list(candidate.columns)].max())
+            at, effect = list(candidate.columns), candidate.effect
+            # Of what is held, its own deviation beside itself would be none.
+            norm = self._norm[at].max() if effect.id in held else (1.0 / self._estimates.sigma[at]).max()
             if norm <= 0.0:
                 continue
-            size = math.sqrt(2.0 * candidate.penalty) / norm
-            effect = candidate.effect
+            size = math.sqrt(2.0 * candidate.penalty) / float(norm)
             q = effect.parameters[0] if effect.parameters[0].choices == () else effect.parameters[1]
             if effect.linear():
                 q = next(p for p in effect.parameters if p.name in (candidate.names[0], effect.linear()[0]))
@@ -50,11 +54,11 @@ class Identifiability:
     def classes(self) -> list[list[str]]:
         """Effects that cannot be told apart in this recording where they are of a size that is just well seen."""
         best: dict[tuple[str, str], float] = {}
-        norm = np.maximum(self.norm, 1e-30)
-        R = np.abs(self.products / norm[:, None] / norm)
+        norm = np.maximum(self._norm, 1e-30)
+        R = np.abs(self._products / norm[:, None] / norm)
         first: dict[str, list[int]] = {}
         for candidate in self._library.candidates:
-            if len(candidate.columns) == 1 and self.norm[candidate.columns[0]] > 0.0:
+            if len(candidate.columns) == 1 and self._norm[candidate.columns[0]] > 0.0:
                 first.setdefault(candidate.effect.id, []).append(candidate.columns[0])
         names = sorted(first)
         for i, a in enumerate(names):
@@ -67,19 +71,16 @@ class Identifiability:
                 together = [s for s in together if s not in joined] + [{a, b}.union(*joined)]
         return [sorted(s) for s in together]
 
-    def bounds(self, left: Array) -> dict[str, str]:
-        """Estimate of each effect alone in the residual, and the nats that it is worth, in words."""
-        b = np.asarray(self._library.columns.T @ left.astype(np.float32), float)
+    def bounds(self) -> dict[str, str]:
+        """Estimate of each effect that is not held, and the nats that it is worth, in words."""
         said: dict[str, tuple[float, str]] = {}
         for candidate in self._library.candidates:
-            if len(candidate.columns) > 1:
+            (i, *others), effect = candidate.columns, candidate.effect
+            value, sigma = self._estimates.value[i], self._estimates.sigma[i]
+            if others or effect.id in self._estimates.held or not math.isfinite(sigma):
                 continue
-            i = candidate.columns[0]
-            if self.norm[i] <= 0.0:
-                continue
-            effect = candidate.effect
-            value, sigma = b[i] / self.norm[i] ** 2, 1.0 / self.norm[i]
-            gain = 0.5 * (value / sigma) ** 2 - candidate.penalty
+            nats = 0.5 * (value / sigma) ** 2
+            gain = nats - candidate.penalty
             name = candidate.names[0] or next(q.name for q in effect.parameters if not q.choices)
             q = next((p for p in effect.parameters if p.name == name), None)
             if q is None:
@@ -87,29 +88,31 @@ class Identifiability:
             factor = 1.0 / q.si if effect.linear() else float(candidate.shape[name]) / q.si
             text = (
                 f"{name} = {value * factor:.3g} +- {abs(sigma * factor):.2g} {q.unit}, worth "
-                f"{0.5 * (value / sigma) ** 2:.1f} nats where {candidate.penalty:.0f} are asked for"
+                f"{nats:.1f} nats where {candidate.penalty:.0f} are asked for"
             )
             if effect.id not in said or gain > said[effect.id][0]:
                 said[effect.id] = (gain, text)
         return {name: text for name, (_, text) in said.items()}
 
 
-def not_observable(e: Evidence, seen: set[str]) -> list[Because]:
-    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show."""
+def not_observable(e: Evidence, seen: Collection[str], found: Collection[str] = ()) -> list[Because]:
+    """Effects of which the recording says nothing, whatever their size. `seen`: those that it would show beside those
+    that were `found`.
+    """
     no_wheels = "the recording has no wheel encoders"
     missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
-    found = []
+    silent, beside = [], "beside what was found " if found else ""
     for name, effect in catalogue().items():
         if effect.channel not in e.channels:
-            found.append(Because(name, missing[effect.channel]))
+            silent.append(Because(name, missing[effect.channel]))
         elif effect.needs_wheels and not e.has_wheels:
-            found.append(Because(name, effect.needs_wheels))
+            silent.append(Because(name, effect.needs_wheels))
         elif is_absent(e, effect):
             lags = "the reference's own lag, and how that changes," if len(e.fix) else "how lags change by themselves"
-            found.append(Because(name, f"beside {lags} nothing shows it"))
-        elif name not in seen and effect.searched:
-            because = f"nothing in this drive{' and its reference' if len(e.fix) else ''} shows it"
+            silent.append(Because(name, f"beside {lags} nothing shows it"))
+        elif name not in seen and name not in found and effect.searched:
+            because = f"{beside}nothing in this drive{' and its reference' if len(e.fix) else ''} shows it"
             if effect.covariate in ("speed", "acceleration") and not e.travel_m.any():
                 because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
-            found.append(Because(name, because))
-    return found
+            silent.append(Because(name, because))
+    return silent

@@ -47,6 +47,16 @@ class _Set(NamedTuple):
     own: Array
 
 
+class Estimates(NamedTuple):
+    """Value and deviation, inf where nothing tells it, of each of the library's columns alone, (p,). `held`: names of
+    the effects beside which it is estimated.
+    """
+
+    value: Array
+    sigma: Array
+    held: frozenset[str]
+
+
 class Sets:
     """Sets of effects beside those of `held`, which stay. (80)
 
@@ -60,7 +70,7 @@ class Sets:
         near: Sequence[Selected] = (),
         others: Sequence[Selected] = (),
     ):
-        self._problem, self._library = problem, library_of(problem)
+        self._problem, self._library, self._known = problem, library_of(problem), held
         shapes, _ = nuisance_columns(problem, near)
         self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
         left = self._marginal.projected(problem.data - problem.effect_rows(held))
@@ -122,6 +132,12 @@ class Sets:
             if each.effect.id == selected.id:
                 return each.scatter(selected, *self._beside(each.columns, each.products))
         return 1.0
+
+    def estimates(self) -> Estimates:
+        """Estimates of what is not held, each alone, with the parameters and other shapes of what is held free."""
+        count = self._library.columns.shape[1]
+        scale, b = self._scale[:count], self._b[:count]
+        return Estimates(b * scale, np.where(scale > 0.0, scale, np.inf), frozenset(c.id for c in self._known))
 
     def ranked(self) -> list[tuple[float, Selected]]:
         """Gain of each effect that is worth its cost, nats, with its best variant; best first."""
