@@ -98,7 +98,8 @@ def _faults(measured: Constants, conclusion: Conclusion) -> dict[str, Amount]:
     found = apart(conclusion.found.problem, conclusion.found.fit)
     for nuisance, (name, unit, si) in FAULT_OF_NUISANCE.items():
         value, sigma = found.nuisances.get(nuisance, (0.0, 0.0))
-        if abs(value) > CLEARLY * sigma:
+        # No reference is sharper than the truth.
+        if value > CLEARLY * sigma or (nuisance != SMOOTHING and value < -CLEARLY * sigma):
             faults[name] = Amount(value / si, sigma / si, unit)
     if jumps := np.count_nonzero(jumped(conclusion.found.problem.evidence)):
         faults["jumps"] = Amount(float(jumps), 0.0, "1")

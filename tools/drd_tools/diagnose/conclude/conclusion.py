@@ -24,8 +24,9 @@ from drd_tools.diagnose.conclude.shares import shared_nats
 from drd_tools.diagnose.conclude.uncertainty import reported_estimates
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.regression.refine import refine, refine_all
+from drd_tools.diagnose.regression.refine import Fit, refine, refine_all
 from drd_tools.diagnose.results import Array, Because, Smallest
+from drd_tools.diagnose.select.intervals import moved
 from drd_tools.diagnose.select.orders import ripples
 from drd_tools.diagnose.select.search import Found, Search, linearised
 from drd_tools.diagnose.select.sets import Sets
@@ -159,6 +160,18 @@ def _merged(findings: Sequence[Cause]) -> list[Cause]:
     return list(found.values())
 
 
+def _at_likeliest_moments(problem: Problem, fit: Fit) -> Fit:
+    """The fit with what begins and stays at its likeliest moments: two steps may have had the moment of one between
+    them, which no descent from either of theirs reaches.
+    """
+    length_s = float(np.ptp(problem.evidence.edges_s))
+    for i, one in enumerate(fit.selection):
+        before, after = fit.selection[:i], fit.selection[i + 1 :]
+        fits = refine_all(problem, [[*before, other, *after] for other in moved([one], length_s)])
+        fit = min([fit, *fits], key=lambda f: f.cost)
+    return fit
+
+
 def _in_place_of_several(
     found: Found, search: Search, splines: SplineTerms, chance: Array, constants: Collection[str]
 ) -> tuple[Found, list[Cause]]:
@@ -219,5 +232,6 @@ def _held(
         fit = rests[least]
     if fit is found.fit:
         return found
+    fit = _at_likeliest_moments(problem, fit)
     # Constants far off were linearised around beside the others, which took part of them.
     return linearised(problem, fit, found.null) if constants else Found(problem, fit, search.score(fit), found.null)

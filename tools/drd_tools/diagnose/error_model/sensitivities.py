@@ -259,6 +259,7 @@ def nuisances(e: Evidence, path: Path, ahead_m: float) -> list[tuple[str, float,
         found.append((AHEAD, ahead_m, Sensitivity(fix=np.column_stack([c, s, zero]))))
     if e.is_far:
         passed = np.cumsum(moved, axis=0)
-        mean = uniform_filter1d(passed, max(round(AVERAGED_S / float(np.median(e.step_s))), 1), axis=0, mode="nearest")
+        rows = 2 * round(0.5 * AVERAGED_S / float(np.median(e.step_s))) + 1  # odd: of an even number the mean is late
+        mean = uniform_filter1d(passed, rows, axis=0, mode="nearest")
         found.append((SMOOTHING, 1.0, Sensitivity(fix=(mean - passed)[k])))
     return found
