@@ -365,6 +365,30 @@ def test_without_a_gyro_a_real_skid_steer_robots_tread_is_found(name: str) -> No
 
 @pytest.mark.recordings
 @pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
+def test_a_slip_beside_a_gyros_scale_is_not_hidden_in_the_noise_of_a_real_drive() -> None:
+    """Once the scale is off, half a minute of slip would be most of the long run of the wheels' noise."""
+    whole = read_recording(SHARED / "warthog_asphalt_2024_9_25_12h8s57")
+    fog, log = whole.fog, whole.wheels
+    assert fog is not None
+    assert log is not None
+    slips = (log.time_s >= 74.0) & (log.time_s < 104.0)
+    left, right = (v * np.where(slips, 1.0 + k, 1.0) for v, k in ((log.left_rad_s, 0.195), (log.right_rad_s, 0.063)))
+    planted = replace(
+        whole,
+        fog=replace(fog, rate_rad_s=0.97 * fog.rate_rad_s),
+        wheels=replace(log, left_rad_s=left, right_rad_s=right),
+    )
+    found = {c.effect: c.selected for c in analyse(planted).conclusion.causes if c.status is Status.CONFIRMED}
+    scale, slip = found["gyro_scale_error"], found["surface_slip"]
+    assert scale is not None
+    assert slip is not None
+    assert scale.number("k") == pytest.approx(-0.03, abs=0.003)
+    assert slip.interval_s == pytest.approx((74.0, 104.0), abs=1.0)
+    assert slip.number("left") == pytest.approx(0.195, abs=0.05)
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared recordings are not there")
 def test_a_jump_in_a_real_drive_is_found_at_its_moment() -> None:
     """The moments 103.2, 106.0 and 108.4 s are each likelier than those beside it."""
     whole = read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39")

@@ -199,8 +199,9 @@ class Linear:
         for i in range(0, len(sensitivities), COLUMNS):
             some = order[i : i + COLUMNS]
             y = self._filter.outputs(self._channels([sensitivities[j] for j in some]))
-            rows[some, :n] = y[:, v.of_step, 0]
-            rows[some, n:] = y[:, v.of_fix, 1:].reshape(len(y), -1)
+            for j, own in zip(some, y, strict=True):  # one by one: numpy takes from all at once three times as slowly
+                rows[j, :n] = own[:, 0].take(v.of_step)
+                rows[j, n:] = own[:, 1:].take(v.of_fix, axis=0).ravel()
         return rows.T
 
     def adjoint(self, rows: Array) -> Array:

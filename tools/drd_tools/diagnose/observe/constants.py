@@ -158,16 +158,20 @@ def _with_lags(recording: Recording, lags: Lags, geometry: _Geometry) -> Constan
     return Constants(recording, robot, sigma, lags.reference_s, lags.reference_sigma_s, geometry.unmeasured)
 
 
-def observe(recording: Recording, measured: Constants | None = None) -> tuple[Constants, Audit]:
+def observe(recording: Recording) -> tuple[Constants, Audit]:
     """Constants and events of a recording: where a counter stopped, the constants are those of the rest.
 
-    `measured`: the constants of all of it, where they are known. Raises ConfigError where there is nothing to compare,
-    or sensors turn against each other.
+    Raises ConfigError where there is nothing to compare, or sensors turn against each other.
     """
     check_comparable(recording)
     check_conventions(recording)
-    recording = as_read(recording)
-    measured = constants(recording) if measured is None else measured
+    measured, audited = _observed(as_read(recording))
+    # Its rows are those that the daemon would have, however often they repeat a count.
+    return replace(measured, recording=replace(recording, reference=measured.recording.reference)), audited
+
+
+def _observed(recording: Recording) -> tuple[Constants, Audit]:
+    measured = constants(recording)
     audited = _audited(measured)
     if _has_stopped(audited):
         measured = _repaired(recording, measured, audited)

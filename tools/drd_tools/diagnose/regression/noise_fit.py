@@ -31,7 +31,7 @@ WALK: Final = ("walk_rad_per_sqrt_s",)
 WAY: Final = ("lateral_m_per_sqrt_m", "forward_m_per_sqrt_m")
 WHEELS: Final = (*WAY, "slip_m_per_sqrt_m")
 # Times what it was, then down and up from there while that is likelier; the rounds go further.
-SLIPS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
+FACTORS: Final = ((1.0,), (0.55, 0.3), (1.8, 3.3))
 SLIP_SPREAD: Final = 1.0  # of the slip's logarithm: where robot.yaml does not say, it is a guess
 # A reference that repeats itself has no noise at all; a filter has to divide by it.
 LEAST_M, LEAST_RAD = 1e-5, 1e-5
@@ -218,7 +218,7 @@ def _most_likely(
         return 1.0, fixes
     sensitivities = [problem.linear.data(), *known]
     best, most = (1.0, fixes), -math.inf
-    for factors in SLIPS:
+    for factors in FACTORS:
         for factor in factors:
             tried = scaled(noise, factor, sizes)
             linear = Linear(problem.evidence, problem.path, tried, problem.fix_inflation, problem.linear)
@@ -255,8 +255,17 @@ def by_direction(problem: Problem, fit: Fit) -> Problem:
 
 
 def score_with_noise(problem: Problem, fit: Fit) -> float:
-    """Score of a fit, nats, that is comparable between noises where the fixes tell them: without a gyro. (77)"""
-    return _nats(problem.linear, not_inflated(problem, fit.left)[1]) - problem.penalty(fit.selection)
+    """Score of a fit, nats, that is comparable between noises: the fixes' and, with a gyro, that of the wheels' rows,
+    whatever their colour. (77), (78)
+    """
+    wheels, fixes = not_inflated(problem, fit.left)
+    nats = _nats(problem.linear, fixes) - problem.penalty(fit.selection)
+    moving = ~problem.evidence.still
+    if len(wheels) and moving.sum() >= FEWEST_ROWS:
+        rows = np.clip(wheels[moving], -FAR, FAR)
+        nats += _colour(rows, float(np.median(problem.evidence.step_s))).nats
+        nats -= 0.5 * float(np.log(_variance(problem, problem.noise)[moving]).sum())
+    return nats
 
 
 def _nats(linear: Linear, left: Array) -> float:
@@ -300,18 +309,25 @@ def scaled(noise: Noise, factor: float, sizes: Sequence[str]) -> Noise:
     return replace(noise, **changed)
 
 
-def long_run(rows: Array, every_s: float) -> float:
-    """Long-run deviation of rows over their own, as white noise and one that hangs together for some time. (78)
+class _Colour(NamedTuple):
+    """Long-run deviation of rows, as their likeliest spectrum has it, and its log likelihood but for a constant."""
 
-    The likeliest spectrum (Whittle 1953): all rows tell it, where blocks of seconds are few.
-    """
-    if len(rows) < FEWEST_ROWS:
-        return 1.0
+    long_run: float
+    nats: float
+
+
+def long_run(rows: Array, every_s: float) -> float:
+    """Long-run deviation of rows over their own, as white noise and one that hangs together for some time. (78)"""
+    return max(_colour(rows, every_s).long_run, 1.0) if len(rows) >= FEWEST_ROWS else 1.0
+
+
+def _colour(rows: Array, every_s: float) -> _Colour:
+    """The likeliest spectrum (Whittle 1953): all rows tell it, where blocks of seconds are few."""
     power = np.abs(np.fft.rfft(rows - rows.mean())[1:]) ** 2 / len(rows)
+    found = _Colour(1.0, -math.inf)
     if not power.any():  # rows that are all the same, as of a sensor that says nothing
-        return 1.0
+        return _Colour(1.0, 0.0)
     omega = np.pi * np.arange(1, len(power) + 1) / (0.5 * len(rows))
-    most, found = -math.inf, 1.0
     for together_s in (0.0, *TOGETHER_S):
         phi = math.exp(-every_s / together_s) if together_s else 0.0
         spectrum = (1.0 - phi**2) / np.abs(1.0 - phi * np.exp(-1j * omega)) ** 2
@@ -319,10 +335,9 @@ def long_run(rows: Array, every_s: float) -> float:
             S = 1.0 - share + share * spectrum
             level = float(np.mean(power / S))
             nats = -float(np.log(S).sum()) - len(S) * math.log(level) - (math.log(len(rows)) if share else 0.0)
-            if nats > most:
-                most = nats
-                found = math.sqrt((1.0 - share + share * (1.0 + phi) / (1.0 - phi)) * level)
-    return max(found, 1.0)
+            if nats > found.nats:
+                found = _Colour(math.sqrt((1.0 - share + share * (1.0 + phi) / (1.0 - phi)) * level), nats)
+    return found
 
 
 def _scale(rows: Array) -> float:

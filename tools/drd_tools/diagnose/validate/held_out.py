@@ -13,8 +13,7 @@ from drd.effects.model import Term
 from drd_tools.diagnose.error_model.path import Path
 from drd_tools.diagnose.error_model.ranges import within
 from drd_tools.diagnose.observe.audit import Audit
-from drd_tools.diagnose.observe.constants import Constants, constants, observe
-from drd_tools.diagnose.observe.reads import as_read
+from drd_tools.diagnose.observe.constants import Constants, observe
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.noise_fit import fitted, inflated
 from drd_tools.diagnose.regression.problem import Problem
@@ -59,9 +58,8 @@ class Prepared:
 def prepared(recording: Recording) -> Prepared:
     """Measure what no model changes, once for all models."""
     with threadpool_limits(limits=1):
-        measured = constants(as_read(recording))
-        again, audited = observe(recording, measured)
-        problem = started(audited, again).problem
+        measured, audited = observe(recording)
+        problem = started(audited, measured).problem
         audited = replace(audited, evidence=problem.evidence)
         # A reference that is late is no error of the pose.
         return Prepared(recording, measured, audited, problem.path, judged(measured.recording, None)[0])
