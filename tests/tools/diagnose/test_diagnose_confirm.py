@@ -198,6 +198,8 @@ def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:
     assert status_of(2.0 * FAMILY_WISE, 1e9) is Status.SUSPECTED
     assert status_of(FAMILY_WISE, 1e9) is Status.CONFIRMED
     assert status_of(FAMILY_WISE, 1.0) is Status.SUPPORTED
+    assert status_of(FAMILY_WISE, 1e9, 0.2) is Status.CONFIRMED
+    assert status_of(FAMILY_WISE, 1e9, 0.4) is Status.SUSPECTED  # as good as nothing
 
 
 @pytest.mark.parametrize(

@@ -151,7 +151,7 @@ def _searched(problem: Problem, start: Start) -> tuple[Problem, Found]:
 
 
 def _with_its_noise(problem: Problem, start: Start, found: Found) -> tuple[Problem, Found]:
-    """What a coarse search has found, its noise fitted and the search gone on with in turn."""
+    """Fit the noise beside what was found and go on with the search, in turn; then search to the end."""
     known, constants = start.known, start.constants
     for i in range(GROWING_ROUNDS if constants else ROUGH_ROUNDS):
         # The selected effects are off now, so that what is left tells the noise better than before.

@@ -19,7 +19,7 @@ TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
 
 
 class Identifiability:
-    """What a problem tells of each effect of its library, beside the effects of `sets`, and of pairs of them. (81)"""
+    """Identifiability of each effect of a library beside those that `sets` hold, and of any two effects alone. (81)"""
 
     def __init__(self, problem: Problem, library: Library, sets: Sets):
         self._library, self._estimates = library, sets.estimates()
@@ -35,7 +35,7 @@ class Identifiability:
             if len(candidate.columns) > 1 and not candidate.angle:
                 continue
             at, effect = list(candidate.columns), candidate.effect
-            # Of what is held, its own deviation beside itself would be none.
+            # Beside itself, an effect that is held could have any size.
             norm = self._norm[at].max() if effect.id in held else (1.0 / self._estimates.sigma[at]).max()
             if norm <= 0.0:
                 continue

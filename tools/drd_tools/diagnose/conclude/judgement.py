@@ -16,6 +16,7 @@ from drd_tools.diagnose.conclude.confirm import (
     gain_over_time,
 )
 from drd_tools.diagnose.conclude.identify import APART_NATS
+from drd_tools.diagnose.conclude.reference import BARELY
 from drd_tools.diagnose.conclude.rivals import Near, posterior, rivals_of
 from drd_tools.diagnose.observe.events import Event
 from drd_tools.diagnose.regression.noise_fit import ratios
@@ -44,9 +45,11 @@ def margin(problem: Problem, worth: float) -> float:
     return max(GENERIC_NATS, (UNLIKE_SHARE if is_unlike else GENERIC_SHARE) * worth)
 
 
-def status_of(p: float, e: float) -> Status:
-    """Status of a finding that chance brings with probability p, and that unseen data bear out by odds of e."""
-    if p > FAMILY_WISE:
+def status_of(p: float, e: float, nothing: float = 0.0) -> Status:
+    """Status of a finding that chance brings with probability p, and that unseen data bear out by odds of e; `nothing`:
+    the probability that nothing is there.
+    """
+    if p > FAMILY_WISE or 1.0 - nothing < BARELY * nothing:
         return Status.SUSPECTED
     return Status.CONFIRMED if e >= CONFIRMING_E else Status.SUPPORTED
 
@@ -87,7 +90,7 @@ def judge(
     curve = _curve(splines, found, selected, rival)
     return Cause(
         selected=reported,
-        status=status_of(p, e),
+        status=status_of(p, e, probabilities.get(NOTHING, 0.0)),
         rivals=rivals.alike,
         windows=_windows(selected, problem.evidence.time_s),
         support=Support(worth, p, e),
