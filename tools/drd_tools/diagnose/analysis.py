@@ -29,9 +29,8 @@ from drd_tools.recordings.folder import Recording
 NOISE_ROUNDS: Final = 2  # the second sees noise without what the first round's was mistaken for
 ROUGH_ROUNDS: Final = 4  # where the data are far off
 GROWING_ROUNDS: Final = 8  # where a set that explains much waits for its noise: limits the time
-HIDING: Final = (
-    1.5  # long-run deviation of the wheels' noise: an effect of d = 8, 32 nats, is worth its cost up to that
-)
+# Long-run deviation of the wheels' noise beside which an effect of d = 8, 32 nats, is worth 14: what some cost.
+HIDING: Final = 1.5
 LEAST_JITTER_S: Final = 0.01  # less of a time changes little
 FAULT_OF_UNIT: Final = {"s": "delay", "ppm": "drift"}  # by the unit of the effect that is as well the reference's
 # Faults that are the reference's alone: name, unit, and its size in SI.

@@ -70,7 +70,8 @@ class Sets:
         near: Sequence[Selected] = (),
         others: Sequence[Selected] = (),
     ):
-        self._problem, self._library, self._known = problem, library_of(problem), held
+        self._problem, self._library = problem, library_of(problem)
+        self._held_names = frozenset(c.id for c in held)
         shapes, _ = nuisance_columns(problem, near)
         self._marginal = Marginal(np.column_stack([shapes, nuisance_design(problem, held)]))
         left = self._marginal.projected(problem.data - problem.effect_rows(held))
@@ -137,7 +138,7 @@ class Sets:
         """Estimates of what is not held, each alone, with the parameters and other shapes of what is held free."""
         count = self._library.columns.shape[1]
         scale, b = self._scale[:count], self._b[:count]
-        return Estimates(b * scale, np.where(scale > 0.0, scale, np.inf), frozenset(c.id for c in self._known))
+        return Estimates(b * scale, np.where(scale > 0.0, scale, np.inf), self._held_names)
 
     def ranked(self) -> list[tuple[float, Selected]]:
         """Gain of each effect that is worth its cost, nats, with its best variant; best first."""
