@@ -181,15 +181,12 @@ class Pipeline:
         """Time passes, whether or not anything arrives."""
         self._record("tick", now_ns)
         self._notice_stall(now_ns)
-        last = self.encoders.last_ns
+        last, first_ns = self.encoders.last_ns, self.encoders.first_ns or now_ns
         for side, other_side, source, text in SILENT_SIDES:
             mine, other = last[side], last[other_side]
-            # With both sides silent the estimator's own reason says all.
-            dead = (
-                other is not None
-                and now_ns - other < self._side_silent_ns
-                and (mine is None or now_ns - mine > self._side_silent_ns)
-            )
+            # At the start, or after a reload, one side is the first. With both silent the estimator's reason says all.
+            heard_ns = first_ns if mine is None else mine
+            dead = other is not None and now_ns - other < self._side_silent_ns < now_ns - heard_ns
             self.reasons.update(source, text if dead else None, now_ns)
         self._emit(self.estimator.tick(now_ns), now_ns)
 

@@ -45,3 +45,21 @@ def test_a_stall_of_the_host_costs_no_gyro_sample(tmp_path: Path, first_packets:
     counters = pipeline.counters()
     assert counters["fog"]["lost_packets"] == counters["fog"]["clock_relocks"] == 0
     assert counters["estimator"]["gyro_gaps"] == counters["estimator"]["late_gyro"] == 0
+
+
+def test_a_side_is_silent_only_after_its_time(tmp_path: Path) -> None:
+    """One of the two is always the first, also after a reload: a tick between them shows no silence of the other."""
+    config = drive(tmp_path, calibration=False).loaded.value
+    pipeline, first_ns, side = Pipeline(config, tmp_path, lambda *_: None), 0, -1
+    silent = set[str]()
+    for t_ns, data in Circle(config).arrivals(4.0):
+        if isinstance(data, bytes):
+            continue
+        side = data[0].can_id if side < 0 else side
+        alone = [frame for frame in data if frame.can_id == side]
+        pipeline.on_frames(alone)
+        first_ns = first_ns or t_ns
+        pipeline.tick(t_ns + NS_PER_MS)
+        silent = {r.source for r in pipeline.reasons.active()} & {"encoders.left", "encoders.right"}
+        assert bool(silent) == (t_ns + NS_PER_MS - first_ns > config.encoders.silent_after_s * NS_PER_S)
+    assert len(silent) == 1

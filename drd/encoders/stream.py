@@ -22,8 +22,9 @@ class EncoderStream:
     """The wheel encoders of one robot. `feed` never raises on a frame's content.
 
     `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send again and again and
-    its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first.
-    `resolution_m`: travel of one count of the coarser side. `from_file`: see Layout.
+    its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first;
+    `first_ns`: that of the first of either. `resolution_m`: travel of one count of the coarser side. `from_file`: see
+    Layout.
     """
 
     def __init__(self, encoders: Encoders, robot: Robot, base: Path):
@@ -32,6 +33,7 @@ class EncoderStream:
         self.cyclic = self._layout.cyclic
         self.from_file = self._layout.from_file
         self.last_ns: dict[Side, int | None] = dict.fromkeys(Side)
+        self.first_ns: int | None = None
         self._known_ids = frozenset(self.can_ids)
         self._latency_ns = round(encoders.latency_s * NS_PER_S)
         scale = {Side.LEFT: robot.left_scale, Side.RIGHT: robot.right_scale}
@@ -103,6 +105,8 @@ class EncoderStream:
         if outcome is Outcome.IGNORED:
             return None
         self.last_ns[side] = t_ns
+        if self.first_ns is None:
+            self.first_ns = t_ns
         return self._pairing.add(side, sampled_ns, travel.total * self._metres[side], moved=outcome is Outcome.MOVED)
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
