@@ -194,6 +194,18 @@ def test_what_is_ruled_out_may_not_be_concealed_by_what_was_found() -> None:
     assert "wheel_radius_error" not in identity.bounds()
 
 
+@pytest.mark.parametrize("effect", [SCALE, TREAD, selected("encoder_latency", delay=0.05)])
+def test_an_effect_alone_is_drawn_as_the_mismatch_that_it_makes(effect: Selected) -> None:
+    p = null()[0]
+    alone = p.with_data(p.effect_rows([effect]))
+    splines = SplineTerms(alone)
+    for channel in ("gyro's scale", "wheels' mean"):
+        curve = splines.best([effect], effect, (channel, "acceleration"))
+        assert curve is not None
+        drawn = splines.reported(effect, [], curve)
+        assert drawn == pytest.approx(curve.value, abs=1e-6 * float(np.abs(curve.value).max()))
+
+
 def test_odds_of_unseen_data_confirm_nothing_that_chance_may_bring() -> None:
     assert status_of(2.0 * FAMILY_WISE, 1e9) is Status.SUSPECTED
     assert status_of(FAMILY_WISE, 1e9) is Status.CONFIRMED

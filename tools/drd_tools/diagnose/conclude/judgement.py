@@ -72,7 +72,8 @@ def judge(
 ) -> Cause:
     """A selected effect, as `reported`, or in its place a curve without a name, where that is better."""
     problem, fit, selected = found.problem, found.fit, test.selected
-    rest = refine(problem, [c for c in fit.selection if c is not selected])
+    others = [c for c in fit.selection if c is not selected]
+    rest = refine(problem, others)
     worth = rest.cost - fit.cost
     e = e_value(test.nats)
     # A constant was looked for before all others.
@@ -99,7 +100,7 @@ def judge(
         probabilities=probabilities,
         curve=curve,
         gain=Gain(*gain_over_time(problem, fit, selected)),
-        fitted=None if curve is None else _at_knots(splines, selected, curve),
+        fitted=None if curve is None else splines.reported(selected, others, curve),
     )
 
 
@@ -113,14 +114,6 @@ def _unnamed_nats(
         unseen = test.curve_nats(splines.columns(rival))
         nats = min(nats, *(own + u - n for u, n in zip(unseen, test.nats, strict=True)))
     return nats
-
-
-def _at_knots(splines: SplineTerms, selected: Selected, curve: Curve) -> Array:
-    """The selected effect at the curve's knots; the gyro's constant bias, which is a nuisance, is no part of either."""
-    values = splines.reported(selected, curve)
-    if curve.channel == "gyro":
-        values = values + float(np.average(curve.value - values, weights=1.0 / np.maximum(curve.sigma, 1e-12) ** 2))
-    return values
 
 
 def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve | None) -> Curve | None:

@@ -155,14 +155,17 @@ class SplineTerms:
                 )
         return best
 
-    def reported(self, selected: Selected, curve: Curve) -> Array:
-        """Values of an effect at a curve's knots (k,), in its unit: the hats' best fit to its own sensitivity."""
-        S = self._of(curve).rows.astype(float)
-        G = S.T @ S
-        rows = self._problem.effect_rows([selected])
-        values = np.linalg.lstsq(G + 1e-9 * np.trace(G) * np.eye(len(G)), S.T @ rows, rcond=None)[0]
-        result: Array = values * CHANNELS[curve.channel].hat_in_public
-        return result
+    def reported(self, selected: Selected, others: Sequence[Selected], curve: Curve) -> Array:
+        """Curve (k,), in its unit, that an effect by itself is told as, beside others, with the same prior. (83)
+
+        Where the robot stands the prior alone holds it, as it holds the mismatch's: the one is to be compared with the
+        other.
+        """
+        smooth, marginal = self._of(curve), Marginal(nuisance_design(self._problem, others))
+        S = smooth.rows.astype(float)
+        M = marginal.beside(S.T @ S, (S.T @ marginal.columns).T) + smooth.rough / curve.amplitude
+        rows = marginal.projected(self._problem.effect_rows([selected]))
+        return np.asarray(np.linalg.solve(M, S.T @ rows) * CHANNELS[curve.channel].hat_in_public, float)
 
     def rows(self, curve: Curve) -> Array:
         """Whitened data that a curve explains, (r,)."""
