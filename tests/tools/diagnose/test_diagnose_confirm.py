@@ -155,8 +155,8 @@ def test_a_window_that_was_fitted_to_noise_rarely_holds() -> None:
 
 
 def test_a_monotone_warming_cannot_tell_the_gyros_biases_apart_and_says_so() -> None:
-    p, library = null()
-    classes = [set(c) for c in Identifiability(p, library, Sets(p, ())).classes()]
+    p, _ = null()
+    classes = [set(c) for c in Identifiability(p, Sets(p, ())).classes()]
     of_bias = {"gyro_bias_temperature", "gyro_bias_temperature_rate", "gyro_warmup"}
     assert any(of_bias <= c for c in classes)
     assert not any({"gyro_scale_error", "tread_error"} <= c for c in classes)
@@ -166,8 +166,8 @@ def test_a_monotone_warming_cannot_tell_the_gyros_biases_apart_and_says_so() -> 
 
 
 def test_what_is_detectable_would_gain_just_its_cost() -> None:
-    p, library = null()
-    smallest = Identifiability(p, library, Sets(p, ())).detectable()["gyro_scale_error"]
+    p, _ = null()
+    smallest = Identifiability(p, Sets(p, ())).detectable()["gyro_scale_error"]
     assert smallest.unit == "1"
     row = p.effect_rows([selected("gyro_scale_error", k=smallest.smallest or 0.0)])
     held = row - p.nuisance @ np.linalg.solve(p.nuisance.T @ p.nuisance + np.eye(3), p.nuisance.T @ row)
@@ -184,10 +184,10 @@ def test_what_is_ruled_out_may_not_be_concealed_by_what_was_found() -> None:
     alone, beside = Sets(noisy, ()).estimates(), Sets(noisy, fit.selection).estimates()
     assert beside.sigma[column] > 3.0 * alone.sigma[column]
     assert abs(beside.value[column] - 0.01) < 3.0 * beside.sigma[column]
-    identity = Identifiability(noisy, library, Sets(noisy, fit.selection))
+    identity = Identifiability(noisy, Sets(noisy, fit.selection))
     smallest = identity.detectable()["tread_error"].smallest
     assert smallest is not None
-    assert smallest > 3.0 * (Identifiability(p, library, Sets(p, ())).detectable()["tread_error"].smallest or np.inf)
+    assert smallest > 3.0 * (Identifiability(p, Sets(p, ())).detectable()["tread_error"].smallest or np.inf)
     told, sigma = identity.bounds()["tread_error"].removeprefix("k = ").split(" 1,")[0].split(" +- ")
     assert abs(float(told) - 0.01) < 3.0 * float(sigma) < 0.1
     assert "wheel_radius_error" in identity.detectable()

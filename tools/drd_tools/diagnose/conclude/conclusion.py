@@ -103,7 +103,7 @@ def conclude(
         findings += _left_over(found, search, splines, left, findings, unexplained)
     findings = [f for f in _merged(findings) if f.effect in constants or (f.support.family_wise_p or 0.0) <= SUSPECTING]
     named = {f.effect for f in findings} | {name for f in findings for name in f.also_fits}
-    identity = Identifiability(problem, search.library, beside)
+    identity = Identifiability(problem, beside)
     bounds = sorted(identity.bounds().items())
     ruled_out = [Because(name, text) for name, text in bounds if name not in named]
     return Conclusion(

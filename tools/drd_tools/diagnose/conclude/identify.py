@@ -11,7 +11,7 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.regression.marginal import Marginal
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Because, Smallest
-from drd_tools.diagnose.select.library import Library, is_absent
+from drd_tools.diagnose.select.library import is_absent, library_of
 from drd_tools.diagnose.select.sets import Sets
 
 APART_NATS: Final = 3.0  # odds of 20 to 1 between two names
@@ -19,10 +19,11 @@ TYPICAL_VISIBILITY: Final = 8.0  # sigmas: 32 nats, well above what a name costs
 
 
 class Identifiability:
-    """Identifiability of each effect of a library beside those that `sets` hold, and of any two effects alone. (81)"""
+    """Identifiability of each effect beside those that the `sets` hold, and of any two effects alone. (81)"""
 
-    def __init__(self, problem: Problem, library: Library, sets: Sets):
-        self._library, self._estimates = library, sets.estimates()
+    def __init__(self, problem: Problem, sets: Sets):
+        self._library = library = library_of(problem)
+        self._estimates = sets.estimates()
         C = np.asarray(library.columns.T @ problem.nuisance.astype(np.float32), float)
         self._products = Marginal(problem.nuisance).beside(np.asarray(library.products, float), C.T)
         self._norm = np.sqrt(np.maximum(np.diag(self._products), 0.0))

@@ -324,9 +324,9 @@ def long_run(rows: Array, every_s: float) -> float:
 def _colour(rows: Array, every_s: float) -> _Colour:
     """The likeliest spectrum (Whittle 1953): all rows tell it, where blocks of seconds are few."""
     power = np.abs(np.fft.rfft(rows - rows.mean())[1:]) ** 2 / len(rows)
-    found = _Colour(1.0, -math.inf)
     if not power.any():  # rows that are all the same, as of a sensor that says nothing
         return _Colour(1.0, 0.0)
+    found = _Colour(1.0, -math.inf)
     omega = np.pi * np.arange(1, len(power) + 1) / (0.5 * len(rows))
     for together_s in (0.0, *TOGETHER_S):
         phi = math.exp(-every_s / together_s) if together_s else 0.0

@@ -94,6 +94,11 @@ class _SplineTerm:
     rows: npt.NDArray[np.float32]
     rough: Array  # (k, k): what a curve that is not smooth costs
 
+    def products(self, marginal: Marginal, projected: Array) -> tuple[Array, Array]:
+        """Products of the hats among themselves, (k, k), and with data that `marginal` has projected, (k,)."""
+        S = self.rows.astype(float)
+        return marginal.beside(S.T @ S, (S.T @ marginal.columns).T), S.T @ projected
+
 
 class SplineTerms:
     """All smooth curves of a problem, whitened."""
@@ -133,17 +138,13 @@ class SplineTerms:
         """
         problem = self._problem
         kept = [c for c in selection if c is not beside]
-        held = nuisance_design(problem, kept)
-        residual = problem.data - problem.effect_rows(kept)
-        marginal = Marginal(held)
-        cleared = marginal.projected(residual)
+        marginal = Marginal(nuisance_design(problem, kept))
+        cleared = marginal.projected(problem.data - problem.effect_rows(kept))
         best: Curve | None = None
         for smooth in self._splines:
             if wanted is not None and (smooth.channel, smooth.covariate) != wanted:
                 continue
-            S = smooth.rows.astype(float)
-            G = marginal.beside(S.T @ S, (S.T @ held).T)
-            gain, value, sigma, amplitude = _evidence(G, S.T @ cleared, smooth.rough)
+            gain, value, sigma, amplitude = _evidence(*smooth.products(marginal, cleared), smooth.rough)
             gain -= self.cost
             if best is None or gain > best.gain:
                 channel = CHANNELS[smooth.channel]
@@ -162,10 +163,9 @@ class SplineTerms:
         other.
         """
         smooth, marginal = self._of(curve), Marginal(nuisance_design(self._problem, others))
-        S = smooth.rows.astype(float)
-        M = marginal.beside(S.T @ S, (S.T @ marginal.columns).T) + smooth.rough / curve.amplitude
-        rows = marginal.projected(self._problem.effect_rows([selected]))
-        return np.asarray(np.linalg.solve(M, S.T @ rows) * CHANNELS[curve.channel].hat_in_public, float)
+        G, b = smooth.products(marginal, marginal.projected(self._problem.effect_rows([selected])))
+        value = np.linalg.solve(G + smooth.rough / curve.amplitude, b)
+        return np.asarray(value * CHANNELS[curve.channel].hat_in_public, float)
 
     def rows(self, curve: Curve) -> Array:
         """Whitened data that a curve explains, (r,)."""
