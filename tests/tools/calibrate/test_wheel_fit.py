@@ -12,12 +12,13 @@ from wheel_recordings import CIRCLE, RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Le
 
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.drive import Drive, Wheels, make_drive, odometry
-from drd_tools.calibrate.wheels.fit import _new_part, fit_wheels
+from drd_tools.calibrate.wheels.fit import _new_part, fit_wheels, with_turns
 from drd_tools.calibrate.wheels.heldout import compare, leave_one_out
 from drd_tools.calibrate.wheels.words import held_out_warnings, not_determined, warnings
 from drd_tools.recordings.folder import read_recording
 
 TRUTH = Truth(left=1.006, right=0.995, tread=1.04)
+SPINNING: tuple[Leg, ...] = (*TOUR, *((0.0, 0.8, 15.0), (0.5, 0.1, 9.0), (0.3, -0.6, 14.0)) * 2)
 NOISY = replace(TRUTH, slip_m_per_sqrt_m=0.002, position_sigma_m=0.005, heading_sigma_rad=0.003)
 
 
@@ -63,6 +64,29 @@ def test_start_and_end_alone_are_a_reference_too(tmp_path: Path) -> None:
     sparse = [drive(tmp_path / f"{k}", TOUR[: 5 + k], TRUTH, k, every=10_000 if k % 2 else 100) for k in range(8)]
     fit = fit_wheels(sparse)
     assert relative(fit.wheels) == pytest.approx([1.006, 0.995, 1.04], rel=0.01)
+
+
+@pytest.mark.parametrize("seconds", [10, 20])
+@pytest.mark.parametrize("tread", [0.6, 1.65])
+def test_turns_between_sparse_rows_are_counted_by_the_tread_that_leaves_least(
+    tmp_path: Path, tread: float, seconds: int
+) -> None:
+    """Counted by the nominal tread, one of 1.65 times as much has turned about as often again, or not at all."""
+    far = replace(NOISY, tread=tread)
+    drives = [drive(tmp_path / f"{k}", SPINNING, far, k, every=20 * seconds) for k in range(2)]
+    fit = fit_wheels(with_turns(drives))
+    assert fit.wheels.tread_m / TREAD_M == pytest.approx(tread, rel=0.02)
+    assert max(fit.white_rad) < 0.1
+
+
+def test_headings_that_no_wheels_explain_determine_nothing(tmp_path: Path) -> None:
+    made = drive(tmp_path / "a", TOUR, NOISY, every=100)
+    any_way = np.random.default_rng(1).uniform(-math.pi, math.pi, len(made.reference_s))
+    lost = [replace(made, reference_heading_rad=np.unwrap(any_way))]
+    fit = fit_wheels(with_turns(lost))
+    assert fit.determined == (False, False, False)
+    (told,) = not_determined(fit, lost)
+    assert "none explain the reference" in told
 
 
 def test_sigmas_cover_the_truth_over_many_drives(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from drd.samples import Validity
 from drd.units import S_PER_NS
 from drd_tools.calibrate.wheels.drive import Mounting, make_drive
 from drd_tools.calibrate.wheels.file import write_snippet
-from drd_tools.calibrate.wheels.fit import fit_wheels
+from drd_tools.calibrate.wheels.fit import fit_wheels, with_turns
 from drd_tools.calibrate.wheels.found import find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.evaluate.replayed import poses_of
@@ -80,7 +80,7 @@ class Calibration:
 
 def calibrate(recordings: Sequence[Recording], file: Path) -> Calibration:
     """Calibrate the wheels on the recordings, and write `file`. Raises ConfigError, OSError."""
-    drives = [make_drive(recording) for recording in recordings]
+    drives = with_turns([make_drive(recording) for recording in recordings])
     fit = fit_wheels(drives)
     found = find(recordings, drives, [], fit, judged=False)
     write_snippet(file, sections(found), [f"from {', '.join(recording.name for recording in recordings)}"])

@@ -67,6 +67,7 @@ class Drive:
     position_sigma_m: float
     heading_sigma_rad: float
     slip_m_per_sqrt_m: float
+    counted_by_m: float  # tread by which whole turns between sparse rows were counted
 
     @cached_property
     def travel_m(self) -> Array:
@@ -126,10 +127,6 @@ def make_drive(recording: Recording) -> Drive:
         expected = f"two rows or more within the encoders' time, {time_s[0]:g} to {time_s[-1]:g} s"
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, str(inside.sum()))
     nominal = Wheels(sheet.wheel_radius_m, sheet.wheel_radius_m, sheet.tread_m)
-    # Between sparse rows only the wheels know how many whole turns there were.
-    reference_s, heading = log.time_s[inside], log.heading_rad[inside]
-    turn = np.interp(reference_s, time_s, (right_rad - left_rad) * nominal.left_radius_m / nominal.tread_m)
-    excess = np.round((np.diff(turn) - np.diff(heading)) / (2.0 * math.pi))
     drive = Drive(
         recording.name,
         nominal,
@@ -137,18 +134,31 @@ def make_drive(recording: Recording) -> Drive:
         time_s,
         left_rad,
         right_rad,
-        reference_s,
+        log.time_s[inside],
         np.stack([log.x_m[inside], log.y_m[inside]], axis=1),
-        heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)]),
+        log.heading_rad[inside],
         sheet.reference_position_sigma_m or POSITION_SIGMA_M,
         (sheet.reference_heading_sigma_deg or 0.0) * RAD_PER_DEG or HEADING_SIGMA_RAD,
         SLIP_M_PER_SQRT_M if sheet.slip_noise_m_per_sqrt_m is None else sheet.slip_noise_m_per_sqrt_m,
+        nominal.tread_m,
     )
     travel_m = float(np.ptp(drive.travel_m))
     if travel_m < MIN_TRAVEL_TREADS * nominal.tread_m:
         file = str(recording.folder / "encoders.csv")
         raise ConfigError(file, "", "wheels that move while the reference is there", f"{travel_m:.3g} m of travel")
-    return drive
+    return counted(drive, nominal.tread_m)
+
+
+def counted(drive: Drive, tread_m: float) -> Drive:
+    """The drive with the whole turns from row to row of its reference counted by wheels so far apart: between sparse
+    rows nothing else tells how many there were.
+    """
+    heading = drive.reference_heading_rad
+    turn_m = drive.nominal.left_radius_m * (drive.right_rad - drive.left_rad)
+    turn = np.interp(drive.reference_s, drive.time_s, turn_m / tread_m)
+    excess = np.round((np.diff(turn) - np.diff(heading)) / (2.0 * math.pi))
+    heading = heading + 2.0 * math.pi * np.concatenate([[0.0], np.cumsum(excess)])
+    return replace(drive, reference_heading_rad=heading, counted_by_m=tread_m)
 
 
 def cut_drive(drive: Drive, start: float, end: float) -> Drive | None:

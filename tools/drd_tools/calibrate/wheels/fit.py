@@ -12,7 +12,7 @@ from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
-from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
+from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, counted, residuals
 from drd_tools.calibrate.wheels.score import Scores, score
 
 # Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
@@ -31,6 +31,12 @@ LIMIT: Final = np.array([0.02, 0.02, 0.10])
 BELIEF: Final = np.array([WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0])
 # Where data contradict the model, a step may end beyond a tread of nothing, about which headings have no bound.
 LEAST: Final = np.array([-0.9, -np.inf, -0.9, -np.inf, -np.inf, -np.inf])
+# What is left within the windows where whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
+LOST_RAD: Final = 0.25
+LOST_TREADS: Final = 0.25
+TOLD_NATS: Final = 5.0  # by which a count of turns must be likelier than others: 150 to 1
+SAME_TREAD: Final = 0.1  # counts of so little different treads differ in a row or two
+TREADS: Final = (1.0, *np.geomspace(0.5, 2.5, 24))  # over the nominal: so near that one of them sets out well
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation
@@ -48,6 +54,7 @@ class WheelFit:
     `correlation`: of difference and tread. `disagreement`: standard deviations taken from recording to recording over
     those from window to window, the largest of the three, 0 where there are too few recordings. `mounting`: of the
     reference, with the usual time offset; `own`: that of each recording. `white_m`, `white_rad`: what is left over.
+    `is_lost`: so much that no wheels explain the reference, and nothing is determined.
     """
 
     wheels: Wheels
@@ -62,6 +69,7 @@ class WheelFit:
     white_m: tuple[float, ...]
     white_rad: tuple[float, ...]
     windows: int
+    is_lost: bool
 
 
 def check_one_robot(drives: Sequence[Drive]) -> None:
@@ -130,6 +138,16 @@ class _Part:
         huber = np.minimum(1.0, HUBER / np.maximum(ratio, 1e-12))
         self.weights = huber / np.array([self.white_m**2, self.white_rad**2])
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether so much is left that the wheels explain nothing."""
+        return self.white_rad > LOST_RAD or self.white_m > LOST_TREADS * self.drive.nominal.tread_m
+
+    @property
+    def cost(self) -> float:
+        """Nats by which the rows are unlikely, but for a constant."""
+        return len(self.drive.windows[0]) * (2.0 * math.log(self.white_m) + math.log(self.white_rad))
+
 
 def _new_part(drive: Drive) -> _Part:
     weights = np.tile([drive.position_sigma_m**-2, drive.heading_sigma_rad**-2], (len(drive.windows[0]), 1))
@@ -169,7 +187,7 @@ def fit_wheels(
     """
     check_one_robot(drives)
     nominal, parts = drives[0].nominal, [_new_part(drive) for drive in drives]
-    free, shared = np.ones(len(NAMES), bool), np.zeros(len(NAMES))
+    free, shared = np.ones(len(NAMES), bool), _setting_out(drives)
     if start is not None:
         shared[:3] = _relative(nominal, start.wheels)
         free[:3] = start.determined
@@ -177,6 +195,9 @@ def fit_wheels(
         D = nominal.tread_m
         shared[3:], free[3:] = (mounted.forward_m / D, mounted.left_m / D, mounted.heading_rad), False
     shared, scores = _solve(parts, free, shared)
+    if is_lost := all(part.is_lost for part in parts):
+        free[:WHEELS] = False
+        shared, scores = _solve(parts, free, shared)
     free_sigma = _sigmas(scores, free) if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
     while True:
@@ -185,7 +206,40 @@ def fit_wheels(
             break
         free[int(excess.argmax())] = False
         shared, scores = _solve(parts, free, shared)
-    return _result(nominal, parts, shared, free, scores, free_sigma)
+    return _result(nominal, parts, shared, free, scores, free_sigma, is_lost)
+
+
+def _setting_out(drives: Sequence[Drive]) -> Array:
+    """Unknowns from which a search sets out: the nominal ones, with the tread that turns were counted by."""
+    unknowns = np.zeros(len(NAMES))
+    unknowns[2] = drives[0].counted_by_m / drives[0].nominal.tread_m - 1.0
+    return unknowns
+
+
+def with_turns(drives: Sequence[Drive]) -> list[Drive]:
+    """The drives of one robot with the whole turns between sparse rows counted by the tread that leaves least; by the
+    nominal one where another tread leaves as little. (53)
+    """
+    distinct: dict[bytes, list[Drive]] = {}
+    as_given = np.concatenate([drive.reference_heading_rad for drive in drives])
+    for tread in TREADS:
+        tried = [counted(drive, tread * drive.nominal.tread_m) for drive in drives]
+        more = np.concatenate([drive.reference_heading_rad for drive in tried]) - as_given
+        distinct.setdefault(np.round(more / math.tau).tobytes(), tried)
+    by_nominal, *others = distinct.values()
+    if not others:
+        return by_nominal
+    found = []
+    for tried in (by_nominal, *others):
+        parts = [_new_part(drive) for drive in tried]
+        try:
+            shared, _ = _solve(parts, np.ones(len(NAMES), bool), _setting_out(tried))
+        except np.linalg.LinAlgError:  # headings so far off that nothing is regular
+            continue
+        found.append((sum(part.cost for part in parts), 1.0 + float(shared[2]), tried))
+    least, tread, best = min(found, key=lambda f: f[0])
+    rivals = (cost for cost, other, _ in found if abs(other / tread - 1.0) > SAME_TREAD)
+    return best if least < min(rivals, default=math.inf) - TOLD_NATS else by_nominal
 
 
 def _relative(nominal: Wheels, wheels: Wheels) -> Array:
@@ -237,6 +291,7 @@ def _result(
     free: npt.NDArray[np.bool_],
     scores: list[Scores],
     free_sigma: Array,
+    is_lost: bool,
 ) -> WheelFit:
     covariances = _covariances(scores, free)
     wheels = wheels_of(nominal, shared)
@@ -266,4 +321,5 @@ def _result(
         tuple(part.white_m for part in parts),
         tuple(part.white_rad for part in parts),
         sum(len(part.drive.windows[1]) for part in parts),
+        is_lost,
     )

@@ -9,7 +9,7 @@ from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive, make_drive
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
-from drd_tools.calibrate.wheels.fit import WheelFit, check_one_robot, fit_wheels
+from drd_tools.calibrate.wheels.fit import WheelFit, check_one_robot, fit_wheels, with_turns
 from drd_tools.calibrate.wheels.found import Found, find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.calibrate.wheels.report import held_out_picture, paths_picture
@@ -43,6 +43,7 @@ def calibrate(folders: Sequence[Path], held_out_folders: Sequence[Path], output:
     _check_different(recordings)
     every = [make_drive(recording) for recording in recordings]
     check_one_robot(every)
+    every = with_turns(every)
     drives, tests = every[: len(folders)], every[len(folders) :]
     fit = fit_wheels(drives)
     if not any(fit.determined):

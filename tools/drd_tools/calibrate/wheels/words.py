@@ -23,6 +23,12 @@ VALUES = ("mean radius", "difference of the radii", "tread")
 
 def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
     """A sentence for each value that stays at its nominal."""
+    if fit.is_lost:
+        return [
+            f"wheels: not determined, none explain the reference: {1000 * min(fit.white_m):.0f} mm and "
+            f"{DEG_PER_RAD * min(fit.white_rad):.0f} deg are left within the windows. Its rows may be too far apart to "
+            "tell whole turns, a counter may have stopped, or robot.yaml's convention may be wrong."
+        ]
     path_m = sum(drive.path_m for drive in drives)
     left, right = np.sum([drive.turns_rad for drive in drives], axis=0)
     turned = f"{DEG_PER_RAD * (left + right):.0f} deg in all, in sweeps of {SWEEP_DEG:g} deg or more"
