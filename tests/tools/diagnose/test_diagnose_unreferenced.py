@@ -12,6 +12,7 @@ from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.outcome import verdict
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
+from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array, Verdict
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
@@ -73,6 +74,29 @@ def test_a_lag_that_nothing_tells_may_be_that_of_real_references(seconds: float,
     assert is_known or prior["reference_latency"] > REFERENCE_S
 
 
+@pytest.mark.parametrize("seconds", [5.0, 20.0])
+def test_without_a_gyro_a_few_fixes_tell_the_constants(seconds: float) -> None:
+    recording = replace(every(recorded(WAREHOUSE, 5, *FAR), seconds), fog=None)
+    causes = {c.effect: c.selected for c in analyse(recording).conclusion.causes}
+    assert causes.keys() == {"tread_error", "wheel_radius_error"}  # whose delay it is nothing tells
+    tread = causes["tread_error"]
+    assert tread is not None
+    assert tread.number("k") == pytest.approx(TREAD, abs=3.0 * tread.sigma("k"))
+
+
+def test_a_fix_after_the_last_whole_step_counts() -> None:
+    """Without a gyro, start and end: else nothing is compared, and nothing missing."""
+    recording = replace(every(recorded(WAREHOUSE, 5, *FAR), np.inf), fog=None)
+    times_s, reference = recording.encoders.time_s, recording.reference
+    assert reference is not None
+    at_s = np.array([times_s[0] + 0.03, times_s[-1]])
+    e = gather(replace(recording, reference=replace(reference, time_s=at_s)))
+    assert e.fix_time_s == pytest.approx(at_s)
+    assert e.fix_share[-1] < 0.0
+    path = Problem(e).path
+    assert path.pose[-1] + (path.pose[-1] - path.pose[-2]) * -e.fix_share[-1] == pytest.approx(e.fix[-1], abs=0.05)
+
+
 def test_a_late_reference_is_put_right_where_there_are_no_wheels() -> None:
     recording = every(replace(recorded(WAREHOUSE, 1), wheels=None), 0.1, REFERENCE_S)
     analysis = analyse(recording)
@@ -115,3 +139,29 @@ def test_the_lag_between_fixes_is_as_sure_as_it_says() -> None:
 def test_a_real_skid_steer_robots_constants_are_named_without_a_reference(name: str, seconds: float) -> None:
     analysis = analyse(every(read_recording(SHARED / f"warthog_{name}"), seconds))
     assert {c.effect for c in analysis.conclusion.causes} == NAMES
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+def test_wheels_of_half_their_size_do_not_stand_for_a_tread() -> None:
+    """Without a reference either explains a real drive's turns; only along the way to it the two are unlike."""
+    recording = read_recording(SHARED / "warthog_grass_2024_7_29_14h8s51")
+    log = recording.encoders
+    assert log.left_rad_s is not None
+    assert log.right_rad_s is not None
+    mean, half = 0.5 * (log.right_rad_s + log.left_rad_s), 0.5 * (log.right_rad_s - log.left_rad_s) * (1.0 - 0.1412)
+    narrower = replace(recording, wheels=replace(log, left_rad_s=mean - half, right_rad_s=mean + half), reference=None)
+    causes = {c.effect: c.selected for c in analyse(narrower).conclusion.causes}
+    assert causes.keys() == NAMES
+    radii = causes["wheel_radius_error"]
+    assert radii is not None
+    assert abs(radii.number("left")) < 0.1
+
+
+@pytest.mark.recordings
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recordings are not here")
+@pytest.mark.parametrize("seconds", [np.inf, 30.0], ids=["ends", "30 s"])
+def test_few_fixes_of_a_real_robot_are_expected_as_far_off_as_its_wheels_slip(seconds: float) -> None:
+    """Wheels that slip against each other by 0.02 m/sqrt(m), as data sheets do not have it, slip together, too."""
+    found = analyse(every(read_recording(SHARED / "warthog_grass_2024_8_8_15h56s39"), seconds)).conclusion.found
+    assert 0.015 < found.problem.noise.forward_m_per_sqrt_m < 0.04

@@ -223,13 +223,19 @@ def _held(
         worst = min(failing, key=lambda f: f[0])[1]
         fit = refine(problem, [c for c in fit.selection if c is not worst])
         tests = _tests(replace(found, fit=fit), search)
-    while others := [one for one in fit.selection if one.id not in search.known.union(expected)]:
+    stays = search.known.union(expected)
+    while others := [one for one in fit.selection if one.id not in stays]:
         rests = refine_all(problem, [[c for c in fit.selection if c is not one] for one in others])
         worth = [rest.cost - fit.cost for rest in rests]
         least = int(np.argmin(worth))
         if worth[least] >= LEAST_NATS:
             break
-        fit = rests[least]
+        name, rest = others[least].id, rests[least]
+        # Without a constant that is far off, the others are linear around the wrong path.
+        if name in constants and linearised(problem, rest, found.null).fit.cost - fit.cost >= LEAST_NATS:
+            stays = stays | {name}
+        else:
+            fit = rest
     if fit is found.fit:
         return found
     fit = _at_likeliest_moments(problem, fit)

@@ -14,7 +14,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
 from drd_tools.calibrate.wheels.by_gyro import fit_by_gyro
 from drd_tools.calibrate.wheels.drive import make_drive
-from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels
+from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels, with_turns
 from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
@@ -96,7 +96,8 @@ def constants(recording: Recording) -> Constants:
     """Measure the constants: by a dense reference, else by a gyro; where neither determines them they are nominal."""
     is_dense = _is_dense(recording.reference)
     if recording.fog is None and not is_dense:
-        return Constants(recording)
+        found = _by_reference(recording) if recording.reference is not None else None
+        return Constants(recording) if found is None else Constants(recording, found.robot, found.sigma)
     lags = find_lags(recording)
     in_time = lags.in_time(recording)
     if recording.wheels is None:
@@ -115,7 +116,7 @@ def _is_dense(reference: ReferenceLog | None) -> bool:
 
 def _by_reference(recording: Recording) -> _Geometry | None:
     try:
-        drive = make_drive(recording)
+        (drive,) = with_turns([make_drive(recording)])
     except ConfigError:  # hardly moves
         return None
     fit = fit_wheels([drive], limit=NO_LIMIT)

@@ -104,16 +104,21 @@ def swings(share: Array) -> bool:
 
 
 def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """Step, share of a step before its end, and pose of each row of the reference."""
+    """Step, share of a step before its end, and pose of each row of the reference.
+
+    Of a sparse reference a row within a step after the last is in that, at a share below 0: it may be all that tells.
+    """
     reference, time_s = recording.reference, edges[1:]
     if reference is None:
         return np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 3))
-    within = (reference.time_s > edges[0] - 1e-9) & (reference.time_s <= time_s[-1])
+    is_sparse = len(reference.time_s) > 1 and float(np.median(np.diff(reference.time_s))) > DENSE_S
+    end_s = time_s[-1] + (step_s[-1] if is_sparse else 0.0)
+    within = (reference.time_s > edges[0] - 1e-9) & (reference.time_s <= end_s)
     at = reference.time_s[within]
     if not len(at) and (recording.fog is None or recording.wheels is None):
         expected = f"times within {edges[0]:.12g} to {time_s[-1]:.12g} s, when there are sensors"
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, "none")
-    step = np.searchsorted(time_s, at - 1e-9)
+    step = np.minimum(np.searchsorted(time_s, at - 1e-9), len(time_s) - 1)
     fix = np.column_stack([reference.x_m, reference.y_m, reference.heading_rad])[within]
     share = (time_s[step] - at) / step_s[step]
     kept = np.ones(len(at), np.bool_)

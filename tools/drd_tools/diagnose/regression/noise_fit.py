@@ -174,7 +174,9 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
     else:
         slip, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WHEELS)
     way = slip
-    if jitter_s or noise.jitter_s:
+    if (jitter_s or noise.jitter_s) and fixes.size < FEWEST_ROWS:
+        way = _slip_in_the_long_run(problem, wheels[moving]) / noise.forward_m_per_sqrt_m
+    elif jitter_s or noise.jitter_s:
         way, fixes = _most_likely(problem, fixes, _selected(problem, fit), noise, WAY)
     position, heading = _scale(fixes[:, :2].ravel()), _scale(fixes[:, 2])
     white = fixes / np.array([position, position, heading])
@@ -196,6 +198,15 @@ def fitted(problem: Problem, fit: Fit, searched: bool) -> tuple[Noise, Array]:
         ),
         np.maximum(inflation * before, 1.0),
     )
+
+
+def _slip_in_the_long_run(problem: Problem, rows: Array) -> float:
+    """The slip of a wheel over many seconds, m/sqrt(m), as its rows in motion (k,) have it. (77)
+
+    What wheels slip against each other they slip together: few fixes do not tell by themselves how much that is.
+    """
+    step_s = float(np.median(problem.evidence.step_s))
+    return problem.noise.slip_m_per_sqrt_m * _raised_by_jitter(problem) * long_run(rows, step_s)
 
 
 def _walk(problem: Problem, at_rest: Array) -> float:
