@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, TREAD, WAREHOUSE, WHEELS_S, recorded
+from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
 
 from drd_tools.calibrate.wheels.lag import reference_lag
 from drd_tools.diagnose.analysis import Analysis, analyse
@@ -82,6 +82,18 @@ def test_without_a_gyro_a_few_fixes_tell_the_constants(seconds: float) -> None:
     tread = causes["tread_error"]
     assert tread is not None
     assert tread.number("k") == pytest.approx(TREAD, abs=3.0 * tread.sigma("k"))
+
+
+@pytest.mark.parametrize("seconds", [5.0, 10.0])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_counter_that_stops_between_sparse_fixes_is_found_without_a_gyro(side: str, seconds: float) -> None:
+    """The turns before and after it are the wheels', what they leave of the whole is that of the rest."""
+    dropout = selected("encoder_dropout", side=side, t0=61.0, t1=63.0)
+    made = replace(every(recorded(WAREHOUSE, 3, dropout), seconds), fog=None)
+    (event,) = observe(made)[1].events
+    assert event.windows[0] == pytest.approx((61.0, 63.0), abs=0.1)
+    (cause,) = analyse(made).conclusion.causes
+    assert cause.effect == "encoder_dropout"
 
 
 def test_a_fix_after_the_last_whole_step_counts() -> None:

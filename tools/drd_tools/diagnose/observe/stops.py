@@ -25,8 +25,10 @@ HOLDS: Final = 2.0  # for so many times that it holds a speed a drive may tell o
 STOP_SIGMAS: Final = 8.0
 # The wheels' difference may be off by this share of a turn: 8 sigma are a third, a wheel on the spot makes half of it.
 TREAD_SHARE: Final = 0.04
+RADIUS_SHARE: Final = 0.003  # of the way, by which the wheels' may differ where radii are as measured
 COUNTS: Final = 4.0  # by which both counters' ends may be off together
 DELAY_S: Final = 0.05  # that a lag may be off by, or change by in a drive (87)
+LAG_S: Final = 0.1  # that wheels and a sparse reference, which does not tell it, may be late against each other
 # Which share of the other wheel's travel must be missing: of a tread that is measured, and of one that is not.
 MEASURED, BELIEVED = 0.3, 0.5
 LEAST_BIAS_RAD_S: Final = math.radians(0.2)  # of any gyro: what ages, or warms up, is off its sheet
@@ -52,28 +54,38 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread:
         math.hypot(TREAD_SHARE, tread.sigma / tread.ratio),
         MEASURED if tread.is_measured else BELIEVED,
         max(HOLDS * held_s(recording), LONGEST_HOLD_S if log.left_counts is None else 0.0),
+        math.hypot(TREAD_SHARE, tread.sigma / tread.ratio) if tread.is_measured else math.inf,
     )
     left_m, right_m = (recording.nominal.wheel_radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
-    for side, mine, its, inflation, sign in (
-        (SIDES[0], left_m, right_m, left, -1.0),
-        (SIDES[1], right_m, left_m, right, 1.0),
-    ):
+    found: list[tuple[_Stop, str]] = []
+    for side, mine, its, sign in ((SIDES[0], left_m, right_m, -1.0), (SIDES[1], right_m, left_m, 1.0)):
+        other = np.where(np.abs(its) < STANDS_M, 0.0, its)
         for first, last in runs(np.abs(mine) < STANDS_M):
             if log.time_s[last] - log.time_s[first] < least.rest_s:
                 continue
-            stop = _stop(log, e, sign, np.where(np.abs(its) < STANDS_M, 0.0, its), first, last, least)
-            if stop is None:
-                continue
-            # It stopped and went on within a row: what it lost there is not known.
-            row_s = float(np.diff(log.time_s[first : last + 1]).max())
-            inside = (e.time_s > stop.t0 - row_s) & (e.time_s - e.step_s < stop.t1 + row_s)
-            inflation[inside] = (np.abs(its[first:last]).max() * 2.0 + 0.01) ** 2
-            effect = showing(Symptom.STOPPED)
-            selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
-            rest_s = stop.t1 - stop.t0
-            seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
-            events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
+            stop = _stop(log, e, sign, other, first, last, least)
+            if stop is not None:
+                found.append((stop, side))
+    for stop, side in found:
+        if any(other.nats > stop.nats and _share_a_turn(e, stop, other) for other, _ in found):
+            continue
+        # It stopped and went on within a row: what it lost there is not known.
+        inside = (e.time_s > stop.t0 - stop.row_s) & (e.time_s - e.step_s < stop.t1 + stop.row_s)
+        (left if side == SIDES[0] else right)[inside] = (stop.fastest_m * 2.0 + 0.01) ** 2
+        effect = showing(Symptom.STOPPED)
+        selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
+        rest_s = stop.t1 - stop.t0
+        seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
+        events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
     return events
+
+
+def _share_a_turn(e: Evidence, a: "_Stop", b: "_Stop") -> bool:
+    """Whether one turn between sparse fixes is all that tells of both rests."""
+    if e.gyro_rad is not None or float(np.median(np.diff(e.fix_time_s))) < LONGEST_FIX_S:
+        return False
+    (a0, a1), (b0, b1) = (np.searchsorted(e.fix_time_s, (stop.t0, stop.t1)) for stop in (a, b))
+    return bool(a0 <= b1 and b0 <= a1)
 
 
 def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: Tread) -> Recording:
@@ -87,8 +99,8 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: 
         sign = -1.0 if which == 0 else 1.0
         for t0, t1 in event.windows:
             inside = (log.time_s > t0 + STANDS_M) & (log.time_s <= t1 + STANDS_M)
-            heading = _headings(e, np.append(t0, log.time_s[inside]))
-            turn = 0.0 if heading is None else np.diff(heading[1])
+            told = _headings(e, np.append(t0, log.time_s[inside]), tread.ratio * e.tread_m, TREAD_SHARE)
+            turn = 0.0 if told is None else np.diff(told.heading_rad[1])
             travel[which][inside] = travel[1 - which][inside] + sign * tread.ratio * e.tread_m * turn
     rates = [distance / r / np.diff(log.time_s, prepend=2.0 * log.time_s[0] - log.time_s[1]) for distance in travel]
     nominal = replace(recording.nominal, counts_per_revolution=None)
@@ -98,21 +110,28 @@ def repaired(recording: Recording, e: Evidence, events: Sequence[Event], tread: 
 
 
 class _Least(NamedTuple):
-    """Tread, m, and least shares that count: of a turn, of the other wheel's travel; least time of a rest, s."""
+    """Tread, m, and least shares that count: of a turn, of the other wheel's travel; least time of a rest, s; and the
+    share of turns between sparse fixes, which a tread that nothing has measured does not tell.
+    """
 
     tread_m: float
     of_turn: float
     of_way: float
     rest_s: float
+    of_other_turns: float
 
 
 class _Stop(NamedTuple):
-    """A counter's rest, in which its wheel went on: times (s), the travel of the wheel, the evidence."""
+    """A counter's rest, in which its wheel went on: times (s), the travel of the wheel, the evidence; the longest row
+    (s), and the other wheel's longest travel in one.
+    """
 
     t0: float
     t1: float
     missed_m: float
     nats: float
+    row_s: float
+    fastest_m: float
 
 
 class _Missed(NamedTuple):
@@ -130,8 +149,8 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
 
     An interval that is only likely belongs to one that is certain: the counter has not counted between them.
     """
-    certain: list[_Stop] = []
-    likely: list[tuple[float, float]] = []
+    certain: list[tuple[float, float]] = []  # distances and nats
+    spans: list[tuple[float, float]] = []
     for begin, end in ((first + i, first + j) for i, j in runs(its[first:last] != 0.0)):
         edges_s = log.time_s[begin : end + 1]
         missed = _missed(e, sign, its[begin:end], edges_s, least)
@@ -139,25 +158,24 @@ def _stop(log: EncoderLog, e: Evidence, sign: float, its: Array, first: int, las
             continue
         t0, t1 = float(edges_s[0]), float(edges_s[-1])
         if missed.distance_m >= LIKELY_SHARE * missed.other_m:
-            likely.append((t0, t1))
+            spans.append((t0, t1))
         least_m = max(STOP_SIGMAS * missed.sigma_m, least.of_way * missed.other_m)
         if missed.rows >= SHORTEST_STOP_ROWS and missed.rest_s >= least.rest_s and missed.distance_m >= least_m:
-            certain.append(_Stop(t0, t1, missed.distance_m, 0.5 * (missed.distance_m / missed.sigma_m) ** 2))
+            certain.append((missed.distance_m, 0.5 * (missed.distance_m / missed.sigma_m) ** 2))
+            spans.append((t0, t1))
     if not certain:
         return None
-    spans = likely + [(stop.t0, stop.t1) for stop in certain]
-    return _Stop(
-        min(t0 for t0, _ in spans), max(t1 for _, t1 in spans),
-        sum(stop.missed_m for stop in certain), sum(stop.nats for stop in certain),
-    )  # fmt: skip
+    missed_m, nats = np.sum(certain, axis=0).tolist()
+    row_s, fastest_m = float(np.diff(log.time_s[first : last + 1]).max()), float(np.abs(its[first:last]).max())
+    return _Stop(min(t0 for t0, _ in spans), max(t1 for _, t1 in spans), missed_m, nats, row_s, fastest_m)
 
 
 def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least) -> _Missed | None:
     """A wheel's travel by the other one's, `its` (n,), and the heading at its edges (n + 1,); None: nothing tells."""
-    headings = _headings(e, edges_s)
-    if headings is None:
+    told = _headings(e, edges_s, least.tread_m, least.of_other_turns)
+    if told is None:
         return None
-    other = np.concatenate([[0.0], np.cumsum(its)])
+    other, headings = np.concatenate([[0.0], np.cumsum(its)]), told.heading_rad
     distance = other + sign * least.tread_m * headings[1]
     # A wheel that goes ahead and back may end where it began: its longest distance counts.
     a, b = sorted((int(distance.argmin()), int(distance.argmax())))
@@ -169,33 +187,45 @@ def _missed(e: Evidence, sign: float, its: Array, edges_s: Array, least: _Least)
         e.datasheet.slip_m_per_sqrt_m * math.sqrt(other_m),
         least.of_turn * least.tread_m * turn,
         least.tread_m * (late - early) / 2.0,
-        least.tread_m * _heading_sigma_rad(e, seconds),
+        least.tread_m * math.hypot(told.sigma_rad, told.drift_rad_s * seconds),
         COUNTS * e.datasheet.count_m,
     )
     return _Missed(gone_m, math.hypot(*sigmas), other_m, seconds, b - a)
 
 
-def _heading_sigma_rad(e: Evidence, seconds: float) -> float:
-    """Deviation of a change of `_headings`: by the gyro's bias, else by the reference's noise."""
-    if e.gyro_rad is not None:
-        return max(e.datasheet.bias_rad_s, LEAST_BIAS_RAD_S) * seconds
-    return math.sqrt(2.0) * e.datasheet.heading_rad
+class _Headings(NamedTuple):
+    """Heading DELAY_S early, at times of the wheels (n,), and as late, (3, n); the deviation of its changes, and what
+    that grows by in time.
+    """
+
+    heading_rad: Array
+    sigma_rad: float
+    drift_rad_s: float = 0.0
 
 
-def _headings(e: Evidence, time_s: Array) -> Array | None:
-    """Heading by the gyro, else by the reference, DELAY_S early, at times of the wheels (n,), and as late, (3, n).
+def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _Headings | None:
+    """Heading by the gyro, else by the reference, at times in which a counter rests (n,). None where neither tells.
 
-    None where neither tells.
+    `tread_m`, `of_turn`: what the wheels turn by, and the share of a turn that they may be off by.
     """
     time_s = time_s - e.robot.wheels_lag_s - (e.robot.lag_growth + 1.0 - e.robot.gyro_clock) * time_s
+    times_s = time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]])
     if e.gyro_rad is not None:
-        at, heading = e.edges_s, np.concatenate([[0.0], np.cumsum(e.gyro_rad)])
-    elif len(e.fix) < 2:  # no interval
+        heading = np.interp(times_s, e.edges_s, np.concatenate([[0.0], np.cumsum(e.gyro_rad)]))
+        return _Headings(heading, 0.0, max(e.datasheet.bias_rad_s, LEAST_BIAS_RAD_S))
+    at, sigma = e.fix_time_s, math.sqrt(2.0) * e.datasheet.heading_rad
+    first, last = int(np.searchsorted(at, time_s[0], "right")) - 1, int(np.searchsorted(at, time_s[-1]))
+    if first < 0 or last >= len(at):
         return None
-    else:
-        at, heading = e.fix_time_s, e.fix[:, 2]
-        first, last = int(np.searchsorted(at, time_s[0], "right")) - 1, int(np.searchsorted(at, time_s[-1]))
-        if first < 0 or last == len(at) or np.diff(at[first : last + 1]).max() >= LONGEST_FIX_S:
-            return None
-    shifted: Array = np.interp(time_s + DELAY_S * np.array([[-1.0], [0.0], [1.0]]), at, heading)
-    return shifted
+    if np.diff(at[first : last + 1]).max() < LONGEST_FIX_S:
+        return _Headings(np.interp(times_s, at, e.fix[:, 2]), sigma)
+    # Between sparse fixes the wheels tell the turns but that of the rest: it is what they leave of the whole.
+    wheels = np.concatenate([[0.0], np.cumsum(e.right_m * e.robot.right - e.left_m * e.robot.left)]) / tread_m
+    edges_s = np.array([at[first], time_s[0], time_s[-1], at[last]])
+    before, _, after = np.diff(np.interp(edges_s, e.edges_s, wheels))
+    turn = math.remainder(e.fix[last, 2] - e.fix[first, 2] - before - after, math.tau)
+    travel_m = float(e.travel_m[(e.time_s > edges_s[0]) & (e.time_s < edges_s[-1])].sum())
+    slip_m = math.hypot(e.datasheet.slip_m_per_sqrt_m * math.sqrt(travel_m), RADIUS_SHARE * travel_m)
+    early, late = np.interp(edges_s[[0, -1]] + LAG_S * np.array([[-1.0], [1.0]]), e.edges_s, wheels)
+    sigma = math.hypot(sigma, slip_m / tread_m, of_turn * (abs(before) + abs(after)), *(0.5 * (late - early)))
+    return _Headings(np.interp(times_s, time_s[[0, -1]], [0.0, turn]), sigma)
