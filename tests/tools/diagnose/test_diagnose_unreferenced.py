@@ -13,7 +13,7 @@ from drd_tools.diagnose.conclude.outcome import verdict
 from drd_tools.diagnose.observe.constants import constants, observe
 from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.regression.problem import Problem
-from drd_tools.diagnose.results import Array, Verdict
+from drd_tools.diagnose.results import Array, Status, Verdict
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
 
@@ -107,6 +107,14 @@ def test_a_fix_after_the_last_whole_step_counts() -> None:
     assert e.fix_share[-1] < 0.0
     path = Problem(e).path
     assert path.pose[-1] + (path.pose[-1] - path.pose[-2]) * -e.fix_share[-1] == pytest.approx(e.fix[-1], abs=0.05)
+
+
+@pytest.mark.parametrize(("seconds", "status"), [(np.inf, Status.SUPPORTED), (20.0, Status.CONFIRMED)])
+def test_what_one_fix_tells_another_of_its_numbers_does_not_bear_out(seconds: float, status: Status) -> None:
+    recording = every(recorded(WAREHOUSE, 3, selected("tread_error", k=0.1)), seconds)
+    (cause,) = analyse(replace(recording, fog=None)).conclusion.causes
+    assert cause.effect == "tread_error"
+    assert cause.status is status
 
 
 def test_a_late_reference_is_put_right_where_there_are_no_wheels() -> None:

@@ -19,6 +19,7 @@ from drd_tools.diagnose.selected import Selected
 BLOCK_S: Final = 20.0  # longer than slip and references hang together, (78): signs of blocks are exchangeable
 FLIPS: Final = 999  # p is a multiple of 0.001: finer than any threshold on it
 SEGMENTS: Final = 10  # five in each half: a window of time is in both, and slow changes too
+LEAST_SEEN: Final = 0.01  # of an effect's square, besides the time at which it is seen most
 LARGEST_NATS: Final = 690.0  # exp of more is no double
 LEAST_NORM: Final = 1e-100  # of a column: what is less was never seen, and to scale it would overflow
 SEED: Final = 20  # any: the same recording gives the same p
@@ -109,15 +110,17 @@ class _Half(NamedTuple):
 
 
 def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_Half, _Half] | None:
-    """Halves, less the other effects, of segments in which `rows` (r,) are as visible; None where they are nowhere."""
+    """Halves, less the other effects, of segments in which `rows` (r,) are as visible; None where they are nowhere, or
+    at one time only: what one fix tells is not borne out by another of its numbers.
+    """
     data = problem.data - problem.effect_rows(others)
     soft, freed = nuisance_columns(problem, others)
-    order = np.argsort(problem.row_time_s, kind="stable")
-    total = np.cumsum(rows[order] ** 2)
-    if total[-1] <= 0.0:
+    _, at = np.unique(problem.row_time_s, return_inverse=True)
+    visible = np.bincount(at, rows**2)
+    total = np.cumsum(visible)
+    if total[-1] - visible.max() <= LEAST_SEEN * total[-1]:
         return None
-    half = np.zeros(len(data), bool)
-    half[order] = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)
+    half = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)[at]
     first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
     return first, second
 
