@@ -237,7 +237,7 @@ def with_turns(drives: Sequence[Drive]) -> list[Drive]:
         except np.linalg.LinAlgError:  # headings so far off that nothing is regular
             continue
         found.append((sum(part.cost for part in parts), 1.0 + float(shared[2]), tried))
-    least, tread, best = min(found, key=lambda f: f[0])
+    least, tread, best = min(found, key=lambda f: f[0], default=(math.inf, 1.0, by_nominal))
     rivals = (cost for cost, other, _ in found if abs(other / tread - 1.0) > SAME_TREAD)
     return best if least < min(rivals, default=math.inf) - TOLD_NATS else by_nominal
 

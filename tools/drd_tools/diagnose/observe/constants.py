@@ -18,12 +18,12 @@ from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels, with_turns
 from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
-from drd_tools.diagnose.observe.grids import DENSE_S
+from drd_tools.diagnose.observe.grids import is_dense
 from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
 from drd_tools.diagnose.observe.reads import as_read
 from drd_tools.diagnose.observe.stops import Tread, repaired
 from drd_tools.diagnose.selected import Selected
-from drd_tools.recordings.folder import Recording, ReferenceLog
+from drd_tools.recordings.folder import Recording
 
 # Their deviations are in the prior: a tread of 0.8 +- 0.06 sets out better than the nominal one does.
 NO_LIMIT: Final = np.full(3, np.inf)
@@ -94,24 +94,22 @@ class _Geometry(NamedTuple):
 
 def constants(recording: Recording) -> Constants:
     """Measure the constants: by a dense reference, else by a gyro; where neither determines them they are nominal."""
-    is_dense = _is_dense(recording.reference)
-    if recording.fog is None and not is_dense:
-        found = _by_reference(recording) if recording.reference is not None else None
-        return Constants(recording) if found is None else Constants(recording, found.robot, found.sigma)
+    reference = recording.reference
+    has_path = reference is not None and is_dense(reference)
+    if recording.fog is None and not has_path:
+        found = None if reference is None else _by_reference(recording)
+        if found is None or not found.is_of_a_robot:
+            return Constants(recording)
+        return Constants(recording, found.robot, found.sigma)
     lags = find_lags(recording)
     in_time = lags.in_time(recording)
     if recording.wheels is None:
         geometry: _Geometry | None = _Geometry()
     else:
-        geometry = _by_reference(in_time) if is_dense else _by_gyro(in_time, lags)
+        geometry = _by_reference(in_time) if has_path else _by_gyro(in_time, lags)
     if geometry is None:
         return Constants(recording)
     return _with_lags(recording, lags, geometry if geometry.is_of_a_robot else _Geometry())
-
-
-def _is_dense(reference: ReferenceLog | None) -> bool:
-    times_s = np.zeros(0) if reference is None else reference.time_s
-    return len(times_s) > 2 and float(np.median(np.diff(times_s))) <= DENSE_S
 
 
 def _by_reference(recording: Recording) -> _Geometry | None:

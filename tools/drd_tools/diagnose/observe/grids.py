@@ -103,6 +103,11 @@ def swings(share: Array) -> bool:
     return bool(np.any((share > MOST_SHARE) & (share < 1.0 - WITHIN_SHARE)))
 
 
+def is_dense(reference: ReferenceLog) -> bool:
+    """Whether the reference by itself tells the speed."""
+    return len(reference.time_s) > 2 and float(np.median(np.diff(reference.time_s))) <= DENSE_S
+
+
 def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
     """Step, share of a step before its end, and pose of each row of the reference.
 
@@ -111,8 +116,7 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
     reference, time_s = recording.reference, edges[1:]
     if reference is None:
         return np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 3))
-    is_sparse = len(reference.time_s) > 1 and float(np.median(np.diff(reference.time_s))) > DENSE_S
-    end_s = time_s[-1] + (step_s[-1] if is_sparse else 0.0)
+    end_s = time_s[-1] + (0.0 if is_dense(reference) else step_s[-1])
     within = (reference.time_s > edges[0] - 1e-9) & (reference.time_s <= end_s)
     at = reference.time_s[within]
     if not len(at) and (recording.fog is None or recording.wheels is None):
@@ -131,7 +135,7 @@ def fixes(recording: Recording, edges: Array, step_s: Array) -> tuple[npt.NDArra
 
 def travel(reference: ReferenceLog | None, edges: Array) -> Array:
     """Travel forward in each step, m, by the reference's positions: their noise is in no heading. 0 where sparse."""
-    if reference is None or len(reference.time_s) < 3 or float(np.median(np.diff(reference.time_s))) > DENSE_S:
+    if reference is None or not is_dense(reference):
         return np.zeros(len(edges) - 1)
     steps = WAY_SMOOTHING_S / float(np.median(np.diff(edges)))
     x, y = (gaussian_filter1d(np.interp(edges, reference.time_s, v), steps) for v in (reference.x_m, reference.y_m))
