@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosis_drives import SLALOM, recorded
 from diagnosis_results import said, seeing, tread
 from msgspec import UNSET
 from msgspec.structs import replace
@@ -11,6 +12,8 @@ from msgspec.structs import replace
 from drd_tools.diagnose.combine.joint import united
 from drd_tools.diagnose.combine.pool import combined
 from drd_tools.diagnose.combine.statistics import SufficientStatistics
+from drd_tools.diagnose.conclude.outcome import model_of, terms_found
+from drd_tools.diagnose.observe.parts import with_whole
 from drd_tools.diagnose.results import Amount, Because, Result, Smallest, Status
 
 EMPTY = SufficientStatistics((), np.zeros((0, 0)), np.zeros(0), 0, {}, (0.0, 1.0))
@@ -48,6 +51,23 @@ def test_what_any_recording_rules_out_is_as_it_would_be_seen_best(tmp_path: Path
 def test_a_recording_that_shows_a_covariate_at_one_value_has_no_range_of_it() -> None:
     assert united([{"curvature": (0.1, 0.5)}, {}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.1, 0.9)}
     assert united([{}, {"curvature": (0.2, 0.9)}]) == {"curvature": (0.2, 0.9)}
+
+
+def test_what_holds_in_one_run_is_taken_off_in_that_alone(tmp_path: Path) -> None:
+    """At the same times another drive was elsewhere."""
+    sizes = {name: Amount(value, 0.01, "1") for name, value in (("left", 0.1), ("right", 0.05))}
+    times = {name: Amount(value, 0.5, "s") for name, value in (("t0", 30.0), ("t1", 60.0))}
+    slip = replace(tread(0.02), effect="surface_slip", parameters=sizes | times, status=Status.CONFIRMED)
+    one, two = replace(said(tmp_path, "one"), findings=(slip,)), said(tmp_path, "two")
+    findings = together(one, two).findings
+    assert [f.recording for f in findings] == ["one"]
+    model = model_of(terms_found(findings), recorded(SLALOM, 1), "one, two", "0")
+    assert [[term.effect.id for term in model.holds_in(name)[0]] for name in ("one", "two")] == [["surface_slip"], []]
+
+
+def test_what_holds_in_a_part_of_a_run_is_taken_off_in_the_whole_one() -> None:
+    assert with_whole("one") == "one"
+    assert with_whole("one-part-2-of-3") == "one, one-part-2-of-3"
 
 
 def test_a_name_in_one_recording_that_others_would_show_is_withdrawn(tmp_path: Path) -> None:

@@ -33,10 +33,9 @@ def _finite(value: Any) -> Any:
     if isinstance(value, dict):
         if "choices" in value:  # of an effect: in files its parameters are one section
             value = {**value, "parameters": {**value["choices"], **value["parameters"]}}
-            if "status" not in value and not value["seen"]:
-                del value["seen"]
-        absent = ("choices", "why") if value.get("probabilities") else ("choices", "why", "probabilities")
-        return {k: _finite(v) for k, v in value.items() if k not in absent}
+            empty = ("probabilities", "provenance") if "status" in value else ("seen", "provenance")
+            value = {k: v for k, v in value.items() if k != "choices" and (v or k not in empty)}
+        return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -44,13 +44,15 @@ class Amount(Struct, frozen=True):
 
 
 class Term(Struct, frozen=True, kw_only=True):
-    """An effect as a model has it. `choices`: parameters that are words. `seen`: where its covariate was."""
+    """An effect as a model has it. `choices`: parameters that are words. `seen`: where its covariate was. `provenance`:
+    why it is there, and of several recordings the one in which it was found, where it holds in that alone.
+    """
 
     effect: str
     parameters: dict[str, Amount]
     choices: dict[str, str] = {}
     seen: Ranges = {}
-    why: str = ""
+    provenance: dict[str, str] = {}
 
 
 class Support(Struct, frozen=True):
@@ -76,7 +78,8 @@ class Finding(Struct, frozen=True, kw_only=True):
     """One cause: an effect of the catalogue with its parameters, or what is known of one without a name.
 
     `probabilities`: of its name and of each that was tried in its place, of "unknown" and of "nothing", one together;
-    those below 0.001 are left out. `surrogate`: the name that comes nearest to a cause without one.
+    those below 0.001 are left out. `surrogate`: the name that comes nearest to a cause without one. `recording`: of
+    several the one that it was found in, where it holds in that alone.
     """
 
     effect: str
@@ -94,6 +97,7 @@ class Finding(Struct, frozen=True, kw_only=True):
     sentence: str
     held_out: HeldOut | UnsetType = UNSET
     probabilities: dict[str, float] = {}
+    recording: str | UnsetType = UNSET
 
     @property
     def probability(self) -> float:

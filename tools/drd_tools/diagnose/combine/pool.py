@@ -146,7 +146,7 @@ def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
 def _in_one_recording(finding: Finding, recording: str, count: int) -> Finding:
     """A finding of one of `count` recordings, with its share of the mismatch in all."""
     explains = None if finding.explains is None else finding.explains / count
-    return replace(finding, explains=explains, sentence=f"{recording}: {finding.sentence}")
+    return replace(finding, explains=explains, sentence=f"{recording}: {finding.sentence}", recording=recording)
 
 
 def _one_of(said: Sequence[_Said], count: int) -> Finding:

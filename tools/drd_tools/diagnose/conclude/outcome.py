@@ -13,6 +13,7 @@ from drd_tools.diagnose.conclude.confirm import rms_per_block
 from drd_tools.diagnose.conclude.scatter import is_loud
 from drd_tools.diagnose.error_model.ranges import seen
 from drd_tools.diagnose.files import plain
+from drd_tools.diagnose.observe.parts import with_whole
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Amount, Array, Finding, Term, Verdict
 from drd_tools.diagnose.select.orders import Ripple
@@ -66,14 +67,22 @@ def terms_of(conclusion: Conclusion) -> list[Term]:
             (q,) = beside.parameters
             amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
             why = f"the straight line beside {selected.id}"
-            made.append(Term(effect=beside.id, parameters={q.name: amount}, why=why))
+            made.append(Term(effect=beside.id, parameters={q.name: amount}, provenance={"why": why}))
     return made
 
 
 def terms_found(findings: Iterable[Finding]) -> list[Term]:
     """The findings that have a name, as a model's effects."""
     return [
-        Term(effect=f.effect, parameters=f.parameters, choices=f.choices, seen=f.seen) for f in findings if f.is_named
+        Term(
+            effect=f.effect,
+            parameters=f.parameters,
+            choices=f.choices,
+            seen=f.seen,
+            provenance={"recording": with_whole(f.recording)} if f.recording else {},
+        )
+        for f in findings
+        if f.is_named
     ]
 
 
@@ -85,8 +94,7 @@ def model_of(terms: Iterable[Term], recording: Recording, names: str, version: s
         wheel["counts_per_revolution"] = nominal.counts_per_revolution
     robot = {} if recording.wheels is None else {"wheel": wheel, "tread_m": nominal.tread_m}
     sha = recording.sha256.get("encoders.csv") or next(iter(recording.sha256.values()), "")
-    effects = [plain(t) | ({"provenance": {"why": t.why}} if t.why else {}) for t in terms]
-    return make_model(effects, robot, recording=names, tool=f"drd diagnose {version}", sha256=sha)
+    return make_model([plain(t) for t in terms], robot, recording=names, tool=f"drd diagnose {version}", sha256=sha)
 
 
 def finding_of(cause: Cause, problem: Problem) -> Finding:

@@ -10,6 +10,7 @@ from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
 from drd_tools.recordings.folder import Recording
 
+PART: Final = "-part-"
 FULL: Final = 0.99  # of the most steps: rows are not quite even
 FEWEST_ROWS: Final = 20  # of each sensor: fewer are no part of their own
 CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a sentence
@@ -36,12 +37,18 @@ def parts(recording: Recording) -> list[Recording]:
         logs_of_part = {
             name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in ("fog", "wheels", "reference")
         }
-        folder = recording.folder / f"{recording.name}-part-{k + 1:0{digits}}-of-{count}"
+        folder = recording.folder / f"{recording.name}{PART}{k + 1:0{digits}}-of-{count}"
         part = replace(recording, folder=folder, nominal=nominal, **logs_of_part)
         sensors = [(recording.fog, part.fog), (recording.wheels, part.wheels)]
         if all(log is not None and len(log.time_s) >= FEWEST_ROWS for whole, log in sensors if whole is not None):
             made.append(part)
     return made
+
+
+def with_whole(name: str) -> str:
+    """Names of the recording that is called so, separated by commas: of a part, the whole one's, too."""
+    whole, _, is_part = name.rpartition(PART)
+    return f"{whole}, {name}" if is_part and whole else name
 
 
 def cut_off(recording: Recording, e: Evidence) -> str | None:

@@ -61,7 +61,7 @@ def validate(
         return model, list(each(partial(figures_of, model=file), [other.measured.recording for other in held_out]))
 
     model, after = saved(())
-    near = [msgspec.structs.replace(f.surrogate, why=SURROGATE) for f in findings if f.surrogate]
+    near = [msgspec.structs.replace(f.surrogate, provenance={"why": SURROGATE}) for f in findings if f.surrogate]
     if near and held_out:
         better, figures = saved(near)
         if _all_gain(after, figures):
