@@ -96,6 +96,21 @@ def test_a_counter_that_stops_between_sparse_fixes_is_found_without_a_gyro(side:
     assert cause.effect == "encoder_dropout"
 
 
+def test_of_two_rests_between_the_same_fixes_the_surer_is_told() -> None:
+    """One difference of headings is all that tells of both: of a counter that stops, and is read late."""
+    dropout = selected("encoder_dropout", side="right", t0=61.0, t1=63.0)
+    made = replace(every(recorded(WAREHOUSE, 3, dropout), 10.0), fog=None)
+    log, reference = made.encoders, made.reference
+    assert log.right_counts is not None
+    assert reference is not None
+    late_s = 64.0
+    assert np.searchsorted(reference.time_s, 62.0) == np.searchsorted(reference.time_s, late_s + 0.5)
+    held = (log.time_s > late_s) & (log.time_s <= late_s + 0.5)
+    counts = np.where(held, np.interp(late_s, log.time_s, log.right_counts).round(), log.right_counts)
+    (event,) = observe(replace(made, wheels=replace(log, right_counts=counts)))[1].events
+    assert event.windows[0] == pytest.approx((61.0, 63.0), abs=0.1)
+
+
 def test_a_fix_after_the_last_whole_step_counts() -> None:
     """Without a gyro, start and end: else nothing is compared, and nothing missing."""
     recording = replace(every(recorded(WAREHOUSE, 5, *FAR), np.inf), fog=None)

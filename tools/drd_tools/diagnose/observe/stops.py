@@ -49,12 +49,13 @@ BELIEVED_TREAD: Final = Tread()
 def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread: Tread) -> list[Event]:
     """A counter that stands still while the other wheel and the gyro say that its wheel turns."""
     log, events = recording.encoders, []
+    of_turn = math.hypot(TREAD_SHARE, tread.sigma / tread.ratio)
     least = _Least(
         tread.ratio * e.tread_m,
-        math.hypot(TREAD_SHARE, tread.sigma / tread.ratio),
+        of_turn,
         MEASURED if tread.is_measured else BELIEVED,
         max(HOLDS * held_s(recording), LONGEST_HOLD_S if log.left_counts is None else 0.0),
-        math.hypot(TREAD_SHARE, tread.sigma / tread.ratio) if tread.is_measured else math.inf,
+        of_turn if tread.is_measured else math.inf,
     )
     left_m, right_m = (recording.nominal.wheel_radius_m * np.diff(angle) for angle in recording.wheel_angles_rad())
     found: list[tuple[_Stop, str]] = []
