@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -96,26 +97,36 @@ def test_on_new_data_the_error_is_ten_times_smaller_though_the_gyro_is_no_polyno
     assert np.sqrt(np.mean(new.error_deg_s**2)) > 10.0 * after
 
 
-@settings(deadline=None, max_examples=25)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_outlying_data_sets_are_rejected_and_do_not_move_the_fit(seed: int, count: int) -> None:
+def spoilt(seed: int, count: int) -> tuple[ErrorFunction, npt.NDArray[np.intp]]:
+    """The fit of data sets of which so many are off, and which of them."""
     data = simulated(TRUE, seed)
     rng = np.random.default_rng(seed)
     bad = rng.choice(len(data), count, replace=False)
     rate = data.rate_deg_s.copy()
     rate[bad] += rng.choice([-1.0, 1.0], count) * rng.uniform(0.05, 20.0, count)
-    fitted = fit_error_function(of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s))
+    return fit_error_function(of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s)), bad
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_outlying_data_sets_are_rejected_and_do_not_move_the_fit(seed: int, count: int) -> None:
+    fitted, bad = spoilt(seed, count)
     assert (fitted.weights[bad] == 0.0).all()
-    assert (fitted.weights == 0.0).sum() <= count + 1
     assert distance(fitted, TRUE) < 1.4 * chi2.isf(1e-7, 12)
+
+
+def test_hardly_any_good_data_set_is_rejected_beside_outlying_ones() -> None:
+    """Of 900 fits with 1, 4 and 6 outlying ones 3 reject others, too, up to 7 of 99: no bound holds for each."""
+    more = [int((spoilt(seed, 4)[0].weights == 0.0).sum()) - 4 for seed in range(40)]
+    assert sum(more) <= 4
 
 
 def test_a_rejected_reading_does_not_widen_the_range() -> None:
     data = simulated(TRUE, 1)
     rate = data.rate_deg_s.copy()
     rate[np.argmax(data.table_rate_deg_s)] += 50.0
-    spoilt = of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s)
-    assert fit_error_function(spoilt).rate_range_deg_s[1] < 105.0
+    off = of_means(data.table_rate_deg_s, rate, data.temperature_c, data.sigma_deg_s)
+    assert fit_error_function(off).rate_range_deg_s[1] < 105.0
 
 
 def test_raw_and_scaled_powers_say_the_same_and_scaling_is_why_it_is_well_conditioned() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_drives import FAR, LEFT, REFERENCE_S, RIGHT, TREAD, WAREHOUSE, WHEELS_S, recorded, selected
 
+from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.lag import reference_lag
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.outcome import verdict
@@ -109,6 +110,21 @@ def test_of_two_rests_between_the_same_fixes_the_surer_is_told() -> None:
     counts = np.where(held, np.interp(late_s, log.time_s, log.right_counts).round(), log.right_counts)
     (event,) = observe(replace(made, wheels=replace(log, right_counts=counts)))[1].events
     assert event.windows[0] == pytest.approx((61.0, 63.0), abs=0.1)
+
+
+@pytest.mark.parametrize("has_gyro", [True, False])
+def test_a_reference_without_rows_is_as_none_or_refused(has_gyro: bool) -> None:
+    recording = recorded(WAREHOUSE, 3)
+    assert recording.reference is not None
+    none = np.zeros(0)
+    empty = replace(
+        recording, reference=replace(recording.reference, time_s=none, x_m=none, y_m=none, heading_rad=none)
+    )
+    if has_gyro:
+        assert analyse(empty).conclusion.causes == []
+        return
+    with pytest.raises(ConfigError):
+        analyse(replace(empty, fog=None))
 
 
 def test_a_fix_after_the_last_whole_step_counts() -> None:

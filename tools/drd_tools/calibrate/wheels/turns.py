@@ -139,6 +139,8 @@ def _compared(
     name: str, time_s: Array, turn: Array, travel: Array, moved: Array, other_s: Array, other: Array
 ) -> Turns | None:
     """Rows in which one angle can be compared with another: dense, and near motion."""
+    if not len(time_s) or not len(other_s):
+        return None
     half_s = 0.5 * WINDOW_S
     first_s, last_s = max(time_s[0], other_s[0] + LATEST_S) + half_s, min(time_s[-1], other_s[-1] + EARLIEST_S) - half_s
     at_s = np.arange(first_s, last_s, STEP_S)
