@@ -116,8 +116,9 @@ def test_outlying_data_sets_are_rejected_and_do_not_move_the_fit(seed: int, coun
 
 
 def test_hardly_any_good_data_set_is_rejected_beside_outlying_ones() -> None:
-    """Of 900 fits with 1, 4 and 6 outlying ones 3 reject others, too, up to 7 of 99: no bound holds for each."""
-    more = [int((spoilt(seed, 4)[0].weights == 0.0).sum()) - 4 for seed in range(40)]
+    """At given seeds: in two of 900 fits two and seven good ones are, which a random seed meets now and then."""
+    more = [int((spoilt(seed, count)[0].weights == 0.0).sum()) - count for seed in range(20) for count in range(1, 7)]
+    assert max(more) <= 1
     assert sum(more) <= 4
 
 

@@ -31,7 +31,7 @@ LIMIT: Final = np.array([0.02, 0.02, 0.10])
 BELIEF: Final = np.array([WHEEL_SCALE / math.sqrt(2.0), WHEEL_SCALE * math.sqrt(2.0), MEASURED_TREAD, 0.0, 0.0, 0.0])
 # Where data contradict the model, a step may end beyond a tread of nothing, about which headings have no bound.
 LEAST: Final = np.array([-0.9, -np.inf, -0.9, -np.inf, -np.inf, -np.inf])
-# What is left within the windows where whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
+# Left over within the windows where whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
 LOST_RAD: Final = 0.25
 LOST_TREADS: Final = 0.25
 TOLD_NATS: Final = 5.0  # by which a count of turns must be likelier than others: 150 to 1
