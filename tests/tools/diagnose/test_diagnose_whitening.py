@@ -93,7 +93,8 @@ def test_noise_that_is_drawn_from_the_model_itself_comes_out_white() -> None:
         sigma = [noise.position_m, noise.position_m, noise.heading_rad]
         fix = np.array(sigma) * rng.standard_normal((len(e.fix), 3))
         sensitivities.append(Sensitivity(gyro, left, right, sideways, fix))
-    wheels, fixes = model.whiten(sensitivities)
+    rows = model.rows(sensitivities)
+    wheels, fixes = rows[:n], rows[n:]
     assert in_bounds(wheels[~e.still].ravel())
     # The path moves by the most of three steps' travel here, the filter's Q by the step's own: nearly the same.
     assert np.mean(fixes**2) == pytest.approx(1.0, abs=0.02)

@@ -113,8 +113,7 @@ def kind_of_reference(e: Evidence) -> Reference:
     """The kind of reference that a recording has."""
     if not len(e.fix):
         return Reference(is_there=False)
-    at_s = e.time_s[e.fix_step] - e.fix_share * e.step_s[e.fix_step]
-    period_s = round(float(np.median(np.diff(at_s))), 2) if len(at_s) > 2 else math.inf
+    period_s = round(float(np.median(np.diff(e.fix_time_s))), 2) if len(e.fix) > 2 else math.inf
     return Reference(period_s=period_s if period_s <= RAREST_FIX_S else None)
 
 

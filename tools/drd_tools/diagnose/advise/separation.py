@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from drd.effects.effect import END, START
 from drd_tools.diagnose.error_model.linear import Sensitivity
-from drd_tools.diagnose.regression.problem import Problem
+from drd_tools.diagnose.regression.problem import Problem, as_columns
 from drd_tools.diagnose.regression.refine import DISCREPANCY_SHARE
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.splines import CHANNELS, COVARIATE_UNITS, PERIODIC, Curve, covariates, errors_along
@@ -64,8 +64,7 @@ def _columns(problem: Problem, cause: Named) -> tuple[Array, Array, Array]:
         # Of what was found, the size may be another: that a curve can be anything, it pays for elsewhere.
         rows = problem.whiten([_curve_sensitivity(problem, cause)])
         return rows[:, 0], rows, rows[:, :0]
-    shapes = problem.units(problem.wanted_shapes(cause))
-    others = np.array(shapes).reshape(len(shapes), len(problem.data)).T
+    others = as_columns(problem.units(problem.wanted_shapes(cause)), len(problem.data))
     return problem.effect_rows([cause]), problem.tangents([cause]), others
 
 

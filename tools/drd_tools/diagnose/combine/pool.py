@@ -173,7 +173,6 @@ def _one_of(said: Sequence[_Said], count: int) -> Finding:
         ),
         explains=sum(f.explains or 0.0 for f in all_found) / count,
         sentence=text + _apart(said),
-        probabilities=max(found, key=lambda f: f.gain_nats).probabilities,
     )
 
 

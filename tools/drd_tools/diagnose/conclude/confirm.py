@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -70,17 +70,11 @@ class OtherHalf:
     @cached_property
     def nats(self) -> tuple[float, float]:
         """Log likelihood ratio of the effect on each half; 0 where it shows in none."""
-        if self._halves is None:
-            return 0.0, 0.0
-        first, second = self._halves
-        return _nats(self._library, self.selected, first, second), _nats(self._library, self.selected, second, first)
+        return _on_each(self._halves, partial(_nats, self._library, self.selected))
 
     def curve_nats(self, columns: Array) -> tuple[float, float]:
         """The same of a curve in the effect's place; `columns` (r, k): of prior 1."""
-        if self._halves is None:
-            return 0.0, 0.0
-        first, second = self._halves
-        return _curve_nats(columns, first, second), _curve_nats(columns, second, first)
+        return _on_each(self._halves, partial(_curve_nats, columns))
 
     @cached_property
     def _halves(self) -> "tuple[_Half, _Half] | None":
@@ -93,11 +87,7 @@ def curve_nats(problem: Problem, fit: Fit, rows: Array, columns: Array) -> tuple
 
     `rows` (r,): what it explains; `columns` (r, k): what it is made of, of prior 1.
     """
-    halves = _split(problem, fit.selection, rows)
-    if halves is None:
-        return 0.0, 0.0
-    first, second = halves
-    return _curve_nats(columns, first, second), _curve_nats(columns, second, first)
+    return _on_each(_split(problem, fit.selection, rows), partial(_curve_nats, columns))
 
 
 class _Half(NamedTuple):
@@ -107,6 +97,11 @@ class _Half(NamedTuple):
     rows: npt.NDArray[np.bool_]
     soft: Array
     freed: Array
+
+
+def _on_each(halves: tuple[_Half, _Half] | None, nats: Callable[[_Half, _Half], float]) -> tuple[float, float]:
+    """Nats of each half as the other has it; 0 where there are none."""
+    return (0.0, 0.0) if halves is None else (nats(halves[0], halves[1]), nats(halves[1], halves[0]))
 
 
 def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_Half, _Half] | None:
@@ -121,7 +116,8 @@ def _split(problem: Problem, others: Sequence[Selected], rows: Array) -> tuple[_
     if total[-1] - visible.max() <= LEAST_SEEN * total[-1]:
         return None
     half = (np.minimum(total / total[-1] * SEGMENTS, SEGMENTS - 1e-9).astype(int) % 2).astype(bool)[at]
-    first, second = (_Half(problem.part(rows, data, soft), rows, soft[rows], freed[rows]) for rows in (half, ~half))
+    held = np.column_stack([soft, freed])
+    first, second = (_Half(problem.part(rows, data, held), rows, soft[rows], freed[rows]) for rows in (half, ~half))
     return first, second
 
 
@@ -131,7 +127,6 @@ def _nats(library: Library, selected: Selected, train: _Half, test: _Half) -> fl
     How well those rows know its parameters is integrated over: what was learned from little predicts little. (85)
     """
     part = train.problem
-    part.nuisance = np.column_stack([train.soft, train.freed])
     if selected.begin_s is None:
         found = _relearned(part, library, train.rows, selected)
         choices = 1

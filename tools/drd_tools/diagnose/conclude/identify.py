@@ -1,5 +1,6 @@
 """Identifiability in a recording: smallest sizes, estimates of what was not found, names it cannot separate."""
 
+import itertools
 import math
 from collections.abc import Collection
 from typing import Final
@@ -54,19 +55,15 @@ class Identifiability:
 
     def classes(self) -> list[list[str]]:
         """Effects that cannot be told apart in this recording where they are of a size that is just well seen."""
-        best: dict[tuple[str, str], float] = {}
         norm = np.maximum(self._norm, 1e-30)
         R = np.abs(self._products / norm[:, None] / norm)
         first: dict[str, list[int]] = {}
         for candidate in self._library.candidates:
             if len(candidate.columns) == 1 and self._norm[candidate.columns[0]] > 0.0:
                 first.setdefault(candidate.effect.id, []).append(candidate.columns[0])
-        names = sorted(first)
-        for i, a in enumerate(names):
-            for b in names[i + 1 :]:
-                best[a, b] = float(R[np.ix_(first[a], first[b])].max())
         together: list[set[str]] = []
-        for (a, b), r in best.items():
+        for a, b in itertools.combinations(sorted(first), 2):
+            r = float(R[np.ix_(first[a], first[b])].max())
             if 0.5 * TYPICAL_VISIBILITY**2 * (1.0 - min(r, 1.0) ** 2) < APART_NATS:
                 joined = [s for s in together if a in s or b in s]
                 together = [s for s in together if s not in joined] + [{a, b}.union(*joined)]

@@ -126,8 +126,8 @@ class Linear:
     def _run_covariance(self) -> Gains:
         e, noise = self.evidence, self.noise
         # Where the gyro is not compared, the wheels tell nothing of it.
-        R_wheels = np.where(e.gyroless, np.inf, noise.wheels(e, self._turn))
-        Q = noise.steps(e, self._turn, self._c, self._s, self._hx, self._hy)[:, *UPPER]
+        R_wheels = np.where(e.gyroless, np.inf, noise.wheels(e))
+        Q = noise.steps(e, self._c, self._s, self._hx, self._hy)[:, *UPPER]
         steps = np.column_stack([-self._F[:, 2, 3], R_wheels, self._hx, self._hy, Q])
         R = np.array([noise.position_m**2, noise.position_m**2, noise.heading_rad**2]) * self.fix_inflation[:, None]
         P = np.diag([NOWHERE_M2, NOWHERE_M2, NO_HEADING_RAD2, noise.bias_rad_s**2 if e.gyro_rad is not None else 0.0])
@@ -218,19 +218,14 @@ class Linear:
         result: Array = projected[v.of_step, :4]
         return result
 
-    def whiten(self, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
-        """The rows of the wheels (n, p), and of the fixes (m, 3, p)."""
-        rows, n = self.rows(sensitivities), len(self.evidence.step_s)
-        return rows[:n], rows[n:].reshape(-1, 3, len(sensitivities))
-
     @property
     def log_likelihood(self) -> float:
         """Log determinant of the fixes' whitener, nats: their innovations' log likelihood but for the whitened rows."""
         return float(np.log(np.einsum("mii->mi", self._gains.L)).sum())
 
-    def smoothed(self, data: Sensitivity | None = None) -> Path:
-        """The path, corrected by what the data (its own by default) say of it (Rauch, Tung and Striebel)."""
-        v, s = self._events, self._channels([self.data() if data is None else data])[:, 0]
+    def smoothed(self) -> Path:
+        """The path, corrected by what the data say of it (Rauch, Tung and Striebel)."""
+        v, s = self._events, self._channels([self.data()])[:, 0]
         X, last = Recursion(v.A).states(np.einsum("nij,jn->ni", v.B[:, :, : len(s)], s)[:, :, None])
         x, s = X[v.of_step, :, 0], s[:4, v.of_step]
         wheels = self._events.C[v.of_step, 0, 3] * x[:, 3] + np.einsum("nj,jn->n", v.D[v.of_step, 0, :4], s)

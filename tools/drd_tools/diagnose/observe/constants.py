@@ -41,7 +41,7 @@ class Constants:
 
     recording: Recording
     robot: Calibrated = NOMINAL
-    sigma: Calibrated = NOMINAL
+    sigma: Calibrated = CERTAIN
     lag_s: float = 0.0
     lag_sigma_s: float = 0.0
     unmeasured: Calibrated = CERTAIN

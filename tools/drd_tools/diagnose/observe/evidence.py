@@ -43,7 +43,6 @@ class Noise:
     bias_walk_rad_s_per_sqrt_s: float
     resolution_rad_s: float
     slip_m_per_sqrt_m: float
-    turn_slip_rad_per_sqrt_rad: float
     forward_m_per_sqrt_m: float
     lateral_m_per_sqrt_m: float
     count_m: float
@@ -52,14 +51,13 @@ class Noise:
     jitter_s: float = 0.0  # of the wheels' time from one change of speed to the next (25)
     ahead_m: float = 0.0  # of the reference's lever arm ahead (70)
 
-    def wheels(self, e: "Evidence", turn_rad: Array) -> Array:
+    def wheels(self, e: "Evidence") -> Array:
         """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""
         if not e.has_wheels:  # at standstill, that nothing turns
             return np.where(e.still, self.gyro(e), UNSEEN**2)
         D2 = e.tread_m**2
         wheels = self.slip_m_per_sqrt_m**2 * e.near_travel_m / D2 + ~e.still * self.count_m**2 / (3.0 * D2)
         wheels = wheels + (e.left_inflation_m2 + e.right_inflation_m2) / D2
-        wheels = wheels + self.turn_slip_rad_per_sqrt_rad**2 * np.abs(turn_rad)
         if self.jitter_s:
             wheels = wheels + self.jitter_s**2 * e.speed_changes_rad2_s2
         return wheels + np.where(e.gyroless, 1e-12, self.gyro(e))
@@ -72,11 +70,11 @@ class Noise:
             + e.gyro_inflation_rad2
         )
 
-    def steps(self, e: "Evidence", turn_rad: Array, c: Array, s: Array, hx: Array, hy: Array) -> Array:
+    def steps(self, e: "Evidence", c: Array, s: Array, hx: Array, hy: Array) -> Array:
         """Q of each step, (n, 4, 4). `c`, `s`: of the heading; `hx`, `hy`: what a heading error does to x and y."""
         forward = (self.forward_m_per_sqrt_m**2 * e.travel_m + e.left_inflation_m2 + e.right_inflation_m2) / 4.0
         sideways = self.lateral_m_per_sqrt_m**2 * e.travel_m / 2.0
-        turn = np.where(e.gyroless, self.wheels(e, turn_rad), self.gyro(e)) + e.jump_rad2
+        turn = np.where(e.gyroless, self.wheels(e), self.gyro(e)) + e.jump_rad2
         Q = np.zeros((len(c), 4, 4))
         Q[:, 0, 0] = forward * c * c + sideways * s * s + turn * hx * hx / 4.0
         Q[:, 1, 1] = forward * s * s + sideways * c * c + turn * hy * hy / 4.0
@@ -213,7 +211,6 @@ def datasheet_noise(nominal: Robot, has_wheels: bool = True) -> Noise:
         * RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H,
         resolution_rad_s=given(nominal.gyro_resolution_deg_s, 0.0) * RAD_PER_DEG,
         slip_m_per_sqrt_m=slip,
-        turn_slip_rad_per_sqrt_rad=0.0,
         forward_m_per_sqrt_m=slip,
         lateral_m_per_sqrt_m=LATERAL_SHARE * slip,
         count_m=2.0 * np.pi * nominal.wheel_radius_m / per_revolution if per_revolution and has_wheels else 0.0,

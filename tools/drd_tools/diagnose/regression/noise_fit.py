@@ -56,7 +56,7 @@ def inflated(problem: Problem, left: Array, noise: Noise) -> Inflation:
     moving = ~e.still if len(wheels) else np.zeros(0, bool)  # what a gyro does at rest is its own walk's size
     has_tails = e.is_far and bool(len(wheels))
     if has_tails:
-        wheels = wheels * np.sqrt(_variance(problem, problem.noise) / _variance(problem, noise))
+        wheels = wheels * np.sqrt(problem.noise.wheels(e) / noise.wheels(e))
     slow = (long_run if has_tails else _slow)(wheels[moving], step_s)
     fix_s = float(np.median(np.diff(e.fix_time_s))) if len(fixes) > 1 else 1.0
     if not has_tails:
@@ -110,7 +110,7 @@ def _slip_and_jitter(problem: Problem, wheels: Array, moving: npt.NDArray[np.boo
     if not e.is_far or moving.sum() < FEWEST_ROWS:
         return _scale(wheels[moving]), noise.jitter_s
     rows, square = wheels[moving], e.speed_changes_rad2_s2[moving]
-    now = _variance(problem, noise)[moving]
+    now = noise.wheels(e)[moving]
     alone = now - noise.jitter_s**2 * square
     best, most = (1.0, 0.0), -math.inf
     for ratio in JITTERS_S:
@@ -233,7 +233,7 @@ def _most_likely(
         for factor in factors:
             tried = scaled(noise, factor, sizes)
             linear = Linear(problem.evidence, problem.path, tried, problem.fix_inflation, problem.linear)
-            rows = linear.whiten(sensitivities)[1]
+            rows = linear.rows(sensitivities)[len(problem.evidence.step_s) :].reshape(-1, 3, len(sensitivities))
             left = rows[:, :, 0] - rows[:, :, 1:].sum(axis=2)
             nats = _nats(linear, left)
             if nats <= most:
@@ -269,13 +269,14 @@ def score_with_noise(problem: Problem, fit: Fit) -> float:
     """Score of a fit, nats, that is comparable between noises: the fixes' and, with a gyro, that of the wheels' rows,
     whatever their colour. (77), (78)
     """
+    e = problem.evidence
     wheels, fixes = not_inflated(problem, fit.left)
     nats = _nats(problem.linear, fixes) - problem.penalty(fit.selection)
-    moving = ~problem.evidence.still
+    moving = ~e.still
     if len(wheels) and moving.sum() >= FEWEST_ROWS:
         rows = np.clip(wheels[moving], -FAR, FAR)
-        nats += _colour(rows, float(np.median(problem.evidence.step_s))).nats
-        nats -= 0.5 * float(np.log(_variance(problem, problem.noise)[moving]).sum())
+        nats += _colour(rows, float(np.median(e.step_s))).nats
+        nats -= 0.5 * float(np.log(problem.noise.wheels(e)[moving]).sum())
     return nats
 
 
@@ -305,13 +306,8 @@ def _raised_by_jitter(problem: Problem) -> float:
     noise, moving = problem.noise, ~problem.evidence.still
     if not noise.jitter_s:
         return 1.0
-    whole, alone = (_variance(problem, n)[moving].sum() for n in (noise, replace(noise, jitter_s=0.0)))
+    whole, alone = (n.wheels(problem.evidence)[moving].sum() for n in (noise, replace(noise, jitter_s=0.0)))
     return math.sqrt(whole / alone)
-
-
-def _variance(problem: Problem, noise: Noise) -> Array:
-    """Variance of the wheels' turn in each step, (n,). (68)"""
-    return noise.wheels(problem.evidence, problem.path.steps()[2])
 
 
 def scaled(noise: Noise, factor: float, sizes: Sequence[str]) -> Noise:

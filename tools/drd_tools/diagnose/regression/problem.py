@@ -159,7 +159,14 @@ class Problem:
         gyro_s, wheels_s = (stamped_later_s(late_s, raw.edges_s) for late_s in delays_s(selection, raw.edges_s))
         counted = raw.earlier(raw.left_m, wheels_s), raw.earlier(raw.right_m, wheels_s)
         clear, body, added = raw, Sensitivity(), Sensitivity()
-        for _ in range(CLEARINGS):
+        for i in range(CLEARINGS):
+            if i:  # along the motion that is cleared already
+                # Where no fix holds the path, the old one would drag shifted turns back into their old place.
+                sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
+                readings = Readings(sensitivities, chain_of(selection))
+                body, added = sensitivities.body, Sensitivity()
+                for selected in selection:
+                    added = added + readings.sensitivity(selected.effect, selected.values)
             # A delay is undone by a shift; subtracting it would amplify what is fast.
             gyro = raw.gyro_rad
             if gyro is not None:
@@ -167,12 +174,6 @@ class Problem:
             left = body.left_m + raw.earlier(raw.left_m - body.left_m - added.left_m, wheels_s)
             right = body.right_m + raw.earlier(raw.right_m - body.right_m - added.right_m, wheels_s)
             clear = replace(raw, gyro_rad=gyro, left_m=left, right_m=right, counted_m=counted)
-            # Where no fix holds the path, the old one would drag shifted turns back into their old place.
-            sensitivities = Sensitivities.on(clear, self.path if len(raw.fix) else follow(clear))
-            readings = Readings(sensitivities, chain_of(selection))
-            body, added = sensitivities.body, Sensitivity()
-            for selected in selection:
-                added = added + readings.sensitivity(selected.effect, selected.values)
         return clear
 
     def whiten(self, sensitivities: Sequence[Sensitivity], dtype: type = np.float64) -> Array:
@@ -265,7 +266,7 @@ class Problem:
         """Other shapes of a selected effect's cause, (r, s), each of norm 1; none of what the rows do not show."""
         rows = self.units(self.wanted_shapes(selected))
         seen = [r / norm for r in rows if (norm := math.sqrt(float(r @ r))) > 0.0]
-        return _columns(seen, len(self.data))
+        return as_columns(seen, len(self.data))
 
     def wanted_shapes(self, selected: Selected) -> list[Wanted]:
         """Other shapes of a selected effect's cause, near its own: a rough shape is enough for them."""
@@ -315,14 +316,14 @@ class Problem:
 
     def tangents(self, selection: Sequence[Selected]) -> Array:
         """Derivatives of the explained with respect to all free parameters, (r, k)."""
-        return _columns(self.units(self.wanted_tangents(selection)), len(self.data))
+        return as_columns(self.units(self.wanted_tangents(selection)), len(self.data))
 
 
 def _keys(wanted: Sequence[Wanted]) -> list[Key]:
     return [(e.id, name, tuple(sorted(shape.items()))) for e, shape, name in wanted]
 
 
-def _columns(rows: Sequence[Array], length: int) -> Array:
+def as_columns(rows: Sequence[Array], length: int) -> Array:
     """Columns (r, k), each in one piece: to spread them over rows takes longer than what is computed with them."""
     return np.array(rows).reshape(len(rows), length).T
 

@@ -127,8 +127,7 @@ def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path])
     pictures.held_out_picture(drawn[-1], s.held_out)
     names = list(dict.fromkeys(row.name for row in s.held_out))
     many = len(names) > pictures.MOST_BARRED
-    source = "blocks of the recording, with gaps around them" if names == ["blocks"] else report_text.listed(names)
-    source = f"{len(names)} recordings" if many else source
+    source = f"{len(names)} recordings" if many else report_text.listed(names)
     page.picture(drawn[-1], f"Before and after, on {source}: data that had no part in the fit.")
     if many:
         page.table(report_text.HELD_OUT_HEADER, report_text.held_out_rows(s.held_out), text_columns=(1, 2))

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd_tools.diagnose.conclude.outcome import BAND_SIGMAS
 from drd_tools.diagnose.report.place_map import place_map
 from drd_tools.diagnose.report.text import named_quantity, pretty
 from drd_tools.diagnose.results import Array, Scatter
@@ -139,7 +140,7 @@ def _curve(axes: Any, curve: Mismatch) -> None:
         axes.plot(x, fit, color=BLUE, linewidth=1.8, label="fitted effect")
     else:  # no effect has this shape: the mismatch itself is the curve
         order = np.argsort(curve.x)
-        x, value, wide = curve.x[order], curve.mismatch[order], 1.96 * curve.sigma[order]
+        x, value, wide = curve.x[order], curve.mismatch[order], BAND_SIGMAS * curve.sigma[order]
         axes.fill_between(x, value - wide, value + wide, color=BOUND, linewidth=0, label="its 95 % band")
         axes.plot(x, value, color=BLUE, linewidth=1.4)
     style: Any = {"color": INK, "ecolor": GREY, "elinewidth": 1.1, "capsize": 2.5, "markersize": 4.5, "zorder": 4}

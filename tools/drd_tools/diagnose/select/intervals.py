@@ -12,7 +12,7 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import END, START, Effect
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.results import Array
-from drd_tools.diagnose.selected import Selected, Values
+from drd_tools.diagnose.selected import Selected, Values, parameter
 
 Columns = npt.NDArray[np.float32]
 Pieces = npt.NDArray[np.intp]
@@ -69,7 +69,7 @@ class Intervals:
         known &= np.linalg.det(G_of) > LEFT_SHARE * np.einsum("wii->wi", G_of).prod(axis=1)
         x = np.zeros_like(b_of)
         x[known] = np.linalg.solve(G_of[known], b_of[known][:, :, None])[:, :, 0]
-        unsigned = [i for i, name in enumerate(names) if not self._is_signed(name)]
+        unsigned = [i for i, name in enumerate(names) if not parameter(self.effect, name).signed]
         known &= (x[:, unsigned] > 0.0).all(axis=1)
         nats = np.where(known, 0.5 * (b_of * x).sum(axis=1), 0.0)
         w = int(nats.argmax())
@@ -110,9 +110,6 @@ class Intervals:
         diagonal, whole = np.einsum("wii->wi", G_of), np.einsum("wii->wi", own)
         seen = ((diagonal > LEFT_SHARE * whole) & (whole > 0.0)).all(axis=1)
         return (sums[:, j] - sums[:, i]).T, G_of, seen
-
-    def _is_signed(self, name: str) -> bool:
-        return next(q.signed for q in self.effect.parameters if q.name == name)
 
 
 def _squares(G: Array, k: int, i: Pieces, j: Pieces) -> Array:

@@ -24,6 +24,7 @@ TIME_KNOTS: Final = 16  # what swings several times in a drive
 CELLS: Final = 5  # along and across
 DELAY: Final = "wheels' delay"
 PLACE: Final = "place"
+STANDING_M_S: Final = 0.02  # slower, a wheel's counts tell no direction of a slip
 # T of (83), nats of a hat: from below noise to beyond any error, half a decade apart.
 AMPLITUDES: Final = tuple(10.0**k for k in np.arange(-1.0, 7.0, 0.5))
 
@@ -56,7 +57,7 @@ CHANNELS: Final = {
 def errors_along(m: Motion) -> dict[str, Callable[[Array], Errors]]:
     """Errors that a curve's values along a motion, (n,), SI, add to the sensors, for each channel."""
     slope_l, slope_r = (np.gradient(v, m.time_s) for v in (m.left_m_s, m.right_m_s))
-    moving = np.abs(m.speed_m_s) > 0.02
+    moving = np.abs(m.speed_m_s) > STANDING_M_S
     return {
         "gyro": lambda x: Errors(gyro_rad_s=x),
         "gyro's scale": lambda x: Errors(gyro_rad_s=x * m.rate_rad_s),
@@ -228,15 +229,15 @@ def _hat(x: Array, knots: Array, i: int, periodic: bool) -> Array:
 
 PERIODIC: Final = ("heading", "left_wheel_phase", "right_wheel_phase")
 COVARIATE_UNITS: Final = {
-    "yaw_rate": ("deg/s", 180.0 / np.pi),
+    "yaw_rate": ("deg/s", DEG_PER_RAD),
     "speed": ("m/s", 1.0),
     "acceleration": ("m/s^2", 1.0),
     "temperature": ("degC", 1.0),
     "temperature_rate": ("degC/min", 60.0),
     "time": ("s", 1.0),
-    "heading": ("deg", 180.0 / np.pi),
-    "left_wheel_phase": ("deg", 180.0 / np.pi),
-    "right_wheel_phase": ("deg", 180.0 / np.pi),
+    "heading": ("deg", DEG_PER_RAD),
+    "left_wheel_phase": ("deg", DEG_PER_RAD),
+    "right_wheel_phase": ("deg", DEG_PER_RAD),
     "lateral_acceleration": ("m/s^2", 1.0),
     PLACE: ("m", 1.0),
 }
@@ -262,7 +263,7 @@ def covariates(problem: Problem) -> dict[str, tuple[Array, Array]]:
     """Each variable that an error may depend on: its values on the fine grid, and knots over its range."""
     m = problem.sensitivities.motion
     found: dict[str, tuple[Array, Array]] = {}
-    moving = np.abs(m.speed_m_s) > 0.02
+    moving = np.abs(m.speed_m_s) > STANDING_M_S
     plain = {
         "yaw_rate": m.rate_rad_s,
         "speed": m.speed_m_s,
