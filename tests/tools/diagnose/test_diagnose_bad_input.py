@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from drd.batch.logs import EncoderLog, FogLog
 from drd.cli import main
 from drd.config.schema import ConfigError
+from drd.effects.effect import NOMINAL
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.audit import audit
 from drd_tools.diagnose.observe.constants import constants
@@ -191,6 +192,40 @@ def test_a_hole_in_a_log_is_no_physics(which: str, length_s: float, drive: tuple
     recording = changed(recording, which, (time_s < 40.02) | (time_s > 40.02 + length_s))
     assert audit(recording, gather(recording)).events == []
     assert analyse(recording).conclusion.causes == []
+
+
+@pytest.mark.parametrize("per_step", [1, 10])
+def test_the_gyro_itself_tells_the_turn_in_short_holes(per_step: int) -> None:
+    """By the wheels, of a tread that is off by two thirds, the robot would turn a tenth of that too much."""
+    base = short("full")
+    assert base.fog is not None
+    time_s = base.fog.time_s[0] + 0.1 / per_step * np.arange(1.0, 10.0 * per_step * SHORT[1])
+    fog = FogLog(time_s, np.asarray(np.interp(time_s, base.fog.time_s, base.fog.rate_rad_s), np.float64), None)
+    narrow = replace(base.nominal, tread_m=0.6 * base.nominal.tread_m)
+    whole = gather(replace(base, fog=fog, nominal=narrow))
+    kept = np.random.default_rng(3).uniform(size=len(time_s)) > 0.1
+    kept[[0, -1]] = True
+    e = gather(replace(base, fog=FogLog(time_s[kept], fog.rate_rad_s[kept], None), nominal=narrow))
+    assert whole.gyro_rad is not None
+    assert e.gyro_rad is not None
+    assert len(e.time_s) == len(whole.time_s)
+    off = np.cumsum(e.gyro_rad - whole.gyro_rad)
+    assert np.abs(off).max() < 5.0 * np.sqrt(e.gyro_inflation_rad2.sum())
+    assert np.abs(off).max() < 0.003 * np.abs(whole.gyro_rad).sum()
+    assert 0 < np.count_nonzero(e.gyro_inflation_rad2) < 0.2 * per_step * len(e.time_s)
+    assert not e.gyroless.any()
+
+
+def test_in_a_long_hole_of_the_gyro_the_turn_is_that_of_the_wheels() -> None:
+    base = short("full")
+    assert base.fog is not None
+    time_s = base.fog.time_s
+    hole = (time_s > 14.02) & (time_s < 16.02)
+    e = gather(changed(base, "fog", ~hole), NOMINAL._replace(tread=1.25))
+    np.testing.assert_array_equal(e.gyroless, (e.time_s > 14.02) & (e.time_s < 16.02))
+    assert e.gyro_rad is not None
+    wheels = (e.right_m - e.left_m) / (1.25 * e.tread_m)
+    np.testing.assert_allclose(e.gyro_rad[e.gyroless], wheels[e.gyroless])
 
 
 def test_an_effect_is_found_beside_holes() -> None:

@@ -229,14 +229,14 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
     """
     check_comparable(recording)
     grid, log, nominal = _grid(recording), recording.wheels, recording.nominal
-    time_s, step_s, gyro, temperature_c, _ = grid
+    time_s, step_s, temperature_c = grid.time_s, grid.step_s, grid.temperature_c
     edges = np.concatenate([[time_s[0] - step_s[0]], time_s])
     fix_step, fix_share, fix = grids.fixes(recording, edges, step_s)
     if log is None:
-        assert gyro is not None
+        assert grid.gyro_rad is not None
         tread_m, radius_m = 1.0, 1.0  # they stand for nothing
         left_m = right_m = grids.travel(recording.reference, edges)
-        lost_m2, still = np.zeros(len(time_s)), grids.still_by_gyro(grid, gyro, nominal.standstill_at_start_s)
+        lost_m2, still = np.zeros(len(time_s)), grids.still_by_gyro(grid, grid.gyro_rad, nominal.standstill_at_start_s)
     else:
         tread_m, radius_m = nominal.tread_m, nominal.wheel_radius_m
         left_m, right_m = (
@@ -245,8 +245,8 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
         still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
     travel_m = np.abs(left_m) + np.abs(right_m)
-    wheels_rad = (right_m - left_m) / tread_m if log is not None else None
-    gyro, inflation_rad2 = grids.without_holes(grid, wheels_rad, (lost_m2 > 0.0) | (log is None))
+    wheels_rad = None if log is None else (right_m * robot.right - left_m * robot.left) / (tread_m * robot.tread)
+    gyro, inflation_rad2 = grids.without_holes(grid, wheels_rad)
     return Evidence(
         name=recording.name,
         time_s=time_s,

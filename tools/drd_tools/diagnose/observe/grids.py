@@ -22,7 +22,8 @@ WITHIN_SHARE: Final = 1e-6  # of a step: rounding
 MOST_STEPS: Final = 12_000  # 20 minutes at 0.1 s
 LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
-HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a hole may be off, of itself and in a second
+BRIDGED_S: Final = 0.25  # without the gyro's rows: in less a robot hardly begins a turn and ends it
+HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # without wheels, what the turn in a long hole may be off, at least
 TURNING_RAD_S: Final = 0.01  # 0.6 deg/s: more than a gyro's noise over a second, less than a turn that matters
 DENSE_S: Final = 1.0  # a reference of rows so near tells the speed
 WAY_SMOOTHING_S: Final = 0.5  # of the reference's positions, whose noise would be speed
@@ -30,13 +31,17 @@ STILL_S: Final = 1.0  # before and after, without a count
 
 
 class Grid(NamedTuple):
-    """Steps that end at `time_s` (n,), each `step_s` (n,) long, and what the gyro says of each."""
+    """Steps that end at `time_s` (n,), each `step_s` (n,) long, and what the gyro says of each.
+
+    `bridged_rad2` (n,): variance of the turn in its short holes; `missing_s` (n,): how much of a step is in a long one.
+    """
 
     time_s: Array
     step_s: Array
     gyro_rad: Array | None
     temperature_c: Array
-    missing_s: Array  # how much of a step the gyro says nothing of
+    bridged_rad2: Array
+    missing_s: Array
 
 
 def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
@@ -55,18 +60,25 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
     row = np.repeat(np.arange(len(times)), count)
     later = np.cumsum(count)[row] - 1 - np.arange(len(row))
     step = (whole / count)[row]
+    # In a short hole the rate is a random walk from the row before to the row after, as wide as it walks around it.
+    change = np.diff(fog.rate_rad_s, prepend=fog.rate_rad_s[0])
+    walk = uniform_filter1d(change**2 / count, 3) * count * (count + 1) / 12.0
+    lost, is_long = later > 0, (whole > BRIDGED_S + typical)[row]
+    rate = fog.rate_rad_s[row] - (change / count)[row] * later
+    bridged_rad2 = lost * ~is_long * walk[row] * step**2
     celsius = np.full(len(times), np.nan) if fog.temperature_c is None else fog.temperature_c
-    columns = (times[row] - later * step, step, fog.rate_rad_s[row] * step, celsius[row], (later > 0) * step)
+    columns = (times[row] - later * step, step, rate * step, celsius[row], bridged_rad2, lost * is_long * step)
     end = columns[0]
     inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
-    time_s, step_s, gyro, temperature_c, missing_s = (column[inside] for column in columns)
+    time_s, step_s, gyro, temperature_c, bridged_rad2, missing_s = (column[inside] for column in columns)
     together = math.floor(STEP_S / typical + 1e-9)
     if together > 1 and len(time_s):
         first = np.arange(0, len(time_s), together)
         last = np.append(first[1:], len(time_s)) - 1
-        step_s, gyro, missing_s = (np.add.reduceat(v, first) for v in (step_s, gyro, missing_s))
+        summed = (step_s, gyro, bridged_rad2, missing_s)
+        step_s, gyro, bridged_rad2, missing_s = (np.add.reduceat(v, first) for v in summed)
         time_s, temperature_c = time_s[last], temperature_c[last]
-    return Grid(*(column[:MOST_STEPS] for column in (time_s, step_s, gyro, temperature_c, missing_s)))
+    return Grid(*(column[:MOST_STEPS] for column in (time_s, step_s, gyro, temperature_c, bridged_rad2, missing_s)))
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
@@ -81,7 +93,7 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     if not swings(np.ceil(since - WITHIN_SHARE) - since):
         first = float((fix_s[0] - begin_s) % STEP_S) if len(fix_s) else 0.0
         time_s = np.arange(begin_s + first + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
-        return Grid(time_s, np.full(len(time_s), STEP_S), None, np.full(len(time_s), np.nan), np.zeros(len(time_s)))
+        return _gyroless(time_s, np.full(len(time_s), STEP_S))
     kept = [float(fix_s[0])]
     for at_s in fix_s[1:].tolist():
         if at_s - kept[-1] >= SHORTEST_S:
@@ -92,7 +104,12 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     after_s = np.arange(kept[-1] + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)
     time_s = np.concatenate([np.repeat(kept[1:], count) - later * step_s, after_s])[:MOST_STEPS]
     step_s = np.concatenate([step_s, np.full(len(after_s), STEP_S)])[:MOST_STEPS]
-    return Grid(time_s, step_s, None, np.full(len(time_s), np.nan), np.zeros(len(time_s)))
+    return _gyroless(time_s, step_s)
+
+
+def _gyroless(time_s: Array, step_s: Array) -> Grid:
+    zero = np.zeros(len(time_s))
+    return Grid(time_s, step_s, None, zero + np.nan, zero, zero)
 
 
 def swings(share: Array) -> bool:
@@ -173,18 +190,13 @@ def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
     return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2
 
 
-def without_holes(grid: Grid, wheels_rad: Array | None, is_lost: npt.NDArray[np.bool_]) -> tuple[Array | None, Array]:
-    """The gyro's turns with the wheels' (else the neighbouring rate's) where rows are missing; their variance (n,).
-
-    `is_lost` (n,): the wheels do not know either.
-    """
-    inflation_rad2, hole = np.zeros(len(grid.time_s)), grid.missing_s > 0.0
+def without_holes(grid: Grid, wheels_rad: Array | None) -> tuple[Array | None, Array]:
+    """The gyro's turns with the wheels' where its rows are missing for long, and their variance (n,): of these inf."""
+    hole = grid.missing_s > 0.0
     if grid.gyro_rad is None or not hole.any():
-        return grid.gyro_rad, inflation_rad2
-    rate = grid.gyro_rad / grid.step_s
-    typical = float(np.sqrt(np.mean(rate[~hole] ** 2))) if (~hole).any() else 1.0
-    between = np.interp(grid.time_s, grid.time_s[~hole], rate[~hole]) if (~hole).any() else rate
-    other = between * grid.step_s if wheels_rad is None else wheels_rad
-    unsure = np.where(is_lost, max(typical, WANDER_RAD_S), WANDER_RAD_S)
-    inflation_rad2[hole] = ((HOLE_SHARE * np.abs(other) + unsure * grid.missing_s)[hole]) ** 2
-    return np.where(hole, other, grid.gyro_rad), inflation_rad2
+        return grid.gyro_rad, grid.bridged_rad2
+    if wheels_rad is not None:
+        return np.where(hole, wheels_rad, grid.gyro_rad), np.where(hole, np.inf, grid.bridged_rad2)
+    typical = float(np.sqrt(np.mean((grid.gyro_rad / grid.step_s)[~hole] ** 2))) if (~hole).any() else 1.0
+    off_rad = HOLE_SHARE * np.abs(grid.gyro_rad) + max(typical, WANDER_RAD_S) * grid.missing_s
+    return grid.gyro_rad, grid.bridged_rad2 + hole * off_rad**2
