@@ -78,7 +78,7 @@ def diagnosed(*findings: Cause, reference: str = "full") -> Conclusion:
     """The diagnosis that has found these."""
     problem = recorded(reference)[1]
     fit = Fit(tuple(f.selected for f in findings if f.selected is not None), 0.0, np.zeros(0), problem.data)
-    found = Found(problem, fit, 0.0, 0.0)
+    found = Found(problem, fit, 0.0)
     return Conclusion(list(findings), found, [], {}, [], 0.0)
 
 

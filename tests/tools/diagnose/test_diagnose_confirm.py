@@ -92,7 +92,7 @@ def test_on_real_ground_a_name_has_to_hold_on_either_half(is_far: bool, monkeypa
     fit = refine(p, [TREAD])
     test = OtherHalf(p, Library(p), fit, fit.selection[0])
     monkeypatch.setattr(test, "nats", (-4.0, 20.0))
-    kept = conclusion._held(Found(p, fit, 0.0, 0.0), Search(p), [test], ())
+    kept = conclusion._held(Found(p, fit, 0.0), Search(p), [test], ())
     assert bool(kept.fit.selection) is not is_far
 
 
@@ -103,7 +103,7 @@ def test_of_two_that_share_an_effect_and_each_fail_beside_the_other_one_is_kept(
     p = p.with_data(np.random.default_rng(seed).standard_normal(len(p.data)) + p.effect_rows([jump]))
     fit = refine(p, [replace(jump, values={"t0": t0, "b": 2.5e-4}, free=("b",)) for t0 in (65.8, 66.2)])
     search = Search(p)
-    found = Found(p, fit, search.score(fit), 0.0)
+    found = Found(p, fit, 0.0)
     tests = conclusion._tests(found, search)
     assert all(sum(test.nats) < 0.0 for test in tests)
     (kept,) = conclusion._held(found, search, tests, ()).fit.selection
@@ -229,6 +229,5 @@ def test_a_scale_that_hardly_bends_is_a_scale(bend: tuple[dict[str, float], ...]
     p = problem(SLALOM, 1, selected("gyro_scale_error", k=-0.01), *bent)
     effect = selected("gyro_scale_nonlinearity", **largest, a2=0.0, a3=0.0).effect
     fit = refine(p, [Selected(effect, {**largest, "a2": 0.0, "a3": 1e-4, "scale": -0.01}, ("a3", "scale"))])
-    made = conclusion._straight(Found(p, fit, Search(p).score(fit), 0.0))
+    made = conclusion._straight(Found(p, fit, 0.0))
     assert [c.id for c in made.fit.selection] == [name]
-    assert made.score == pytest.approx(Search(p).score(made.fit))

@@ -68,7 +68,7 @@ def test_two_delays_that_stand_for_one_become_one() -> None:
     both = [replace(lag, free=("tau",)), replace(late, free=("delay",))]
     around = p.around(both)
     fit = refine(around, both)
-    found = _relinearised_rivals(Search(around), Found(around, fit, Search(around).score(fit), 0.0))
+    found = _relinearised_rivals(Search(around), Found(around, fit, 0.0))
     (only,) = found.fit.selection
     assert only.id == "gyro_latency"
     assert only.number("delay") == pytest.approx(0.08, abs=0.005)
@@ -79,12 +79,12 @@ def test_a_set_whose_parameters_leave_all_sizes_when_it_is_linearised_around_is_
 ) -> None:
     p = problem(SLALOM, 3, selected("encoder_latency", delay=0.2))
     search, empty = Search(p), refine(p, ())
-    found = Found(p, empty, search.score(empty), search.score(empty))
+    found = Found(p, empty, search.score(empty))
     assert _other_set(search, found) is not None
     runaway = selected("terrain_tread", t0=0.0, t1=9.0, tread=-0.91, gain=-1.98)
 
     def linearised(problem: Problem, fit: Fit, null: float) -> Found:
-        return Found(problem, replace(fit, selection=(runaway,)), 0.0, null)
+        return Found(problem, replace(fit, selection=(runaway,)), null)
 
     monkeypatch.setattr(drd_tools.diagnose.select.search, "linearised", linearised)
     assert _other_set(search, found) is None
@@ -211,7 +211,7 @@ def test_what_explains_less_than_nothing_did_before_is_no_error() -> None:
     late = problem(SLALOM, 1, selected("encoder_latency", delay=0.1))
     fit = refine(late, ())
     score = Search(late).score(fit)
-    found = _other_set(Search(late), Found(late, fit, score, score + 1e6))
+    found = _other_set(Search(late), Found(late, fit, score + 1e6))
     assert found is not None
     assert found.fit.selection[0].id == "encoder_latency"
 

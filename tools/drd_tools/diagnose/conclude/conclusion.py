@@ -122,7 +122,7 @@ def _straight(found: Found) -> Found:
         others = [c for c in found.fit.selection if c is not one and c.id != line.id]
         fit = refine(found.problem, [*others, straight])
         if fit.cost - found.fit.cost < LEAST_NATS:
-            found = replace(found, fit=fit, score=Search(found.problem).score(fit))
+            found = replace(found, fit=fit)
     return found
 
 
@@ -196,7 +196,7 @@ def _in_place_of_several(
         p = family_wise_p(curve.gain, chance)
         unknown.append(judge_curve(curve, p, 0.0, rivals=unique(group), e=e_value(unseen)))
         fit = rest
-    return Found(problem, fit, search.score(fit), found.null), unknown
+    return Found(problem, fit, found.null), unknown
 
 
 def _tests(found: Found, search: Search) -> list[OtherHalf]:
@@ -240,4 +240,4 @@ def _held(
         return found
     fit = _at_likeliest_moments(problem, fit)
     # Constants far off were linearised around beside the others, which took part of them.
-    return linearised(problem, fit, found.null) if constants else Found(problem, fit, search.score(fit), found.null)
+    return linearised(problem, fit, found.null) if constants else Found(problem, fit, found.null)

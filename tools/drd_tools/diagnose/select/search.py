@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -44,11 +45,20 @@ class Found:
 
     problem: Problem
     fit: Fit
-    score: float
     null: float  # score without any selected effect
     is_cleared: bool = False  # whether the motion was cleared of the selected effects to see how the wheels turn
     is_complete: bool = False  # whether no other selected effect is worth its cost
     is_noise_due: bool = False  # whether so little is left now that the noise must be fitted before more is found
+
+    @cached_property
+    def score(self) -> float:
+        """Score of the fit, nats. (80)"""
+        return score_of(self.problem, self.fit)
+
+
+def score_of(problem: Problem, fit: Fit) -> float:
+    """Log likelihood of the data less the penalty of the selected effects, nats. (80)"""
+    return -fit.cost - problem.penalty(fit.selection)
 
 
 def is_rough(fit: Fit) -> bool:
@@ -65,8 +75,8 @@ def coarse_search(
     search with other noise, to go on from.
     """
     fit = refine(problem, known)
-    null = -fit.cost - problem.penalty(fit.selection)
-    found = Found(problem, fit, null, null)
+    null = score_of(problem, fit)
+    found = Found(problem, fit, null)
     if start:
         names = {c.id for c in (*known, *start)}
         others = [] if last is None else [c for c in last.fit.selection if c.id not in names]
@@ -126,7 +136,7 @@ def _by_exact_form(found: Found, known: set[str]) -> Found:
         alike = [f for f in fits if search.score(f) > least]
         best = max(alike, key=search.exact_score, default=found.fit)
         if search.exact_score(best) > search.exact_score(found.fit) + EXACT_NATS:
-            found = Found(found.problem, best, search.score(best), found.null)
+            found = Found(found.problem, best, found.null)
     return found
 
 
@@ -163,7 +173,7 @@ def _other_set(search: "Search", found: Found) -> Found | None:
         before = {c.id for c in found.fit.selection}
         selection, least = tuple(c for c in selection if c.id not in before), found.score
     if not _needs_linearising(selection, search.score(best) - least):
-        return Found(found.problem, best, search.score(best), found.null)
+        return Found(found.problem, best, found.null)
     # Along another path, or with other noise, the best may explain less than nothing does here.
     margin = CLOSE_SHARE * max(search.score(best) - least, 0.0)
     close = [t for t in tried[:CLOSE_RIVALS] if search.score(t) >= search.score(best) - margin]
@@ -191,10 +201,10 @@ def linearised(problem: Problem, fit: Fit, null: float) -> Found:
         before = fit.selection
         problem = problem.around(before)
         fit = refine(problem, before)
-        score = -fit.cost - problem.penalty(fit.selection)
-        if best is not None and score < best.score + CONVERGED_NATS:
+        made = Found(problem, fit, null)
+        if best is not None and made.score < best.score + CONVERGED_NATS:
             break
-        best = Found(problem, fit, score, null)
+        best = made
         if not any(map(_has_moved, before, fit.selection)):
             break
     assert best is not None
@@ -228,8 +238,8 @@ class Search:
         self.known = {c.id for c in known}
 
     def score(self, fit: Fit) -> float:
-        """Log likelihood of the data less the penalty of the selected effects, nats. (80)"""
-        return -fit.cost - self.problem.penalty(fit.selection)
+        """Score of a fit, nats. (80)"""
+        return score_of(self.problem, fit)
 
     def exact_score(self, fit: Fit) -> float:
         """Score if no cause had another shape than the catalogue's."""
