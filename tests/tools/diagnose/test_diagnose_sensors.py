@@ -48,6 +48,19 @@ def without_wheels(recording: Recording) -> Recording:
     return replace(recording, wheels=None)
 
 
+@pytest.mark.parametrize("share", [0.8, 0.95])
+def test_readings_that_pile_up_are_a_limit_without_wheels_too(share: float) -> None:
+    made = recorded(("slalom", 120.0), 3, conditions=Conditions(quantise=False))
+    assert made.fog is not None
+    limit = float(np.quantile(np.abs(made.fog.rate_rad_s), share))
+    clipped = replace(made.fog, rate_rad_s=np.clip(made.fog.rate_rad_s, -limit, limit))
+    (found,) = analyse(without_wheels(replace(made, fog=clipped))).conclusion.causes
+    assert found.effect == "gyro_saturation"
+    assert found.selected is not None
+    assert found.selected.number("limit") == pytest.approx(limit, rel=1e-6)
+    assert analyse(without_wheels(made)).conclusion.causes == []
+
+
 @pytest.mark.parametrize("reference", REFERENCES)
 @pytest.mark.parametrize(("gyro", "wheels"), list(itertools.product((True, False), repeat=2)))
 @pytest.mark.parametrize("missing", [(), (SCALE,)])

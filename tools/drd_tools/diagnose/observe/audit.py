@@ -56,7 +56,7 @@ def audit(recording: Recording, e: Evidence, tread: Tread = BELIEVED_TREAD) -> A
     gyro, left, right = (
         inflation.copy() for inflation in (e.gyro_inflation_rad2, e.left_inflation_m2, e.right_inflation_m2)
     )
-    events = clipped(recording.fog, e, gyro) if e.has_wheels else []
+    events = clipped(recording.fog, e, gyro)
     if recording.wheels is not None:
         events += stopped(recording, e, left, right, tread)
         events += bumps(recording.wheels, e, left, right)
@@ -109,6 +109,8 @@ def clipped(fog: FogLog | None, e: Evidence, inflation: Array) -> list[Event]:
         first, last = np.searchsorted(fog.time_s, e.time_s - e.step_s), np.searchsorted(begin_s, e.time_s)
         at = count[np.maximum(last, first)] > count[first]
         return [_clipping(e, inflation, at, limit, int(alike.sum()), below)]
+    if not e.has_wheels:
+        return []
     rate = e.gyro_rad / e.step_s
     limit = float(np.abs(rate).max())
     # Noise and resolution spread what is clipped before them.
@@ -159,7 +161,10 @@ def _wheels_are_faster(e: Evidence, rate: Array, at: npt.NDArray[np.bool_], limi
 
 def _clipping(e: Evidence, inflation: Array, at: npt.NDArray[np.bool_], limit: float, count: int, below: int) -> Event:
     """The event of steps `at` (n,) that are clipped, whose gyro is not compared; so many readings at the limit."""
-    inflation[binary_dilation(at)] = np.inf  # a reading at the edge is clipped for a part of its time
+    for first, last in runs(binary_dilation(at)):  # a reading at the edge is clipped for a part of its time
+        step_s = e.step_s[first:last]
+        # Without wheels, which tell the turn, as much again may be missing of all that is cut off at once.
+        inflation[first:last] = np.inf if e.has_wheels else limit**2 * step_s.sum() * step_s
     effect = showing(Symptom.CLIPPED)
     nats = count * float(np.log(2.0 * max(1.0, 20.0 * count / (below + 1.0))))
     seen = f"{count} readings stand at the limit, {below} just below it"
