@@ -140,18 +140,16 @@ class Pipeline:
         same_file = self.encoders.from_file == fresh.encoders.from_file
         if not same_file or _encoder_decoding(old) != _encoder_decoding(new):
             self.encoders = fresh.encoders
-        wheels = changes(self.basis.wheels, fresh.basis.wheels)
-        gyro = changes(self.basis.gyro, fresh.basis.gyro)
-        same_model = not wheels and self.basis.gyro["model"] == fresh.basis.gyro["model"]
-        same_model &= old.fog.protocol == new.fog.protocol
+        other = changes(self.basis, fresh.basis)
+        same_model = self.basis.wheels == fresh.basis.wheels and old.fog.protocol == new.fog.protocol
         if not same_model:
             self._compensation = fresh._compensation
         estimator = self._make_estimator(new, fresh.calibration, self.reasons)
-        estimator.take_over(self.estimator, not wheels, not gyro, same_model)
+        estimator.take_over(self.estimator, not other.wheels, not other.gyro, not other.lag, same_model)
         self._config, self.estimator, self.basis = new, estimator, fresh.basis
         self.calibration, self.model, self.model_notes = fresh.calibration, fresh.model, fresh.model_notes
         self._side_silent_ns = fresh._side_silent_ns
-        return learned_anew(wheels, gyro)
+        return learned_anew(other)
 
     def on_fog_bytes(self, data: bytes, arrival_ns: int) -> None:
         """Bytes from the gyro's serial line."""

@@ -1,14 +1,15 @@
 """What learned values were learned with: with another geometry, calibration or model they do not apply."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from drd.config.keys import Config
 from drd.effects.model import Model
 from drd.estimation.calibration import Calibration
+from drd.estimation.estimate import is_stated_skid
 
 WHEEL_KEYS: Final = (
     "robot.wheel_radius_m", "robot.left_scale", "robot.right_scale", "robot.tread_m",
@@ -23,19 +24,34 @@ GYRO_KEYS: Final = (
     "fog.dsp17xx.angle_unit", "fog.ecore.temperature_byte", "fog.ecore.temperature_scale_c",
     "fog.ecore.temperature_offset_c", "fog.dsp17xx.temperature_scale_c",
 )  # fmt: skip
+LAG_KEYS: Final = (
+    "encoders.latency_s", "encoders.layout", "fog.latency_s", "estimation.profile", "estimation.initial.wheel_lag_s",
+)  # fmt: skip
 DIGITS: Final = 16  # hexadecimal, 64 bits: two of a robot's configurations do not meet by chance
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Values by the key's path, of all that wheel scales and tread, and the gyro's scale and bias, depend on.
+    """Values by the key's path, of all that is learned of wheel scales and tread, of the gyro's scale and bias, and of
+    the wheels' lag, depends on. The first files have neither `drive` nor `lag`.
 
-    `provenance`: what calibration and model say of themselves, for people; it is not compared.
+    `wheels`, `gyro`: what decodes their readings and takes errors off. `drive`: what is assumed of scales and tread at
+    first. `provenance`: what calibration and model say of themselves, for people; it is not compared.
     """
 
     wheels: dict[str, Any]
     gyro: dict[str, Any]
     provenance: dict[str, dict[str, str]]
+    drive: dict[str, Any] = field(default_factory=dict)
+    lag: dict[str, Any] = field(default_factory=dict)
+
+
+class Changes(NamedTuple):
+    """What is different, by key: empty where what was learned of this still applies."""
+
+    wheels: list[str]
+    gyro: list[str]
+    lag: list[str]
 
 
 def basis_of(
@@ -54,19 +70,36 @@ def basis_of(
     gyro = {path: attrgetter(path)(config) for path in GYRO_KEYS}
     gyro |= {"calibration": _calibration(calibration), "model": in_model, "gyro scale estimated": estimates_scale}
     sources = {"calibration": calibration, "model": model}
-    return Basis(wheels, gyro, {name: dict(x.provenance) for name, x in sources.items() if x is not None})
+    provenance = {name: dict(x.provenance) for name, x in sources.items() if x is not None}
+    drive: dict[str, Any] = {
+        "robot.drive": "skid" if is_stated_skid(config) else config.robot.drive,
+        "estimation.profile": config.estimation.profile,
+    }
+    lag = {path: attrgetter(path)(config) for path in LAG_KEYS} | {"model": in_model}
+    return Basis(wheels, gyro, provenance, drive, lag)
 
 
-def changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What is different, by key: empty where what was learned then applies now."""
-    paths = dict.fromkeys((*then, *now))
-    return [f"{p} was {then.get(p)}, is {now.get(p)}" for p in paths if then.get(p) != now.get(p)]
+def changes(then: Basis, now: Basis) -> Changes:
+    """What does not apply any more of what was learned with another basis."""
+    wheels = _different(then.wheels, now.wheels) + _different(then.drive, now.drive)
+    gyro, lag = _different(then.gyro, now.gyro), _different(then.lag, now.lag)
+    was, by = then.gyro.get("fog.protocol"), now.gyro["fog.protocol"]
+    if by not in ("none", was):  # what a gyro has taught stays where it is taken away
+        lag.append(f"fog.protocol was {was}, is {by}")
+        if was == "none":  # scales and tread were taken for surer than where a gyro can tell them
+            wheels.append(lag[-1])
+    return Changes(wheels, gyro, lag)
 
 
-def learned_anew(wheels: Sequence[str], gyro: Sequence[str]) -> list[str]:
-    """Sentences about what does not apply any more, from the changes of both."""
-    parts = (("wheel scales and tread", wheels), ("the gyro's bias and scale", gyro))
-    return [f"{what} are learned anew, since {', '.join(found)}" for what, found in parts if found]
+def _different(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """By key. One that the file of an earlier version does not have counts as unchanged: an upgrade forgets nothing."""
+    return [f"{path} was {value}, is {now.get(path)}" for path, value in then.items() if value != now.get(path)]
+
+
+def learned_anew(found: Changes) -> list[str]:
+    """Sentences about what does not apply any more."""
+    parts = ("wheel scales and tread are", "the gyro's bias and scale are", "the wheels' lag is")
+    return [f"{what} learned anew, since {', '.join(f)}" for what, f in zip(parts, found, strict=True) if f]
 
 
 def _calibration(c: Calibration | None) -> str:

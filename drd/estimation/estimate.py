@@ -24,6 +24,7 @@ from drd.estimation.state import (
     SCALE_R,
     SLIP,
     TREAD,
+    WHEEL_LAG,
     Matrix,
     N,
     Nominal,
@@ -159,6 +160,16 @@ def forget_gyro(kf: Filter, s: Sigmas) -> None:
     kf.nominal.gyro_scale, kf.nominal.gyro_bias_rad_s = 1.0, 0.0
     for state, sigma in ((GYRO_SCALE, s.gyro_scale), (GYRO_BIAS, s.gyro_bias_rad_s)):
         kf.forget(state, sigma)
+
+
+def forget_lag(kf: Filter, s: Sigmas) -> None:
+    """The wheels' lag is as unsure as at first. Its value stays while the robot turns, and both headings are as unsure
+    as it makes them: where it is another now, what is wrong of them by it goes as the lag is learned. (30)
+    """
+    if not s.wheel_lag_s or not kf.rate_rad_s:  # nothing will tell it, or nothing depends on it
+        kf.nominal.wheel_lag_s = 0.0
+    kf.forget(WHEEL_LAG, 0.0)
+    kf.add_lag_variance(s.wheel_lag_s**2)
 
 
 def _forget(P: Matrix, sigmas: Mapping[int, float]) -> None:

@@ -262,11 +262,14 @@ class Estimator:
         self._silence.was_lost = estimate.lost
         self.bias.is_known = bias_known
 
-    def take_over(self, other: "Estimator", same_wheels: bool, same_gyro: bool, same_model: bool) -> None:
+    def take_over(
+        self, other: "Estimator", same_wheels: bool, same_gyro: bool, same_lag: bool, same_model: bool
+    ) -> None:
         """Go on in another's place and with its reasons, between two samples; nothing that is on its way is lost.
 
         What is the same, other than the configuration around it: `same_wheels`, what wheel scales and tread were
-        learned with; `same_gyro`, the same of bias and scale; `same_model`, the compensation and where it stands.
+        learned with; `same_gyro`, the same of bias and scale; `same_lag`, of the wheels' lag; `same_model`, the
+        compensation and where it stands.
         """
         self._progress.take_over(other._progress, same_wheels, same_gyro)
         self.counters.update(other.counters)
@@ -274,7 +277,7 @@ class Estimator:
         self._silence.take_over(other._silence, other._tick_ns)
         if same_model:
             self._corrections.take_over(other._corrections)
-        self.knowledge.take_over(other.knowledge, same_wheels, same_gyro)
+        self.knowledge.take_over(other.knowledge, same_wheels, same_gyro, same_lag)
         if same_wheels:
             self.standstill = other.standstill
         if same_gyro:

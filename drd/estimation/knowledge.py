@@ -5,8 +5,8 @@ import math
 from drd.config.keys import Config
 from drd.estimation.agreement import Agreement
 from drd.estimation.applied import Applied
-from drd.estimation.estimate import forget_gyro, forget_wheels
-from drd.estimation.filter import USUAL2, Filter
+from drd.estimation.estimate import forget_gyro, forget_lag, forget_wheels
+from drd.estimation.filter import LEAST_LAG_S, MOST_LAG_S, USUAL2, Filter
 from drd.estimation.health import Reasons
 from drd.estimation.learning import Drive, Learned, RestNoise, WheelNoise
 from drd.estimation.noise import NoiseProfile
@@ -135,7 +135,7 @@ class Knowledge:
         self.rest_noise.recall(learned)
         self._track.kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
 
-    def take_over(self, other: "Knowledge", same_wheels: bool, same_gyro: bool) -> None:
+    def take_over(self, other: "Knowledge", same_wheels: bool, same_gyro: bool, same_lag: bool) -> None:
         """Go on with what another knows, and the track has taken over, as far as it is about the same sensors."""
         kf, same_noise = self._track.kf, self._stated == other._stated
         if same_wheels and same_gyro:
@@ -145,7 +145,7 @@ class Knowledge:
             forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
             kf.add_position_variance(other.steering.wander_m2)
             self.steering.begin(kf)
-        elif same_noise and self._config.robot.drive == other._config.robot.drive:
+        elif same_noise:
             self.wheel_noise, self.steering = other.wheel_noise, other.steering
             self.wheel_noise.put_into(kf.noise)
         else:
@@ -160,3 +160,17 @@ class Knowledge:
             kf.noise.gyro_rad2_per_s = self.rest_noise.variance_rad2_per_s
         else:
             self._recall_gyro(other.learned)
+        if not same_lag:
+            self._begin_lag(other._config)
+
+    def _begin_lag(self, then: Config) -> None:
+        """Samples may be timed otherwise from now on: the lag goes with the gyro's times, and of the wheels' as much of
+        the motion is seen twice, or not at all, as their times are other ones.
+        """
+        track, now = self._track, self._config
+        kf, other_s = track.kf, now.encoders.latency_s - then.encoders.latency_s
+        lag_s = kf.nominal.wheel_lag_s + now.fog.latency_s - then.fog.latency_s
+        kf.nominal.wheel_lag_s = min(max(lag_s, LEAST_LAG_S), MOST_LAG_S)
+        forget_lag(kf, self._sigmas)
+        kf.add_position_variance((track.speed_m_s * other_s) ** 2)
+        kf.add_heading_variance((track.rate_rad_s * other_s) ** 2, both=True)

@@ -49,9 +49,10 @@ class Steering:
         self._robot, self._initial, self._wheel_noise = config.robot, config.estimation.initial, wheel_noise
         self.drive, self.scale, self.wander_m2 = Drive.UNKNOWN, 0.0, 0.0
         self._last: Place | None = None
+        self._is_stated = config.robot.drive != "auto" or is_stated_skid(config) or not wheel_noise.is_learned
         if is_stated_skid(config):
             self._found_skid()
-        elif config.robot.drive == "differential" or config.fog.protocol == "none" or not wheel_noise.is_learned:
+        elif self._is_stated or config.fog.protocol == "none":
             self.drive = Drive.DIFFERENTIAL  # nothing could tell
         elif config.estimation.initial.wheel_scale is None:
             self.scale = SKID_SCALE
@@ -110,9 +111,9 @@ class Steering:
         self._wheel_noise.skids(self._robot.tread_m)
 
     def recall(self, learned: Learned) -> None:
-        """Go on with what was found out before; P has it already."""
+        """Go on with what was found out before, also where the gyro that told is there no more; P has it already."""
         drive = Drive(learned.drive)
-        if self.drive is not Drive.UNKNOWN or drive is Drive.UNKNOWN:
+        if self._is_stated or drive in (Drive.UNKNOWN, self.drive):
             return
         self._decide(drive)
         if drive is Drive.SKID:

@@ -10,7 +10,7 @@ import numpy as np
 from drd.config.keys import Config
 from drd.effects.effect import Effect
 from drd.estimation.basis import changes, learned_anew
-from drd.estimation.estimate import Estimate, forget_gyro, forget_wheels
+from drd.estimation.estimate import Estimate, forget_gyro, forget_lag, forget_wheels
 from drd.estimation.filter import Filter
 from drd.estimation.learning import Learned
 from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, SCALE_L, SCALE_R, TREAD
@@ -71,17 +71,18 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     kf = Filter(config.robot.tread_m, estimator.sigmas, estimator.noise)
     kf.put(saved.estimate.nominal, saved.estimate.P)
     kf.anchor_gyro()
-    other_wheels = changes(saved.basis.wheels, pipeline.basis.wheels)
-    other_gyro = changes(saved.basis.gyro, pipeline.basis.gyro)
+    other = changes(saved.basis, pipeline.basis)
     if pipeline.model is not None and any(_counts_from_start(term.effect) for term in pipeline.model.terms):
-        other_gyro.append("the model takes the gyro's time and temperature from each start on")
+        other.gyro.append("the model takes the gyro's time and temperature from each start on")
     learned = saved.estimate.learned
-    if other_wheels:
+    if other.wheels:
         learned = Learned(gyro_differences=learned.gyro_differences, gyro_rad2_per_s=learned.gyro_rad2_per_s)
         forget_wheels(kf, config.robot.tread_m, estimator.sigmas)
-    if other_gyro:
+    if other.gyro:
         learned = dataclasses.replace(learned, gyro_differences=0.0, gyro_rad2_per_s=0.0)
         forget_gyro(kf, estimator.sigmas)
+    if other.lag:
+        forget_lag(kf, estimator.sigmas)
     _widen_learned(kf, off_s, config, pipeline)
     unseen_s = 0.0 if saved.estimate.at_rest else LONGEST_UNSEEN_S if off_s is None else off_s
     lost = saved.estimate.lost
@@ -97,7 +98,7 @@ def warm_restart(saved: Saved, now: Moment, config: Config, pipeline: Pipeline, 
     )
     bias_rad_s = kf.sigma(GYRO_BIAS)
     bias_text = f"gyro bias known to {bias_rad_s * DEG_PER_RAD * S_PER_H:.2g} deg/h"
-    sentences = [_pose_sentence(saved, off_s, config, lost), bias_text, *learned_anew(other_wheels, other_gyro)]
+    sentences = [_pose_sentence(saved, off_s, config, lost), bias_text, *learned_anew(other)]
     bias_known = bias_rad_s < KNOWN_PART * estimator.sigmas.gyro_bias_rad_s
     return Restart(estimate, bias_known, off_s, "; ".join(sentences))
 

@@ -235,7 +235,7 @@ def test_a_reload_keeps_the_turn_that_the_wheels_alone_have_told() -> None:
         e.add_wheels(WheelSample(T0 + step * S // 20, 0.05, 0.04, 0.06, 0.0))
         if step <= 4:
             e.add_gyro(GyroSample(T0 + step * S // 20, 0.05, 0.0, 25.0))
-    other.take_over(e, same_wheels=True, same_gyro=True, same_model=True)
+    other.take_over(e, same_wheels=True, same_gyro=True, same_lag=True, same_model=True)
     track = other.knowledge._track
     assert track.alone_rad == e.knowledge._track.alone_rad > 0.1
     assert track.alone_tread_m == e.knowledge._track.alone_tread_m

@@ -167,7 +167,15 @@ def test_whatever_changes_the_pose_goes_on_and_claims_no_more(tmp_path: Path, na
         assert abs(b.heading_rad - a.heading_rad) < 0.1
         assert b.position_bound_m >= 0.99 * min(a.position_bound_m, unchanged[b.t_ns].position_bound_m)
     assert {p.validity for p in poses[at:]} <= {Validity.VALID, Validity.DEGRADED}
-    anew = {"calibration off", "gyro off", "other counts", "other tread", "other radius"}
+    anew = {
+        "calibration off",
+        "gyro off",
+        "other counts",
+        "other tread",
+        "other radius",
+        "gyro's heading",
+        "paper's noise",
+    }
     assert (len(notes) > 0) is (name in anew)
     sources = {r.source for r in poses[-1].reasons}
     if name == "gyro off":

@@ -14,8 +14,10 @@ from scipy.stats import chi2
 
 from drd.config.keys import Config
 from drd.config.schema import loads
+from drd.estimation.basis import Basis
 from drd.estimation.estimate import Estimate, check_covariance
-from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, TREAD, X, Y
+from drd.estimation.learning import Drive, Learned
+from drd.estimation.state import GYRO_BIAS, GYRO_SCALE, HEADING, SCALE_L, SCALE_R, SLIP, TREAD, WHEEL_LAG, X, Y
 from drd.pipeline import Pipeline
 from drd.state.restart import Restart, duration, time_off_s, warm_restart
 from drd.state.saved import Moment, Saved
@@ -249,6 +251,65 @@ def test_what_was_learned_with_another_geometry_or_calibration_does_not_apply(
     assert math.isclose(P[SCALE_L, SCALE_L], cold.wheel_scale**2) is wheels
     assert math.isclose(P[GYRO_BIAS, SCALE_L], 1e-13) is not (wheels or gyro)
     assert wheels is False or P[TREAD, TREAD] == cold.tread_m**2
+
+
+DRIVE, GYRO = "drive: differential", "encoders:"
+OFF = "fog: {protocol: none}\nencoders:"
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "wheels", "lag"),
+    [
+        ((), (GYRO, "fog: {latency_s: 0.1}\nencoders:"), False, True),
+        ((), ("20000}", "20000, latency_s: 0.1}"), False, True),
+        ((), ("wheel_lag_s: 0.2", "wheel_lag_s: 0.1"), False, True),
+        ((), ("estimation:", "estimation:\n  profile: paper"), True, True),
+        ((), (GYRO, "fog: {protocol: dsp3000}\nencoders:"), False, True),
+        ((), (GYRO, OFF), False, False),
+        ((GYRO, OFF), (), True, True),
+        ((), (DRIVE, "drive: skid"), True, False),
+        ((DRIVE, "drive: auto"), (DRIVE, "drive: skid"), True, False),
+        ((DRIVE, "drive: auto"), ("differential}", "auto}\nestimation: {heading: gyro}"), True, False),
+    ],
+    ids=str,
+)
+def test_lag_and_how_the_robot_steers_apply_where_they_were_learned_with_the_same(
+    then: tuple[str, str], now: tuple[str, str], wheels: bool, lag: bool
+) -> None:
+    text = CONFIG.replace("wheel_lag_s: 0", "wheel_lag_s: 0.2")
+    if "heading" in "".join(now):
+        text = text.split("estimation:")[0]
+    made = pipeline(text.replace(*then) if then else text)
+    kf = made.estimator.filter
+    kf.nominal.wheel_lag_s, kf.nominal.tread_m = 0.15, 0.59
+    kf.P[WHEEL_LAG, WHEEL_LAG] = kf.P[TREAD, TREAD] = 1e-12
+    found, other = restart(state(made, learned=Learned("skid")), after(60.0), text.replace(*now) if now else text)
+    n, P, cold = found.estimate.nominal, found.estimate.P, other.estimator.sigmas
+    assert ("the wheels' lag is learned anew" in found.text) is lag
+    assert n.wheel_lag_s == (0.0 if lag else 0.15)
+    assert P[WHEEL_LAG, WHEEL_LAG] == pytest.approx(cold.wheel_lag_s**2 if lag else 1e-12)
+    assert n.tread_m == (TREAD_M if wheels else 0.59)
+    assert P[SLIP, SLIP] == pytest.approx(cold.slip_s**2)
+    assert not wheels or P[TREAD, TREAD] >= cold.tread_m**2
+    assert (found.estimate.learned.drive == "unknown") is wheels
+
+
+def test_a_file_of_before_lag_and_drive_were_in_it_is_gone_on_from() -> None:
+    with_gyro, without = pipeline(), pipeline(CONFIG.replace(GYRO, OFF))
+    for made, is_kept in ((with_gyro, True), (without, False)):
+        made.estimator.filter.nominal.tread_m = 0.59
+        saved = state(made)
+        old = dataclasses.replace(saved, basis=Basis(saved.basis.wheels, saved.basis.gyro, {}))
+        found, _ = restart(old, after(5.0))
+        assert ("anew" not in found.text) is is_kept
+        assert (found.estimate.nominal.tread_m == 0.59) is is_kept
+
+
+def test_a_robot_that_was_found_to_skid_does_so_without_its_gyro() -> None:
+    text = CONFIG.replace(DRIVE, "drive: auto")
+    saved = state(pipeline(text), learned=Learned("skid"))
+    _, other = restart(saved, after(5.0), text.replace(GYRO, OFF))
+    assert other.estimator.knowledge.steering.drive is Drive.SKID
 
 
 def test_a_model_of_the_gyro_starts_anew_and_the_bias_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
