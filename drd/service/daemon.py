@@ -183,7 +183,7 @@ class Daemon:
             log.warning("reload: takes effect at the next start only: %s", ", ".join(prepared.waiting))
 
     def _put_monitor_in_force(self) -> None:
-        self._monitoring.put_in_force(self._config, self.pipeline.calibration)
+        self._monitoring.put_in_force(self._config, self.pipeline.calibration, self.pipeline.basis)
         self._taking.put_in_force(self._config.monitor.enabled and self._config.monitor.apply)
 
     # ---- outputs -----------------------------------------------------------------------------------------------

@@ -25,13 +25,14 @@ ARGUMENTS: Final = ("-P", "-m", "drd.service.monitor_process")
 
 
 class Setup(Struct, frozen=True):
-    """The first packet: what the monitor is made of. `memory`: of earlier drives.
+    """The first packet: what the monitor is made of. `memory`: of earlier drives with the same `basis`.
 
     `wall_zero_ns`: the wall clock where the samples' clock is 0; `began_ns`: what that says now.
     """
 
     config: Config
     calibration: Calibration | None
+    basis: str = ""
     memory: Memory | None = None
     wall_zero_ns: int = 0
     began_ns: int = 0

@@ -11,12 +11,13 @@ import msgspec
 
 from drd.config.keys import Config
 from drd.estimation.applied import Constant
+from drd.estimation.basis import Basis
 from drd.estimation.calibration import Calibration
 from drd.pipeline import Observer
 from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
 from drd.service.monitor_child import Child, Ended
-from drd.state.memory_file import MemoryKeeper, basis_of
+from drd.state.memory_file import MemoryKeeper, digest_of, first_digest_of
 from drd.units import S_PER_NS
 
 log = logging.getLogger(__name__)
@@ -73,7 +74,7 @@ class Monitoring(Observer):
 
     # ---- what is wanted ----------------------------------------------------------------------------------------
 
-    def put_in_force(self, config: Config, calibration: Calibration | None) -> None:
+    def put_in_force(self, config: Config, calibration: Calibration | None, basis: Basis) -> None:
         """Watch a robot of this configuration from now on; with another one than before, from the beginning."""
         setup, self._reason = None, ""
         if config.monitor.enabled:
@@ -84,7 +85,7 @@ class Monitoring(Observer):
             else:
                 # Only what it looks at: with another output period it need not begin anew.
                 parts = {name: getattr(config, name) for name in ("robot", "fog", "encoders", "estimation")}
-                setup = Setup(Config(**parts), calibration)
+                setup = Setup(Config(**parts), calibration, digest_of(basis))
         self.is_enabled = config.monitor.enabled
         if setup != self._setup:
             self._setup = setup
@@ -162,7 +163,7 @@ class Monitoring(Observer):
                 await self._pause(text or how)
 
     def _with_memory(self, setup: Setup) -> Setup:
-        memory = self._keeper.memory(basis_of(setup.config, setup.calibration))
+        memory = self._keeper.memory(setup.basis, first_digest_of(setup.config, setup.calibration))
         now_ns = time.monotonic_ns()
         return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
 

@@ -7,8 +7,10 @@ from itertools import pairwise
 from typing import Any, Final
 
 import msgspec
+from msgspec import structs
 
 from drd.config.keys import Config
+from drd.estimation.basis import Basis
 from drd.estimation.calibration import Calibration
 from drd.monitor.memory import Day, Memory, remember
 from drd.state.sealed import StateError, sealed, unsealed
@@ -36,8 +38,14 @@ def decoded(data: bytes) -> Memory:
     return found
 
 
-def basis_of(config: Config, calibration: Calibration | None) -> str:
-    """Digest of all that the constants are relative to: with other sizes or calibration, none of them applies."""
+def digest_of(basis: Basis) -> str:
+    """Of all that the constants are relative to: with readings that mean something else, none of them applies."""
+    latencies = [basis.lag[f"{sensor}.latency_s"] for sensor in ("encoders", "fog")]
+    return hashlib.sha256(repr((basis.wheels, basis.gyro, latencies)).encode()).hexdigest()
+
+
+def first_digest_of(config: Config, calibration: Calibration | None) -> str:
+    """The digest that the first files have, of sizes, calibration and latencies alone."""
     robot, encoders, fog = config.robot, config.encoders, config.fog
     parts = (
         robot.wheel_radius_m, robot.left_scale, robot.right_scale, robot.tread_m, encoders.counts_per_revolution,
@@ -65,10 +73,12 @@ class MemoryKeeper:
             log.warning("monitor: nothing is remembered: %s", error)
         self._store.start()
 
-    def memory(self, basis: str) -> Memory | None:
-        """Constants with which the next drive begins; None where nothing is kept."""
+    def memory(self, basis: str, first: str = "") -> Memory | None:
+        """Constants with which the next drive begins; None where nothing is kept. `first`: see first_digest_of."""
         if self._store is None:
             return None
+        if self._memory is not None and self._memory.basis == first:
+            self._memory = structs.replace(self._memory, basis=basis)
         if self._memory is None or self._memory.basis != basis:
             self._memory = Memory(basis)
         self._before = self._memory

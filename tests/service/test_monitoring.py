@@ -23,6 +23,7 @@ from harness import Robot
 from drd.config.keys import Config
 from drd.config.schema import loads
 from drd.estimation.applied import Constant
+from drd.estimation.basis import basis_of
 from drd.estimation.calibration import Calibration
 from drd.monitor.findings import Finding
 from drd.monitor.monitor import Monitor
@@ -56,6 +57,10 @@ estimation: {static_bias: {duration_s: 2, minimum_s: 0.5}}
 
 def config_of(text: str = "") -> Config:
     return loads("robot: {wheel_radius_m: 0.11, tread_m: 0.6}\n" + text, Config).value
+
+
+def put_in_force(monitoring: Monitoring, config: Config) -> None:
+    monitoring.put_in_force(config, None, basis_of(config, None, None, True))
 
 
 def gyro(i: int) -> GyroSample:
@@ -123,7 +128,7 @@ def test_what_a_monitor_tells_arrives_as_it_was() -> None:
 def test_where_it_cannot_look_it_is_off_by_default_and_says_why_in_the_health_only(keys: str) -> None:
     config = config_of(keys)
     monitoring = Monitoring(lambda: None, MemoryKeeper(config), lambda _: None)
-    monitoring.put_in_force(config, None)
+    put_in_force(monitoring, config)
     told = health(monitoring)
     assert (told["state"], told["pid"], monitoring.status) == ("off", None, "")
     assert told["reason"]
@@ -139,7 +144,7 @@ def with_monitoring(work: Callable[[Monitoring, list[str]], Awaitable[None]], co
         states: list[str] = []
         keeper = MemoryKeeper(config)
         monitoring = Monitoring(lambda: states.append(monitoring.findings()["state"]), keeper, lambda _: None)
-        monitoring.put_in_force(config, None)
+        put_in_force(monitoring, config)
         task = asyncio.create_task(monitoring.run())
         try:
             await work(monitoring, states)
@@ -243,18 +248,18 @@ def test_it_runs_as_the_configuration_says_and_begins_anew_with_another_robot() 
     async def work(monitoring: Monitoring, states: list[str]) -> None:
         assert monitoring.health() is None
         monitoring.gyro(gyro(0))
-        monitoring.put_in_force(config_of(), None)
+        put_in_force(monitoring, config_of())
         await until(lambda: health(monitoring)["state"] == "running")
         first = health(monitoring)["pid"]
         assert os.getpriority(os.PRIO_PROCESS, first) == 19
-        monitoring.put_in_force(config_of("output: {health_period_s: 2}"), None)
+        put_in_force(monitoring, config_of("output: {health_period_s: 2}"))
         await asyncio.sleep(0.3)
         assert health(monitoring)["pid"] == first
         larger = loads("robot: {wheel_radius_m: 0.12, tread_m: 0.6}", Config).value
-        monitoring.put_in_force(larger, None)
+        put_in_force(monitoring, larger)
         await until(lambda: health(monitoring)["pid"] not in (None, first))
         second = health(monitoring)["pid"]
-        monitoring.put_in_force(config_of(OFF), None)
+        put_in_force(monitoring, config_of(OFF))
         await until(lambda: states[-1] == "off")
         for pid in (first, second):
             assert not Path(f"/proc/{pid}").exists()
