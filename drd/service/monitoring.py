@@ -170,9 +170,9 @@ class Monitoring(Observer):
     async def _serve(self, process: Child) -> None:
         """Exchange samples and reports until another set-up is wanted. Raises Ended."""
         self._process = process
-        while not self._changed.is_set():
-            await asyncio.sleep(PERIOD_S)
+        while not self._changed.is_set():  # what is said of the old set-up does not hold in the new one
             self._exchange(process)
+            await asyncio.sleep(PERIOD_S)
 
     async def _end(self, process: Child, has_ended: bool) -> str:
         """End the process; returns how it had ended by itself."""

@@ -13,6 +13,7 @@ from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import numpy as np
@@ -132,6 +133,28 @@ def test_where_it_cannot_look_it_is_off_by_default_and_says_why_in_the_health_on
     told = health(monitoring)
     assert (told["state"], told["pid"], monitoring.status) == ("off", None, "")
     assert told["reason"]
+
+
+def test_what_waits_of_an_old_monitor_at_a_reload_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drd.service.monitoring.PERIOD_S", 0.0)
+    taken: list[Any] = []
+    waiting: list[Report] = []
+    monitoring = Monitoring(lambda: None, MemoryKeeper(config_of()), taken.append)
+
+    def report() -> Report | None:
+        return waiting.pop() if waiting else None
+
+    def reload() -> None:
+        waiting.append(Report(wanted={"turn": Constant("turn", 0.04, 0.002)}))
+        monitoring.put_in_force(config_of(), None)
+
+    async def main() -> None:
+        asyncio.get_running_loop().call_soon(reload)
+        await monitoring._serve(Mock(report=report))
+
+    asyncio.run(main())
+    assert len(waiting) == 1
+    assert taken == []
 
 
 # ---- a process, without a daemon -------------------------------------------------------------------------------------
