@@ -118,7 +118,7 @@ class Knowledge:
         """Noise and drive, as far as they were learned."""
         k, rest = self._track.kf.noise, self.rest_noise
         wheels = (k.wheel_m2_per_m, k.turn_rad2_per_rad, k.jitter_s2) if self.wheel_noise.is_known else (0.0, 0.0, 0.0)
-        return Learned(self.steering.drive.value, rest.differences, rest.variance_rad2_per_s, *wheels)
+        return Learned(self.steering.drive.value, rest.differences, rest.mean_rad2_per_s, *wheels)
 
     def recall(self, learned: Learned) -> None:
         """Go on with what was learned before a restart."""

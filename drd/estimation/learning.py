@@ -46,7 +46,9 @@ class Drive(Enum):
 
 @dataclass(frozen=True)
 class Learned:
-    """Knowledge to keep over a restart: how the robot steers, and variances, with 0 where nothing was learned."""
+    """Knowledge to keep over a restart: how the robot steers, and variances, with 0 where nothing was learned; the
+    gyro's is the mean of its squares, before few of them count for more. (29)
+    """
 
     drive: str = Drive.UNKNOWN.value
     gyro_differences: Amount = 0.0
@@ -82,6 +84,11 @@ class RestNoise:
         self._tell()
 
     @property
+    def mean_rad2_per_s(self) -> float:
+        """Mean of the squares, to be recalled; 0 before any difference."""
+        return self._sum / self.differences if self.differences else 0.0
+
+    @property
     def relative_sigma(self) -> float:
         """Standard deviation of the learned N relative to N; infinite before any difference."""
         return math.sqrt(0.5 / (FREEDOM * self.differences)) if self.differences else math.inf
@@ -110,7 +117,7 @@ class RestNoise:
     def _take(self, difference_rad_s: float) -> None:
         square = 0.5 * difference_rad_s * difference_rad_s * self._length_s
         if self.differences and self.is_learned:  # who turns the robot by hand makes no noise
-            square = min(square, TURNED * max(self._sum / self.differences, self.stated_rad2_per_s))
+            square = min(square, TURNED * max(self.mean_rad2_per_s, self.stated_rad2_per_s))
         self._sum += square
         self.differences += 1
         self._tell()

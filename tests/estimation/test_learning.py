@@ -342,7 +342,7 @@ def test_what_was_learned_is_kept_in_the_state() -> None:
     assert again.knowledge.steering.drive is e.knowledge.steering.drive
     assert again.knowledge.rest_noise.known
     assert again.knowledge.rest_noise.variance_rad2_per_s == pytest.approx(
-        e.knowledge.rest_noise.variance_rad2_per_s, rel=0.2
+        e.knowledge.rest_noise.variance_rad2_per_s, rel=1e-9
     )
     assert again.filter.noise.turn_rad2_per_rad == pytest.approx(e.filter.noise.turn_rad2_per_rad, rel=1e-9)
     assert again.filter.nominal.wheel_lag_s == e.filter.nominal.wheel_lag_s
