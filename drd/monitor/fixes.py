@@ -15,6 +15,7 @@ from drd.units import NS_PER_S
 
 EFFECT: Final = "wheel_radius_error"
 LARGEST: Final = 0.05  # relative: no radius in use is further off
+MOVED_SIGMAS: Final = 4.0  # of all that radii and noise explain: beyond, the pose was moved, or the robot carried
 FEWEST_M: Final = 5.0  # between two poses: a shorter chord tells nothing of a radius
 NAMED_NATS: Final = math.log(20.0)
 MOST_WAITING: Final = 16  # for the rows of their time, some seconds
@@ -68,7 +69,7 @@ class Fixes:
         self.intervals = 0
 
     def fix(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
-        """A pose from outside, before the samples that come later."""
+        """See Monitor."""
         self._waiting.append((t_ns, x_m, y_m, sigma_m))
 
     def rows(self, rows: Rows, turn_rad: Array, zero_ns: int) -> None:
@@ -93,18 +94,20 @@ class Fixes:
 
     def _measure(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
         way, at = self._way, np.array([x_m, y_m])
-        if way is not None:
-            chord_m = float(np.hypot(*way.here))
-            if chord_m > FEWEST_M:
-                variance = way.variance_m2(self._walk, self._wheel_noise) + way.sigma_m**2 + sigma_m**2
-                information = chord_m**2 / variance
-                self._information += information
-                self._sum += information * (float(np.hypot(*(at - way.at))) / chord_m - 1.0)
-                self.intervals += 1
-                self._named_ns = self._named_ns or (t_ns if self._nats() > NAMED_NATS else 0)
-        else:
-            self._begin_ns = self._begin_ns or t_ns
-        self._way = _Way(at, sigma_m)
+        self._way = _Way(at, sigma_m) if math.isfinite(sigma_m) else None
+        if self._way is None:
+            return
+        self._begin_ns = self._begin_ns or t_ns
+        if way is None or (chord_m := float(np.hypot(*way.here))) <= FEWEST_M:
+            return
+        variance = way.variance_m2(self._walk, self._wheel_noise) + way.sigma_m**2 + sigma_m**2
+        information, e = chord_m**2 / variance, float(np.hypot(*(at - way.at))) / chord_m - 1.0
+        if abs(e) > MOVED_SIGMAS * math.sqrt(1.0 / information + self._known**2 + LARGEST**2):
+            return
+        self._information += information
+        self._sum += information * e
+        self.intervals += 1
+        self._named_ns = self._named_ns or (t_ns if self._nats() > NAMED_NATS else 0)
 
     def _nats(self) -> float:
         """Odds that the radii are off beyond what was known of them."""

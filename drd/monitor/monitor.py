@@ -89,7 +89,10 @@ class Monitor:
         self._work()
 
     def fix(self, t_ns: int, x_m: float, y_m: float, sigma_m: float) -> None:
-        """The robot was there at that time, somebody says (set_pose, a dock). Before the samples that come later."""
+        """The robot was there at that time, somebody says (set_pose, a dock). Before the samples that come later.
+
+        `sigma_m` inf: a reset, behind which poses are in another frame.
+        """
         self._fixes.fix(t_ns, x_m, y_m, sigma_m)
 
     def _work(self) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -58,9 +59,10 @@ class Monitoring(Observer):
     # ---- the pipeline's observer -------------------------------------------------------------------------------
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
-        """A pose that was set is one to measure distances from."""
-        if self._process is not None and name == "set_pose":
-            self._process.put(FIX, (now_ns, values["x_m"], values["y_m"], values["sigma_m"]))
+        """A pose that was set is one to measure distances from; behind a reset none from before is."""
+        if self._process is not None and name in ("set_pose", "reset"):
+            pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
+            self._process.put(FIX, (now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
 
     def gyro(self, sample: GyroSample) -> None:
         """A decoded gyro sample."""

@@ -94,3 +94,15 @@ def test_a_hole_in_the_samples_spoils_one_distance_only() -> None:
             fixes.fix((2 * k + 2) * 10**9, 20.0 * k, 0.0, 0.01)
     fixes.rows(rows_of(still, ahead), np.zeros(22), 8 * 10**9)
     assert fixes.intervals == 1
+
+
+def test_a_pose_that_was_moved_or_a_reset_spoils_one_distance_only() -> None:
+    """Ahead by 20 m each time: to 20 m, said again 20 m on, to 40 m, a reset, to 58.8 m by it, to 78.8 m."""
+    fixes, still, ahead = Fixes(0.005, 1e-5, 0.002), np.zeros(20), np.ones(20)
+    for k, x_m in enumerate((0.0, 20.0, 20.0, 40.0, 58.8, 78.8)):
+        if k == 4:
+            fixes.fix(2 * k * 10**9 - 10**8, 0.0, 0.0, math.inf)
+        fixes.fix(2 * k * 10**9, x_m, 0.0, 0.01)
+        fixes.rows(rows_of(still, ahead), np.zeros(22), 2 * k * 10**9)
+    assert fixes.intervals == 3
+    assert fixes.findings() == []

@@ -33,6 +33,7 @@ from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import (
     ARGUMENTS,
     BATCH_RECORDS,
+    FIX,
     GAP,
     GYRO,
     LARGEST_PACKET_BYTES,
@@ -133,6 +134,17 @@ def test_where_it_cannot_look_it_is_off_by_default_and_says_why_in_the_health_on
     told = health(monitoring)
     assert (told["state"], told["pid"], monitoring.status) == ("off", None, "")
     assert told["reason"]
+
+
+def test_a_reset_reaches_the_monitor_as_a_pose_of_which_nothing_is_known() -> None:
+    monitoring = Monitoring(lambda: None, MemoryKeeper(config_of()), lambda _: None)
+    monitoring._process = process = Mock()
+    monitoring.event("set_pose", 4, x_m=1.0, y_m=2.0, heading_rad=0.0, sigma_m=0.1, sigma_rad=0.0)
+    monitoring.event("reset", 5)
+    assert [call.args for call in process.put.call_args_list] == [
+        (FIX, (4, 1.0, 2.0, 0.1)),
+        (FIX, (5, 0.0, 0.0, math.inf)),
+    ]
 
 
 def test_what_waits_of_an_old_monitor_at_a_reload_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
