@@ -11,14 +11,14 @@ Packets are late, never early: an arrival before the predicted one is nearly exa
 measurement variances say so and put the phase near the smallest delay, not the mean one. Both corrections
 of one arrival have the same sign and nearly the same ratio, so where the phase settles does not bias the period.
 
-Losses: where packets carry a counter it numbers the beats. Elsewhere an arrival later than delays explain means loss;
-a lateness that delays could explain must last. A loss that was only a delay shows, since the next packets come early:
-it is taken back, and only losses that lasted are counted. A packet too many is one that came twice. After a stall of
-the host nothing is inferred until an arrival fits the beat again: what waited may come in parts, and a part that is
-given the time of its arrival leaves none for the others. Numbers that go on, less than two periods late, are those of
-a beat that goes on. Limits, for sensors without counter whose beat is within 0.5 % of a multiple of the adapter's: of
-bundles, losses may stay uncounted and the intervals spread over them; of single packets (an adapter that delivers
-every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
+Losses: where packets carry a counter it numbers the beats. Elsewhere a content may tell of one, and an arrival later
+than delays explain means loss; a lateness that delays could explain must last. A loss that was only a delay shows,
+since the next packets come early: it is taken back, and only losses that lasted are counted. A packet too many is one
+that came twice. After a stall of the host nothing is inferred until an arrival fits the beat again: what waited may
+come in parts, and a part that is given the time of its arrival leaves none for the others. Numbers that go on, less
+than two periods late, are those of a beat that goes on. Limits, for sensors without counter whose beat is within 0.5 %
+of a multiple of the adapter's: of bundles, losses may stay uncounted and the intervals spread over them; of single
+packets (an adapter that delivers every 10 ms at 100 Hz), a slower sensor looks like one that loses packets.
 """
 
 from cmath import rect
@@ -113,17 +113,24 @@ class SampleClock:
         """Note that the host stood still: packets that come late have waited, and are not the first after a loss."""
         self._is_stalled = True
 
-    def stamp(self, sequences: Sequence[int | None], arrival_ns: int) -> list[Stamp]:
+    def due(self, arrival_ns: int) -> int:
+        """Beats from the newest packet to one that arrives then; 0 while time tells nothing."""
+        if self._origin_ns is None or not self._locked or self._is_stalled:
+            return 0
+        return round(((arrival_ns - self._origin_ns) * S_PER_NS - self._phase_s) / self.period_s)
+
+    def stamp(self, sequences: Sequence[int | None], arrival_ns: int, beats: Sequence[int] = ()) -> list[Stamp]:
         """Times of the packets that were read together at `arrival_ns`, oldest first; strictly increasing.
 
         `sequences`: each packet's counter, or None. The last packet is the newest, the others are older by their beats.
+        `beats`: from each packet's predecessor to it as its content has it, where there is no counter; else 1.
         """
         if not sequences:
             return []
         if self._origin_ns is None:
             self._origin_ns = arrival_ns
         arrival_s = (arrival_ns - self._origin_ns) * S_PER_NS
-        steps = self._steps(sequences, arrival_s)
+        steps = self._steps(sequences, arrival_s, beats)
         self._note_bundle(len(steps), arrival_s)
         if not self._synchronised:
             self._synchronise(arrival_s)
@@ -166,10 +173,10 @@ class SampleClock:
     def _locked(self) -> bool:
         return self._fitting >= LOCKING and self._period_var < (LOCKED_TOLERANCE * self.period_s) ** 2
 
-    def _steps(self, sequences: Sequence[int | None], arrival_s: float) -> list[int]:
-        """Beats from each packet to the next, by their counter where they have one, else 1."""
+    def _steps(self, sequences: Sequence[int | None], arrival_s: float, beats: Sequence[int]) -> list[int]:
+        """Beats from each packet to the next, by their counter where they have one."""
         if self._modulus is None:
-            return [1] * len(sequences)
+            return list(beats) or [1] * len(sequences)
         steps = []
         for sequence in sequences:
             last, self._last_sequence = self._last_sequence, sequence
@@ -202,7 +209,7 @@ class SampleClock:
     def _resume(self, arrival_s: float, steps: list[int]) -> None:
         """After a silence: count what is missing into `steps` and begin with a new phase."""
         if self._modulus is None:
-            steps[0] = max(1, round((arrival_s - self._phase_s) / self.period_s) - len(steps) + 1)
+            steps[0] = max(1, round((arrival_s - self._phase_s) / self.period_s) - sum(steps[1:]))
         self.counters["lost_packets"] += sum(steps) - len(steps)
         self._lates_s.clear()
         self._synchronise(arrival_s)
@@ -210,6 +217,8 @@ class SampleClock:
     def _observe(self, arrival_s: float, steps: list[int]) -> int:
         """Hold the newest packet's arrival against the beat; return further beats that passed (loss inferred)."""
         self._advance(sum(steps))
+        if self._modulus is None:
+            self._inferred[-1] += sum(steps) - len(steps)  # taken back where the next packets come early
         if self._is_first_part:
             return 0
         late_s, further = arrival_s - self._phase_s, 0

@@ -171,6 +171,30 @@ def test_a_lost_packet_leaves_a_hole_and_is_counted(fog: Fog) -> None:
     assert after.interval_s == pytest.approx(0.2 if whole else 0.1, rel=1e-3)
 
 
+def test_an_integrated_angle_keeps_the_turn_of_lines_that_are_missing_among_fast_ones() -> None:
+    gyro = Gyro(replace(VARIANTS["dsp3000 integrated"], rate_hz=100.0), GENTLE_RAD_S2).settled()
+    gyro.turn(*range(0, -40, -4))
+    samples: list[GyroSample] = []
+    for lost in (1, 2, 3):
+        for _ in range(lost):
+            gyro.packet(-40.0)
+        samples += gyro.turn(*[-40.0] * 20)
+    assert rates_deg_s(samples) == [-40.0] * 60
+    assert [round(100.0 * s.interval_s) for s in samples[::20]] == [2, 3, 4]
+    assert (samples[0].t_ns - START_NS) / NS_PER_S == pytest.approx(1.12, abs=1e-3)
+    assert (gyro.count("lost_packets"), gyro.count("implausible")) == (6, 0)
+
+
+def test_a_real_impact_that_comes_late_is_no_missing_line() -> None:
+    gyro = Gyro(replace(VARIANTS["dsp3000 integrated"], rate_hz=100.0), GENTLE_RAD_S2).settled()
+    gyro.turn(*range(0, 40, 4))
+    samples = gyro.stream.feed(gyro.packet(80.0), gyro.now_ns + 6_000_000)
+    samples += gyro.turn(*[80.0] * 20)
+    assert sum(s.rate_rad_s * s.interval_s for s in samples) == pytest.approx(21 * 0.8 * RAD_PER_DEG, rel=0.01)
+    assert (gyro.count("lost_packets"), gyro.count("implausible")) == (0, 0)
+    assert (samples[-1].t_ns - START_NS) / NS_PER_S == pytest.approx(1.31, abs=2e-3)
+
+
 @pytest.mark.parametrize("rate_deg_s", [99.95, -99.95, 150.0])
 @each_variant
 def test_over_range_is_dropped_though_the_sensor_calls_it_valid(fog: Fog, rate_deg_s: float) -> None:
