@@ -257,14 +257,15 @@ def test_a_robot_that_was_suspended_is_not_at_the_origin_whatever_a_restart_make
     if reloads:
         keeper.put_in_force(origin)
     made.feed([a for a in Circle(config).arrivals(SECONDS) if a.t_ns <= 8 * NS_PER_S])
-    before = made.poses[-1]
+    before = made.pipeline.estimator.newest()
     asleep[0] += 50 * NS_PER_S
     keeper.tick(9 * NS_PER_S)
     estimate = made.pipeline.estimator.estimate()
     assert estimate is not None
     assert not estimate.lost  # after 50 s of 100
-    assert math.dist((estimate.nominal.x_m, estimate.nominal.y_m), (before.x_m, before.y_m)) < 0.1
-    assert math.hypot(before.x_m, before.y_m) > 0.3
+    # Nor has it travelled again what waits for the gyro.
+    assert made.pipeline.estimator.newest() == pytest.approx(before, abs=1e-9)
+    assert math.hypot(*before[:2]) > 0.3
 
 
 def test_a_run_with_a_suspension_is_replayed_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -235,18 +235,23 @@ class Estimator:
 
     # ---- from one estimator to the next ------------------------------------------------------------------------
 
-    def estimate(self) -> Estimate | None:
-        """All that is known at the last pose, to go on from; None before the wheels were heard."""
+    def estimate(self, in_place: bool = False) -> Estimate | None:
+        """All that is known at the last pose, to go on from; None before the wheels were heard. `in_place`: this very
+        estimator goes on from it, with the samples that wait, and so from where it has not used them yet.
+        """
         if not self._silence.wheels_ns:
             return None
         track, wander_m2 = self._progress.look_ahead(self._progress.pose_ns), self.knowledge.steering.wander_m2
-        P = 0.5 * (track.kf.P + track.kf.P.T)
+        kf = track.kf
+        if in_place:
+            kf, wander_m2 = self._track.kf, 0.0
+        P = 0.5 * (kf.P + kf.P.T)
         P[X, X], P[Y, Y] = P[X, X] + wander_m2, P[Y, Y] + wander_m2
         is_reset = self.reasons.has("filter")
         if is_reset:
             forget_pose(P)
         return Estimate(
-            nominal=replace(track.kf.nominal),
+            nominal=replace(kf.nominal),
             P=P,
             at_rest=self.at_rest,
             lost=self._silence.was_lost or is_reset,

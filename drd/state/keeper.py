@@ -82,7 +82,7 @@ class StateKeeper:
         return self._store.close(deadline_s)
 
     def _wake(self, now_ns: int, slept_ns: int) -> None:
-        estimate = self._pipeline.estimator.estimate()
+        estimate = self._pipeline.estimator.estimate(in_place=True)
         if estimate is None:
             return
         then, now = Moment(0, 0, THIS_RUN), Moment(0, slept_ns, THIS_RUN)
