@@ -158,7 +158,7 @@ def test_what_waits_of_an_old_monitor_at_a_reload_is_not_taken(monkeypatch: pyte
 
     def reload() -> None:
         waiting.append(Report(wanted={"turn": Constant("turn", 0.04, 0.002)}))
-        monitoring.put_in_force(config_of(), None)
+        put_in_force(monitoring, config_of())
 
     async def main() -> None:
         asyncio.get_running_loop().call_soon(reload)

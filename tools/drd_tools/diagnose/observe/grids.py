@@ -37,9 +37,9 @@ class Grid(NamedTuple):
     """
 
     time_s: Array
+    temperature_c: Array
     step_s: Array
     gyro_rad: Array | None
-    temperature_c: Array
     bridged_rad2: Array
     missing_s: Array
 
@@ -55,30 +55,35 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
         got = f"{whole.max():g} s after {times[int(whole.argmax()) - 1]:.12g}"
         expected = f"rows at most {LONGEST_GAP_S:g} s apart"
         raise ConfigError(str(recording.folder / "fog.csv"), "time_s", expected, got)
-    # A hole has the steps that its rows would have made: fixes within one long step would have to be on a line.
-    count = np.where(whole > MISSING_ROWS * typical, np.round(whole / typical), 1.0).astype(int)
-    row = np.repeat(np.arange(len(times)), count)
-    later = np.cumsum(count)[row] - 1 - np.arange(len(row))
-    step = (whole / count)[row]
-    # In a short hole the rate is a random walk from the row before to the row after, as wide as it walks around it.
-    change = np.diff(fog.rate_rad_s, prepend=fog.rate_rad_s[0])
-    walk = uniform_filter1d(change**2 / count, 3) * count * (count + 1) / 12.0
-    lost, is_long = later > 0, (whole > BRIDGED_S + typical)[row]
-    rate = fog.rate_rad_s[row] - (change / count)[row] * later
-    bridged_rad2 = lost * ~is_long * walk[row] * step**2
-    celsius = np.full(len(times), np.nan) if fog.temperature_c is None else fog.temperature_c
-    columns = (times[row] - later * step, step, rate * step, celsius[row], bridged_rad2, lost * is_long * step)
-    end = columns[0]
+    steps = _with_holes_filled(fog, whole, typical)
+    end = steps.time_s
     inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
-    time_s, step_s, gyro, temperature_c, bridged_rad2, missing_s = (column[inside] for column in columns)
+    time_s, temperature_c, *sums = (column[inside] for column in steps if column is not None)
     together = math.floor(STEP_S / typical + 1e-9)
     if together > 1 and len(time_s):
         first = np.arange(0, len(time_s), together)
         last = np.append(first[1:], len(time_s)) - 1
-        summed = (step_s, gyro, bridged_rad2, missing_s)
-        step_s, gyro, bridged_rad2, missing_s = (np.add.reduceat(v, first) for v in summed)
+        sums = [np.add.reduceat(v, first) for v in sums]
         time_s, temperature_c = time_s[last], temperature_c[last]
-    return Grid(*(column[:MOST_STEPS] for column in (time_s, step_s, gyro, temperature_c, bridged_rad2, missing_s)))
+    return Grid(*(column[:MOST_STEPS] for column in (time_s, temperature_c, *sums)))
+
+
+def _with_holes_filled(fog: FogLog, whole_s: Array, typical_s: float) -> Grid:
+    """A step for each row, and for each that is missing; `whole_s` (n,): since the row before. (68)"""
+    # Fixes within one long step would have to be on a line.
+    count = np.where(whole_s > MISSING_ROWS * typical_s, np.round(whole_s / typical_s), 1.0).astype(int)
+    row = np.repeat(np.arange(len(count)), count)
+    later = np.cumsum(count)[row] - 1 - np.arange(len(row))
+    step_s = (whole_s / count)[row]
+    change = np.diff(fog.rate_rad_s, prepend=fog.rate_rad_s[0])
+    bridge = uniform_filter1d(change**2 / count, 3) * count * (count + 1) / 12.0
+    rate = fog.rate_rad_s[row] - (change / count)[row] * later
+    lost, is_long = later > 0, (whole_s > BRIDGED_S + typical_s)[row]
+    celsius = np.full(len(count), np.nan) if fog.temperature_c is None else fog.temperature_c
+    bridged_rad2 = lost * ~is_long * bridge[row] * step_s**2
+    return Grid(
+        fog.time_s[row] - later * step_s, celsius[row], step_s, rate * step_s, bridged_rad2, lost * is_long * step_s
+    )
 
 
 def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
@@ -109,7 +114,7 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
 
 def _gyroless(time_s: Array, step_s: Array) -> Grid:
     zero = np.zeros(len(time_s))
-    return Grid(time_s, step_s, None, zero + np.nan, zero, zero)
+    return Grid(time_s, zero + np.nan, step_s, None, zero, zero)
 
 
 def swings(share: Array) -> bool:
