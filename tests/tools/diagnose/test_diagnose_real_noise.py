@@ -10,9 +10,10 @@ from diagnosis_drives import recorded, selected
 from drd_tools.diagnose.analysis import analyse
 from drd_tools.diagnose.observe.constants import observe
 from drd_tools.diagnose.observe.evidence import gather
-from drd_tools.diagnose.regression.noise_fit import by_direction, fitted, long_run, ratios, tails
+from drd_tools.diagnose.regression.noise_fit import by_direction, fitted, ratios
 from drd_tools.diagnose.regression.problem import Problem
 from drd_tools.diagnose.regression.refine import refine
+from drd_tools.diagnose.regression.residuals import long_run, tails
 from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.start import started
 from drd_tools.recordings.folder import Recording, read_recording
