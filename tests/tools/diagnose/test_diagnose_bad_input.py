@@ -216,16 +216,25 @@ def test_the_gyro_itself_tells_the_turn_in_short_holes(per_step: int) -> None:
     assert not e.gyroless.any()
 
 
-def test_in_a_long_hole_of_the_gyro_the_turn_is_that_of_the_wheels() -> None:
-    base = short("full")
-    assert base.fog is not None
-    time_s = base.fog.time_s
-    hole = (time_s > 14.02) & (time_s < 16.02)
-    e = gather(changed(base, "fog", ~hole), NOMINAL._replace(tread=1.25))
-    np.testing.assert_array_equal(e.gyroless, (e.time_s > 14.02) & (e.time_s < 16.02))
-    assert e.gyro_rad is not None
-    wheels = (e.right_m - e.left_m) / (1.25 * e.tread_m)
-    np.testing.assert_allclose(e.gyro_rad[e.gyroless], wheels[e.gyroless])
+@pytest.mark.parametrize("lag_s", [0.0, 0.17])
+def test_in_a_long_hole_of_the_gyro_the_turn_is_that_of_calibrated_wheels(lag_s: float) -> None:
+    """Wheels that are late still turn when the robot does not any more."""
+    late = [selected("encoder_latency", delay=lag_s)] if lag_s else []
+    made = simulated(SHORT, 1, selected("tread_error", k=0.5), *late).recording
+    whole = gather(made)
+    assert made.fog is not None
+    assert whole.gyro_rad is not None
+    for begin_s in np.arange(12.02, 20.0):
+        hole = (made.fog.time_s > begin_s) & (made.fog.time_s < begin_s + 3.0)
+        e = gather(changed(made, "fog", ~hole), NOMINAL._replace(tread=1.5, wheels_lag_s=lag_s))
+        assert e.gyro_rad is not None
+        at = (e.time_s > begin_s) & (e.time_s < begin_s + 3.0)
+        np.testing.assert_array_equal(e.gyro_inflation_rad2 > 0.0, at)
+        turned = np.abs(whole.gyro_rad[at]).sum()
+        sigma_rad = np.sqrt(e.gyro_inflation_rad2.sum())
+        assert sigma_rad == pytest.approx(0.1 * turned, rel=0.5, abs=0.1)
+        assert abs((e.gyro_rad - whole.gyro_rad).sum()) < 3.0 * sigma_rad
+        assert abs((e.gyro_rad - whole.gyro_rad).sum()) < 0.03 * turned + 0.01
 
 
 def test_an_effect_is_found_beside_holes() -> None:

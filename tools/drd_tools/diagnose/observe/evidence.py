@@ -27,6 +27,7 @@ WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
 BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
+SLIPS: Final = 10.0  # times the data sheet's: what real wheels slip in the long run, at most
 LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data sheet may say so
 LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
 POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
@@ -245,8 +246,14 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
         still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
     travel_m = np.abs(left_m) + np.abs(right_m)
-    wheels_rad = None if log is None else (right_m * robot.right - left_m * robot.left) / (tread_m * robot.tread)
-    gyro, inflation_rad2 = grids.without_holes(grid, wheels_rad)
+    near_travel_m, datasheet = maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), datasheet_noise(nominal, log is not None)
+    wheels = None
+    if log is not None:
+        apart_m = np.concatenate([[0.0], np.cumsum(right_m * robot.right - left_m * robot.left)])
+        turned_rad = np.diff(np.interp(edges + robot.wheels_lag_s, edges, apart_m)) / (tread_m * robot.tread)
+        slip_m2 = (SLIPS * datasheet.slip_m_per_sqrt_m) ** 2 * near_travel_m
+        wheels = turned_rad, (slip_m2 + 2.0 * lost_m2) / tread_m**2
+    gyro, inflation_rad2 = grids.without_holes(grid, wheels)
     return Evidence(
         name=recording.name,
         time_s=time_s,
@@ -261,9 +268,9 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         tread_m=tread_m,
         radius_m=radius_m,
         standstill_s=nominal.standstill_at_start_s,
-        datasheet=datasheet_noise(nominal, log is not None),
+        datasheet=datasheet,
         travel_m=travel_m,
-        near_travel_m=maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1),
+        near_travel_m=near_travel_m,
         still=still,
         gyro_inflation_rad2=inflation_rad2,
         left_inflation_m2=lost_m2,

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import MISSING_ROWS
 from drd.config.schema import ConfigError
+from drd_tools.diagnose.observe.events import runs
 from drd_tools.diagnose.results import Array
 from drd_tools.recordings.folder import Recording, ReferenceLog
 
@@ -23,7 +24,7 @@ MOST_STEPS: Final = 12_000  # 20 minutes at 0.1 s
 LONGEST_GAP_S: Final = 86_400.0  # a day: stamps of two clocks, not a hole
 GAP_S, GAP_ROWS = 0.5, 5.0  # after both, counts tell a sum that says little of each step
 BRIDGED_S: Final = 0.25  # without the gyro's rows: in less a robot hardly begins a turn and ends it
-HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # without wheels, what the turn in a long hole may be off, at least
+HOLE_SHARE, WANDER_RAD_S = 0.1, 0.02  # what the turn in a long hole may be off, of itself and in a second
 TURNING_RAD_S: Final = 0.01  # 0.6 deg/s: more than a gyro's noise over a second, less than a turn that matters
 DENSE_S: Final = 1.0  # a reference of rows so near tells the speed
 WAY_SMOOTHING_S: Final = 0.5  # of the reference's positions, whose noise would be speed
@@ -195,13 +196,20 @@ def lost_m2(log: EncoderLog, edges: Array, speed_m_s: Array) -> Array:
     return (float(speed_m_s.max()) * np.where(lost_s > 1e-9, lost_s, 0.0)) ** 2
 
 
-def without_holes(grid: Grid, wheels_rad: Array | None) -> tuple[Array | None, Array]:
-    """The gyro's turns with the wheels' where its rows are missing for long, and their variance (n,): of these inf."""
-    hole = grid.missing_s > 0.0
-    if grid.gyro_rad is None or not hole.any():
-        return grid.gyro_rad, grid.bridged_rad2
-    if wheels_rad is not None:
-        return np.where(hole, wheels_rad, grid.gyro_rad), np.where(hole, np.inf, grid.bridged_rad2)
-    typical = float(np.sqrt(np.mean((grid.gyro_rad / grid.step_s)[~hole] ** 2))) if (~hole).any() else 1.0
-    off_rad = HOLE_SHARE * np.abs(grid.gyro_rad) + max(typical, WANDER_RAD_S) * grid.missing_s
-    return grid.gyro_rad, grid.bridged_rad2 + hole * off_rad**2
+def without_holes(grid: Grid, wheels: tuple[Array, Array] | None) -> tuple[Array | None, Array]:
+    """The gyro's turns, with those of the `wheels` where its rows are missing for long, and their variance (n,).
+
+    `wheels`: turns and variance (n,). What their tread is off is off in all of a hole: the variances of its steps add
+    up to that. Without wheels the robot may turn as fast as it usually does. (68)
+    """
+    hole, gyro_rad = grid.missing_s > 0.0, grid.gyro_rad
+    if gyro_rad is None or not hole.any():
+        return gyro_rad, grid.bridged_rad2
+    if wheels is None:
+        usual_rad_s = float(np.sqrt(np.mean((gyro_rad / grid.step_s)[~hole] ** 2))) if (~hole).any() else 1.0
+        wheels = gyro_rad, (usual_rad_s * grid.missing_s) ** 2
+    gyro_rad, variance = np.where(hole, wheels[0], gyro_rad), grid.bridged_rad2 + hole * wheels[1]
+    turned = np.abs(gyro_rad)
+    for first, last in runs(hole):
+        variance[first:last] += HOLE_SHARE**2 * turned[first:last].sum() * turned[first:last]
+    return gyro_rad, variance + hole * (WANDER_RAD_S * grid.missing_s) ** 2
