@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosis_drives import recorded, selected
-from diagnosis_runs import written
+from diagnosis_runs import diagnosed, written
 
 from drd.cli import main
 from drd_tools.diagnose import run as run_module
@@ -106,3 +106,24 @@ def test_the_whole_is_drawn_with_the_model_of_all_parts(tmp_path: Path, monkeypa
 
 def of_nominal(analysis: Analysis, _: Path | None) -> tuple[Train, Drive]:
     return TRAINED(analysis, None)
+
+
+def test_times_since_1970_are_counted_from_the_first_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As a replay with the model counts them, which takes the slip off; its moment is none of the file's own clock."""
+    folder = written(tmp_path / "run", selected("surface_slip", t0=50.0, t1=60.0, left=0.2, right=0.0))
+    for name in ("fog", "encoders", "reference"):
+        header, *rows = (folder / f"{name}.csv").read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        later = [f"{float(time_s) + 1.7e9:.6f},{rest}" for time_s, rest in cells]
+        (folder / f"{name}.csv").write_text("\n".join([header, *later]) + "\n")
+    diagnosis = diagnosed(folder, tmp_path / "out")
+    (slip,) = diagnosis["findings"]
+    assert slip["effect"] == "surface_slip"
+    first_s = float(cells[0][0])
+    assert slip["parameters"]["t0"]["value"] == pytest.approx(50.0, abs=1.0 + first_s)
+    assert "times count from its first row, at 1700000000 s" in capsys.readouterr().out
+    rejected = []
+    for model in ([], ["--model", str(tmp_path / "out" / "model.yaml")]):
+        assert main(["replay", str(folder), *model, "--output", str(tmp_path / "poses.csv")]) == 0
+        rejected.append(json.loads((tmp_path / "poses.json").read_text())["counters"]["estimator"].get("rejected", 0))
+    assert rejected[1] < 0.2 * rejected[0]

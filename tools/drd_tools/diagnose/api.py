@@ -5,6 +5,7 @@ from pathlib import Path
 from drd.batch.logs import Columns, columns, gyro_log, wheel_log
 from drd.config.robot import Robot
 from drd_tools.diagnose.diagnosis import Diagnosis
+from drd_tools.diagnose.observe.parts import from_its_start
 from drd_tools.diagnose.run import run
 from drd_tools.recordings.folder import POSES, Recording, ReferenceLog, continuous_rad
 
@@ -23,7 +24,8 @@ def diagnose(
     clock. Raises ConfigError where columns are missing, or have nothing in common.
     """
     encoders = None if wheels is None else wheel_log(wheels, robot)
-    return run(Recording(Path(robot.name), robot, encoders, gyro_log(gyro), _reference(reference), {}))
+    recording = Recording(Path(robot.name), robot, encoders, gyro_log(gyro), _reference(reference), {})
+    return run(from_its_start(recording))
 
 
 def _reference(given: Columns | None) -> ReferenceLog | None:

@@ -11,7 +11,7 @@ from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.diagnosis import Diagnosis
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import gather
-from drd_tools.diagnose.observe.parts import parts
+from drd_tools.diagnose.observe.parts import from_its_start, parts
 from drd_tools.diagnose.report.page import write_report
 from drd_tools.diagnose.report.text import in_words, reference_faults
 from drd_tools.diagnose.report.verdict import MOST_IN_WORDS
@@ -84,7 +84,7 @@ def _read(paths: Sequence[Path]) -> list[Recording]:
     for recording in recordings:
         gather(recording)
         check_conventions(recording)
-    return recordings
+    return [from_its_start(recording) for recording in recordings]
 
 
 WORDS = {

@@ -1,4 +1,4 @@
-"""A long recording as several of 20 minutes at most, so that time and memory stay bounded."""
+"""What is looked at of a recording: its times from its start, and of a long one parts of 20 minutes at most."""
 
 import math
 from dataclasses import replace
@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from drd.batch.run import ZERO_WITHIN_S
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
 from drd_tools.recordings.folder import Recording
@@ -14,6 +15,19 @@ PART: Final = "-part-"
 FULL: Final = 0.99  # of the most steps: rows are not quite even
 FEWEST_ROWS: Final = 20  # of each sensor: fewer are no part of their own
 CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a sentence
+
+
+def from_its_start(recording: Recording) -> Recording:
+    """The recording with times as a model counts them: from the first row, where that is far from 0 (`batch.run`)."""
+    logs = {name: log for name in ("fog", "wheels") if (log := getattr(recording, name)) is not None}
+    begin_s = min((float(log.time_s[0]) for log in logs.values() if len(log.time_s)), default=0.0)
+    if abs(begin_s) <= ZERO_WITHIN_S:
+        return recording
+    if recording.reference is not None:
+        logs["reference"] = recording.reference
+    later: Any = {name: replace(log, time_s=log.time_s - begin_s) for name, log in logs.items()}
+    note = f"times count from its first row, at {begin_s:.12g} s"
+    return replace(recording, notes=(*recording.notes, note), **later)
 
 
 def parts(recording: Recording) -> list[Recording]:
