@@ -350,6 +350,20 @@ def test_an_hour_without_a_turn_in_it_is_no_fault() -> None:
     assert faults(findings(Robot(legs=legs, slip_m_per_sqrt_m=0.005, left=1.01))) == {}
 
 
+@pytest.mark.parametrize("stand_s", [4.0, 4.5, 5.0, 5.9])
+def test_a_drive_right_before_the_end_is_counted_as_a_whole(stand_s: float) -> None:
+    robot = Robot(legs=((0.0, 0.0, stand_s), (1.0, 0.0, 1.9), (0.0, 0.0, 0.1)))
+    found = findings(robot, Statement(drove=1, distance_m=1.9))
+    assert faults(found) == {}
+    assert found["distance"].outcome is Outcome.GOOD
+
+
+def test_a_lost_gyro_sample_takes_nothing_of_the_distance() -> None:
+    gyro, wheels = Robot(legs=(*STAND, (1.0, 0.0, 2.0), *STAND, *SPOT)).samples()
+    found = {f.check: f for f in judge(gyro[:50] + gyro[51:], wheels, GEOMETRY, Statement(1, 1, 2.0))}
+    assert found["distance"].outcome is Outcome.GOOD
+
+
 def test_gaps_are_left_out() -> None:
     gyro, wheels = Robot().samples()
     holed = [s for s in gyro if not 20.0 < s.t_ns * 1e-9 < 25.0]

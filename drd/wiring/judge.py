@@ -59,12 +59,16 @@ class Geometry:
 
 @dataclass(frozen=True)
 class _Turns:
-    """Angles of the windows, shape (n,) each, rad: the wheels' turn and travel over the tread, and the gyro's turn."""
+    """Angles of the windows, shape (n,) each, rad: the wheels' turn and travel over the tread, and the gyro's turn.
+
+    `net_m`: travel of all samples, those in no window too.
+    """
 
     turn: Array
     travel: Array
     gyro: Array
     tread_m: float
+    net_m: float
 
     @property
     def turned_rad(self) -> float:
@@ -108,14 +112,14 @@ def judge(
     return findings + _together(windows, turned, wheel, robot, said)
 
 
-def _turns(windows: Windows, tread_m: float) -> _Turns:
+def _turns(windows: Windows, wheels: Curve, tread_m: float) -> _Turns:
     turn, travel = (windows.right_m - windows.left_m) / tread_m, (windows.right_m + windows.left_m) / tread_m
-    return _Turns(turn, travel, windows.gyro_rad, tread_m)
+    return _Turns(turn, travel, windows.gyro_rad, tread_m, 0.5 * float(wheels.sums[-1].sum()))
 
 
 def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geometry, said: Statement) -> list[Finding]:
     """What both wheels and the gyro say together."""
-    turns = _turns(windows, robot.tread_m)
+    turns = _turns(windows, wheels, robot.tread_m)
     if gyro is None:
         seen, evidence = _stated(turns, said)
         return [_directions(seen, said, evidence, robot), _distance(turns, said)]
@@ -125,7 +129,7 @@ def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geomet
     best = _way(fits)
     late = lag(gyro, wheels, 1.0 if best[0] else -1.0, 1.0)
     if late is not None:
-        turns = _turns(common_windows(gyro, wheels, robot.still_m, late.lag_s), robot.tread_m)
+        turns = _turns(common_windows(gyro, wheels, robot.still_m, late.lag_s), wheels, robot.tread_m)
         fits = fit_senses(turns.turn, turns.travel, turns.gyro)
         best = _way(fits)
     chosen = fits[best]
@@ -234,5 +238,4 @@ def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
 
 def _distance(turns: _Turns, said: Statement) -> Finding:
     """The distance driven against the user's tape measure."""
-    distance_m = abs(float(turns.travel.sum())) * turns.tread_m / 2.0
-    return words.distance(distance_m, said.distance_m)
+    return words.distance(abs(turns.net_m), said.distance_m)

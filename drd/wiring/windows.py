@@ -84,16 +84,18 @@ def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
 
 
 def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: float = 0.0) -> Windows:
-    """Cut the time that both have seen into windows of WINDOW_S; the gyro's times are taken `lag_s` earlier.  # (42)
+    """Cut the time that both have seen into windows of WINDOW_S or a little more, all of one length, so that nothing is
+    left over at the end; the gyro's times are taken `lag_s` earlier.  # (42)
 
     The bias is the median rate where neither wheel moved by more than `still_m`. Without a gyro its angles are 0.
     """
     begin_s, end_s = wheels.time_s[0], wheels.time_s[-1]
     if gyro is not None:
         begin_s, end_s = max(begin_s, gyro.time_s[0] - lag_s), min(end_s, gyro.time_s[-1] - lag_s)
-    edges_s = np.arange(begin_s, end_s + 1e-9, WINDOW_S)
-    if len(edges_s) < 2:
+    count = int((end_s - begin_s + 1e-9) / WINDOW_S)
+    if count < 1:
         return Windows(*np.zeros((3, 0)))
+    edges_s = np.linspace(begin_s, end_s, count + 1)
     travel_m, seen = wheels.between(edges_s)
     if gyro is None:
         return Windows(np.zeros(int(seen.sum())), *travel_m[seen].T)
