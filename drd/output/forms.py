@@ -143,7 +143,8 @@ def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
     return {
         "x_m": x_m,
         "y_m": y_m,
-        "heading_rad": math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)),
+        # Of a quaternion of any length: 1 - 2 (qy^2 + qz^2) is right for a unit one only.
+        "heading_rad": math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz),
         "sigma_m": math.sqrt(largest),
         "sigma_rad": math.sqrt(hh),
     }

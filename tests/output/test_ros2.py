@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from drd.config.keys import Ros2Topics
 from drd.output import ros2
 from drd.output.diagnostics import OK, WARN, diagnostics
+from drd.output.forms import pose_request
 from drd.output.messages import Refused
 from drd.samples import WheelTurns
 
@@ -235,6 +236,12 @@ def test_set_pose_hears_the_planar_part_and_answers_its_client() -> None:
             "sigma_rad": pytest.approx(0.5),
         }
     ]
+
+
+@pytest.mark.parametrize("digits", [0.65, 0.7, 0.71, 0.77])
+def test_a_quaternion_of_few_digits_tells_the_same_heading(digits: float) -> None:
+    request = pose_request(a_pose_request(z=digits, w=digits), "odom")
+    assert request["heading_rad"] == pytest.approx(np.pi / 2)
 
 
 def test_the_larger_axis_of_a_turned_ellipse_counts() -> None:
