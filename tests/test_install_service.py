@@ -163,6 +163,26 @@ def test_without_anybody_elses_files_not_even_a_folder_is_left(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("in_two_steps", [False, True])
+def test_the_state_goes_with_a_configuration_that_was_there_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], in_two_steps: bool
+) -> None:
+    (tmp_path / CONFIG).parent.mkdir(parents=True)
+    (tmp_path / CONFIG).write_text("mine")
+    install(tmp_path)
+    state = tmp_path / "var/lib/private/drd-mybot"
+    (state / "recordings").mkdir(parents=True)
+    (tmp_path / "var/lib/drd-mybot").symlink_to("private/drd-mybot")
+    if in_two_steps:
+        assert drd(tmp_path, "--uninstall") == 0
+        assert state.is_dir()
+        assert re.search(rf"^kept +{state} +\(state", capsys.readouterr().out, re.M)
+    assert drd(tmp_path, "--uninstall", "--purge") == 0
+    assert re.search(rf"^removed +{state}", capsys.readouterr().out, re.M)
+    assert list((tmp_path / "var/lib").rglob("drd*")) == []
+    assert tree(tmp_path) == {CONFIG: "mine"}
+
+
 def test_uninstall_keeps_what_was_changed_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     install(tmp_path)
     (tmp_path / RULES).write_text("my serial number")

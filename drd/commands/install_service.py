@@ -2,6 +2,7 @@
 
 import argparse
 import grp
+import os
 import re
 import shlex
 import shutil
@@ -159,13 +160,16 @@ def _install(root: Path, arguments: argparse.Namespace) -> None:
 
 def _uninstall(root: Path, purge: bool) -> None:
     with Installation.read(root) as files:
-        if not files.files:
+        # A configuration that was there before is in no list of what was installed, but its instance has a state.
+        configs = [*map(Path, files.files), *(root / CONFIGS).glob("*.yaml")]
+        instances = sorted({f.stem for f in configs if f.match(f"{CONFIGS}/*.yaml")})
+        states = [root / folder / f"drd-{name}" for folder in STATES for name in instances]
+        if not files.files and not (purge and any(map(os.path.lexists, states))):
             print(f"nothing is installed under {root} (by this command)")
             return
-        instances = sorted(Path(f).stem for f in files.files if Path(f).match(f"{CONFIGS}/*.yaml"))
         _stop(root)
         files.remove(lambda f: f.startswith(f"{CONFIGS}/"), purge)
-        for folder in [root / state / f"drd-{name}" for state in STATES for name in instances]:
+        for folder in states:
             _remove_state(folder, purge)
     if _is_live(root):
         _run("systemctl", "daemon-reload")
