@@ -197,7 +197,7 @@ class Encoders:
     latency_s: Annotated[float, "s", Meta(ge=0, le=1)] = 0.0
     """Time from the sampling of a counter to its frame on the bus"""
     pair_window_s: Annotated[float, "s", Meta(ge=0.0005, le=1)] = 0.04
-    """Left and right readings further apart than this are not paired"""
+    """Left and right readings further apart than this, and than 0.75 periods of rate_hz, are not paired"""
     gap_s: Annotated[float, "s", Meta(ge=0.02, le=10)] = 0.5
     """After a longer gap the first counts are a new start, not motion"""
     silent_after_s: Annotated[float, "s", Meta(ge=0.02, le=60)] = 0.3

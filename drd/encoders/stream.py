@@ -14,6 +14,8 @@ from drd.units import NS_PER_S
 
 # Taken for the resolution where readings are no whole counts: far below any motion that matters.
 UNCOUNTED_RESOLUTION_M = 1e-4
+# Of a period, in which readings pair at least: two nodes that run free are up to half of one apart, and jitter.
+WINDOW_PART = 0.75
 # Enough for both nodes' answers between two calls; a node that boots in a loop must not fill the memory.
 MAX_REPLIES = 16
 
@@ -44,7 +46,9 @@ class EncoderStream:
         counted = self._layout.modulus_counts is not None and not self._layout.reports_speed
         self.resolution_m = max(map(abs, self._metres.values())) if counted else UNCOUNTED_RESOLUTION_M
         self._travels = {side: self._travel(side, encoders, robot, base) for side in Side}
-        self._pairing = Pairing(encoders.pair_window_s, encoders.gap_s, 1.0 / encoders.rate_hz)
+        period_s = 1.0 / encoders.rate_hz
+        window_s = max(encoders.pair_window_s, WINDOW_PART * period_s)
+        self._pairing = Pairing(window_s, encoders.gap_s, period_s)
         self._newest: WheelSample | None = None
         self._replies: deque[CanFrame] = deque(maxlen=MAX_REPLIES)
         self._counters = {"frames": 0, "foreign": 0, "samples": 0}

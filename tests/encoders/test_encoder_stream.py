@@ -68,6 +68,23 @@ def test_counts_become_metres_by_radius_scale_and_direction() -> None:
     assert stream.resolution_m == pytest.approx(0.00101)
 
 
+@pytest.mark.parametrize("apart_percent", [0, 30, 45, 50, 55, 70, 95])
+@pytest.mark.parametrize("rate_hz", [5.0, 8.0, 10.0])
+def test_slow_nodes_that_run_free_pair_however_far_apart_they_send(rate_hz: float, apart_percent: float) -> None:
+    period_ms = 1000.0 / rate_hz
+    stream = EncoderStream(replace(CIA406, rate_hz=rate_hz), ROBOT, BASE)
+    samples = run(
+        stream,
+        [
+            position(side, period_ms * (k + apart_percent / 100.0 * side.value), 1000 + 50 * k)
+            for k in range(40)
+            for side in Side
+        ],
+    )
+    assert sum(s.interval_s for s in samples) > 37.0 * period_ms / 1000.0
+    assert all(s.lost_s == 0.0 for s in samples)
+
+
 @pytest.mark.parametrize(
     ("encoders", "length", "counts"),
     [
