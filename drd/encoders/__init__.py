@@ -26,9 +26,10 @@ def make_layout(encoders: Encoders, base: Path) -> Layout:
     """The configured layout; files are relative to `base`. Raises ConfigError naming the key at fault."""
     layout = LAYOUTS[encoders.layout](encoders, base)
     if encoders.modulus_counts is not None:
-        own = layout.modulus_counts
+        own, got = layout.modulus_counts, str(encoders.modulus_counts)
+        if own is None and (layout.reports_speed or encoders.layout == "odrive"):
+            raise ConfigError(str(base), "encoders.modulus_counts", "null, since no counts are read", got)
         if own is not None and encoders.modulus_counts > own:
-            got = str(encoders.modulus_counts)
             raise ConfigError(str(base), "encoders.modulus_counts", f"at most {own}, what the field can hold", got)
         layout.modulus_counts = encoders.modulus_counts
     return layout

@@ -172,6 +172,13 @@ def test_counts_need_their_number_per_turn(layout: Any) -> None:
         make_layout(Encoders(layout=layout, odrive=Odrive(message="counts")), BASE)
 
 
+def test_a_modulus_is_refused_where_nothing_is_counted() -> None:
+    with pytest.raises(ConfigError, match=r"encoders\.modulus_counts: expected null, .* got 8192"):
+        make_layout(Encoders(layout="odrive", modulus_counts=8192), BASE)
+    counts = Encoders(layout="odrive", modulus_counts=8192, counts_per_revolution=100, odrive=Odrive(message="counts"))
+    assert make_layout(counts, BASE).modulus_counts == 8192
+
+
 def test_the_configured_modulus_overrides_the_layouts_own_but_cannot_exceed_it() -> None:
     encoders = Encoders(counts_per_revolution=4096, modulus_counts=36_000)
     assert make_layout(encoders, BASE).modulus_counts == 36_000
