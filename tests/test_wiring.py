@@ -199,6 +199,18 @@ def test_wrong_counts_of_both_sides_show_in_the_turn_and_in_the_distance(factor:
     assert cause in found["distance"]
 
 
+def test_a_way_that_curves_made_longer_than_the_tape_is_said_to_be_one() -> None:
+    found = findings(Robot(legs=(*STRAIGHT, *CURVES)), Statement(drove=1, distance_m=3.0))
+    assert "curves made the way longer" in found["distance"].remedy
+    found = findings(Robot(left=0.5, right=0.5), Statement(distance_m=13.5))
+    assert "curves" not in found["distance"].remedy
+
+
+def test_what_is_wrong_is_told_in_a_sentence() -> None:
+    found = findings(Robot(swapped=True, right=-1.0, legs=(*STRAIGHT, *SPOT)), SAID)
+    assert found["directions"].remedy.startswith("Left and right are swapped and the right wheel counts backwards (")
+
+
 @pytest.mark.parametrize("factor", [57.29578, 1 / 57.29578])
 def test_a_gyro_in_the_wrong_unit_is_named(factor: float) -> None:
     found = faults(findings(Robot(gyro=factor)))

@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--seconds", type=number(1.0, 86_400.0), metavar="S", help=f"how long to watch (default {DEFAULT_S:g})")
     add("--drove", choices=("forward", "backward"), help="you say: where it goes straight, it goes so")
     add("--turned", choices=("left", "right"), help="you say: it turns mostly to this side")
-    add("--distance", type=number(0.1, 1e5), metavar="M", help="you say: the distance that it goes, net, m")
+    add("--distance", type=number(0.1, 1e5), metavar="M", help="you say: the whole way that it goes, net, m")
     return parser
 
 

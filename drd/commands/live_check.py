@@ -28,7 +28,8 @@ Watching for {seconds:g} s; Ctrl-C ends it, and what there is gets judged. Pleas
   3. turn it to the left by half a turn or more, on the spot or in a curve (--turned left),
   4. drive on for ten seconds or more in curves to both sides.
 Any order will do, and whatever you leave out stays undetermined. With the options in brackets say what you do: they
-tell apart what the sensors alone cannot."""
+tell apart what the sensors alone cannot. They are held against the whole drive, net: with --distance turn on the spot,
+with --turned to that side only, and leave 4 to a check without them."""
 
 
 def live_check(config: Config, base: Path, seconds: float, said: Statement) -> int:

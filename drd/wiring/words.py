@@ -99,7 +99,8 @@ def _missing(seen: Seen, said: Statement) -> list[str]:
 
 def _either(possible: list[Wiring]) -> str:
     texts = [f"{wiring.words()} ({_action(wiring)})" for wiring in possible]
-    return f"{'Either ' if len(texts) > 1 else ''}{', or '.join(texts)}.".replace("the ", "The ", len(texts) == 1)
+    text = f"{'Either ' if len(texts) > 1 else ''}{', or '.join(texts)}."
+    return text[0].upper() + text[1:]
 
 
 def _action(wiring: Wiring) -> str:
@@ -186,7 +187,8 @@ def distance(distance_m: float, stated_m: float | None) -> Finding:
     if abs(ratio - 1.0) <= 0.1:
         return good(name, text)
     cause = _cause(ratio)
-    return fault(name, text, f"Counts per revolution, gear or wheel radius{f': {cause}' if cause else ''}.")
+    curves = " Or curves made the way longer than the tape: they count, too." if ratio > 1.0 else ""
+    return fault(name, text, f"Counts per revolution, gear or wheel radius{f': {cause}' if cause else ''}.{curves}")
 
 
 def lag(found: Lag | None, late_s: float) -> Finding:
