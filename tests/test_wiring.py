@@ -252,6 +252,14 @@ def test_a_late_sensor_is_found(late_s: float) -> None:
     assert float(found["timing"].text.split(" by ")[1].split()[0]) == pytest.approx(abs(late_s), abs=0.03)
 
 
+@pytest.mark.parametrize("lost", range(60, 110, 2))
+def test_a_turn_whose_begin_is_lost_tells_no_lag_that_is_not_there(lost: int) -> None:
+    robot = Robot(legs=((0.0, 0.0, 5.0), (0.8, 0.0, 3.0), (0.0, 0.0, 1.0), (0.0, 0.5, 8.0)))
+    gyro, wheels = robot.samples()
+    found = {f.check: f for f in judge(gyro[:lost] + gyro[lost + 1 :], wheels, GEOMETRY, SAID)}
+    assert found["timing"].outcome is not Outcome.FAULT
+
+
 @pytest.mark.parametrize("held", [2, 3, 5])
 def test_held_values_are_found(held: int) -> None:
     assert {"left values", "right values"} <= set(faults(findings(Robot(held=held))))

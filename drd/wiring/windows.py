@@ -24,6 +24,9 @@ LARGEST_LAG_S: Final = 1.0
 LAG_CORRELATION: Final = 0.7
 LAG_WINDOWS: Final = 5
 LAG_SIGMA_S: Final = 0.05
+# Shifts that are so many of the grid's off must fit so much worse, by the likelihood's ratio.
+ELSEWHERE: Final = 2
+ELSEWHERE_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,8 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     shifts_s = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + GRID_S / 2.0, GRID_S)
     wheel_rate = rate(wheels, wheels.sums @ np.array([left, right]), 0.0)
     rates = np.array([rate(gyro, gyro.sums[:, 0], float(shift_s)) for shift_s in shifts_s])
+    # Before the holes are left out: a turn that begins in one is no slope.
+    slope = np.gradient(wheel_rate, GRID_S)[seen]
     wheel_rate, rates = wheel_rate[seen], rates[:, seen]
     if wheel_rate.size < 2 or min(np.ptp(wheel_rate), np.ptp(rates, axis=1).min()) == 0.0:
         return None
@@ -139,10 +144,14 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     k = int(correlation.argmax())
     if k in (0, len(correlation) - 1) or correlation[k] < LAG_CORRELATION:
         return None
+    # What differs (unequal wheels, slip) stays for seconds: only windows count as independent.
+    count = wheel_rate.size * GRID_S / WINDOW_S
+    # Where a turn's begin is in a hole, many shifts fit alike.
+    unfit = count * np.log((1.0 - correlation**2 + 1e-12) / (1.0 - correlation[k] ** 2 + 1e-12))
+    if (unfit[np.abs(np.arange(len(unfit)) - k) > ELSEWHERE] < ELSEWHERE_SIGMAS**2).any():
+        return None
     bend = correlation[k - 1] - 2.0 * correlation[k] + correlation[k + 1]
     part = 0.5 * (correlation[k - 1] - correlation[k + 1]) / bend if bend < 0.0 else 0.0
-    slope = np.gradient(wheel_rate, GRID_S)
     residual = wheel_rate.std() * np.sqrt(1.0 - correlation[k] ** 2)
-    # What differs (unequal wheels, slip) stays for seconds: only windows count as independent.
-    sigma_s = float(residual / (slope.std() * np.sqrt(wheel_rate.size * GRID_S / WINDOW_S))) + 1e-3
+    sigma_s = float(residual / (slope.std() * np.sqrt(count))) + 1e-3
     return Lag(float(shifts_s[k] + part * GRID_S), sigma_s) if sigma_s <= LAG_SIGMA_S else None
