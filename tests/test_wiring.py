@@ -288,6 +288,16 @@ def test_without_a_gyro_the_users_word_is_the_only_measure(robot: Robot, said: S
     assert faults(findings(robot, None, NO_GYRO)) == {}
 
 
+@pytest.mark.parametrize("said", [Statement(drove=1), Statement(turned=1)])
+def test_without_a_gyro_who_says_one_thing_may_have_done_the_other_too(said: Statement) -> None:
+    long_turn: Legs = (*STAND, (0.0, 0.5, 40.0), *STAND)
+    long_way: Legs = (*STAND, (0.5, 0.0, 20.0), *STAND)
+    for legs in ((*STRAIGHT, *long_turn), (*long_way, *SPOT)):
+        assert faults(findings(Robot(legs=legs), said, NO_GYRO)) == {}
+    fault = faults(findings(Robot(right=-1.0, legs=STRAIGHT), Statement(drove=1), NO_GYRO))
+    assert "the right wheel" in fault["directions"].lower()
+
+
 # ---- never a false fault -------------------------------------------------------------------------------------------
 
 leg = st.tuples(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.integers(1, 8).map(float))

@@ -176,10 +176,15 @@ def _stated(turns: _Turns, said: Statement) -> tuple[Seen, str]:
     """What the wheels alone show against what the user says."""
     turn, travel = (float(np.abs(x).sum()) for x in (turns.turn, turns.travel))
     inverted: bool | None = None
-    if bool(said.drove) != bool(said.turned) and max(turn, travel) > ENOUGH_TREADS:
-        inverted = turn > travel if said.drove else travel > turn
+    both = bool(said.drove and said.turned)
+    is_enough = both or (bool(said.drove or said.turned) and max(turn, travel) > ENOUGH_TREADS)
+    if is_enough and not both:
+        # Who says one of the two may have done the other, too: the said one must be all but missing.
+        stated, other = (travel, turn) if said.drove else (turn, travel)
+        is_missing = stated < ENOUGH_TURN_RAD
+        inverted = is_missing if is_missing or stated > other else None
     seen = Seen(one_inverted=inverted)
-    if inverted is not None or (said.drove and said.turned):
+    if is_enough:
         turned = turns.travel if inverted else turns.turn
         seen = replace(seen, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
         seen = _with_drive(seen, turns, said)

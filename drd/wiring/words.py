@@ -76,7 +76,9 @@ def directions_good(seen: Seen, said: Statement, evidence: str) -> Finding:
 def directions_fault(possible: list[Wiring], seen: Seen, said: Statement, evidence: str) -> Finding:
     """Fault of what is the wrong way round, or of several things one."""
     if seen.one_inverted:
-        what = "the wheels' sum turns with the gyro, not their difference: one side counts backwards"
+        has_gyro = seen.opposite is not None
+        sums = "sum turns with the gyro, not their difference" if has_gyro else "sum moves as their difference should"
+        what = f"the wheels' {sums}: one side counts backwards"
         evidence = evidence.replace("of the wheels", "of the wheels with one side turned round")
     elif seen.opposite:
         what = "gyro and wheels turn in opposite senses"
