@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from dataclasses import replace
 from typing import Final
 
 from drd.estimation.filter import USUAL2, Filter
@@ -60,6 +61,8 @@ class Drift:
         if self.is_found(track.kf, drive):
             self._suspect_all(track, t_ns)
         if (before := self._parted.then) is not None:
+            if drive is Drive.UNKNOWN:  # a tread that is being learned is the likeliest cause: its own part is no error
+                self._parted.then = before = replace(before, tread_m=track.kf.nominal.tread_m)
             self._cover(track, before, t_ns)
             if self._is_over(track.kf, before, t_ns, drive):
                 self._parted.begin(None)

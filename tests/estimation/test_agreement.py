@@ -193,6 +193,20 @@ def test_p_gets_back_what_comparisons_have_corrected_since_the_last_drift_or_pos
     assert kf.flat_P[GG] == pytest.approx(before[1], rel=0.01)
 
 
+@pytest.mark.parametrize(("steers", "parted_rad"), [(Drive.UNKNOWN, 0.0), (Drive.SKID, 0.8), (Drive.DIFFERENTIAL, 0.8)])
+def test_what_a_tread_that_is_being_learned_explains_is_no_doubt_of_the_gyro(steers: Drive, parted_rad: float) -> None:
+    """A turn of 1 rad of a robot whose effective tread is 1.8 of the one that was known when the drift was found."""
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(1.0))
+    track, drift = estimator._track, Drift()
+    drift._suspect_all(track, track.t_ns)
+    before_rad2, tread_m = track.kf.flat_P[GG], 1.8 * track.kf.nominal.tread_m
+    track.hindsight.moved(0.0, tread_m, 1.0)
+    track.kf.set_tread(tread_m)
+    drift.watch(track, track.t_ns, steers)
+    assert track.kf.flat_P[GG] - before_rad2 == pytest.approx(parted_rad**2, rel=0.1, abs=0.01)
+
+
 def test_what_a_drift_has_put_into_p_is_not_beside_it_too() -> None:
     estimator = make(NO_BIAS)
     feed(estimator, drive(10.0))
