@@ -1,14 +1,16 @@
 """Drives as `make honesty` judges them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from replay_folders import long_drive
 
 from drd.config.keys import Config
 from drd.effects.catalogue import catalogue
 from drd_tools.honesty.baselines import BASELINES
-from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, PAPER, STATED, as_simulated
+from drd_tools.honesty.configurations import CALIBRATED, DEFAULT, PAPER, STATED, as_simulated, estimated
 from drd_tools.honesty.drives import FOLDS, ROBOTS, SHARED, drives_of, judge_fold
 from drd_tools.honesty.run import run
 from drd_tools.honesty.scenarios import MISSIONS, SCENARIOS, prior, simulation
@@ -70,6 +72,20 @@ def test_a_simulated_drive_has_all_configurations_and_the_nees_of_two() -> None:
     assert judged.figures[DEFAULT].position_rms_m < 2.0
     assert 0.0 < judged.nees[STATED] < 100.0
     assert CALIBRATED not in judge_seed("radii, tread", 1, beside=0).figures
+
+
+def test_poses_and_validity_belong_together_where_the_wheels_were_silent(tmp_path: Path) -> None:
+    """The first sample after a silence corrects the pose before it: two poses for one time, of which one counts."""
+    recording = long_drive(tmp_path)
+    log, keep = recording.encoders, np.ones(len(recording.encoders.time_s), bool)
+    for at_s in (20.0, 25.0, 30.0):
+        keep &= ~((log.time_s > at_s) & (log.time_s < at_s + 0.95))
+    columns = {name: values[keep] for name, values in vars(log).items() if values is not None}
+    found = estimated(replace(recording, wheels=replace(log, **columns)))
+    assert found.is_valid is not None
+    assert len(found.is_valid) == len(found.poses.time_s)
+    assert not found.is_valid[np.searchsorted(found.poses.time_s, 20.9)]
+    assert found.is_valid[np.searchsorted(found.poses.time_s, 24.0)]
 
 
 def test_in_contact_physics_there_is_no_calibration() -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.batch.run import latest
 from drd.config.keys import Config
 from drd.estimation.estimate import initial_sigmas
 from drd.samples import Validity
@@ -33,10 +34,10 @@ WHEEL_LAG_S: Final = 0.05
 def estimated(recording: Recording, config: Path | None = None) -> Estimated:
     """What the daemon's estimator makes of the recording, as it stands or with a piece of configuration."""
     replayed = replay_folder(recording, config)
-    poses = poses_of(replayed, recording.name)
-    at_s = np.array([(pose.t_ns - replayed.zero_ns) * S_PER_NS for pose in replayed.poses])
-    bound_m = np.interp(poses.time_s, at_s, [pose.position_bound_m for pose in replayed.poses])
-    valid = np.array([pose.validity is Validity.VALID for pose in replayed.poses])
+    poses, published = poses_of(replayed, recording.name), latest(replayed.poses)
+    at_s = np.array([(pose.t_ns - replayed.zero_ns) * S_PER_NS for pose in published])
+    bound_m = np.interp(poses.time_s, at_s, [pose.position_bound_m for pose in published])
+    valid = np.array([pose.validity is Validity.VALID for pose in published])
     # The start, which is no pose of the daemon's, is as good as the first one.
     valid = np.concatenate([np.full(len(poses.time_s) - len(valid), valid[0]), valid])
     return Estimated(replace(poses, bound_m=bound_m), valid)
