@@ -128,7 +128,7 @@ class Agreement:
         if not self._is_slip:
             drift.watch(track, t_ns, drive)
             text = drift.text
-        elif drift.is_found(track.kf, drive) and (then := seen.before) is not None:
+        elif drift.is_found(track, drive) and (then := seen.before) is not None:
             self.slip(track, t_ns, seen.apart_rad(then))
             text = "wheels and gyro drift apart: a wheel slips, or the gyro is wrong"
         if text is not None:

@@ -13,8 +13,8 @@ from drd.estimation.state import DD
 from drd.estimation.track import Track
 from drd.units import NS_PER_S
 
-# So many comparisons that differ to one side, each within its gate, are no noise: normalised, they are white. The
-# shorter a sum, the sooner it tells of what is large; the longer, the less it needs.
+# So many readings of the wheels that differ to one side, each comparison within its gate, are no noise: normalised,
+# they are white. The shorter a sum, the sooner it tells of what is large; the longer, the less it needs.
 IN_A_ROW: Final = (20, 40, 80, 160)
 WHERE_IT_SKIDS: Final = IN_A_ROW[:2]  # there slip in turns makes longer sums one-sided
 ONE_SIDED_SIGMAS: Final = 5.0  # of such a sum: none by chance in days, (18)
@@ -41,15 +41,22 @@ class Drift:
 
     def _begin(self) -> None:
         self._sums = deque([0.0] * (IN_A_ROW[-1] + 1), IN_A_ROW[-1] + 1)
+        # The wheels' reading that the newest comparisons are about, and the sums of their z and S.
+        self._reading_ns, self._z_rad, self._S_rad2 = 0, 0.0, 0.0
 
     def pose_was_set(self, track: Track) -> None:
         """Forget by how much the headings have parted: it is not in the pose."""
         self._parted.pose_was_set(track)
 
-    def is_found(self, kf: Filter, drive: Drive) -> bool:
+    def is_found(self, track: Track, drive: Drive) -> bool:
         """After a comparison that was accepted: whether those until now were to one side; then sums begin anew."""
-        sums = self._sums
-        sums.append(sums[-1] + kf.z / math.sqrt(kf.S))
+        sums, kf = self._sums, track.kf
+        if track.reading_ns == self._reading_ns:  # a faster gyro sees its error in parts, which are not independent
+            sums.pop()
+        else:
+            self._reading_ns, self._z_rad, self._S_rad2 = track.reading_ns, 0.0, 0.0
+        self._z_rad, self._S_rad2 = self._z_rad + kf.z, self._S_rad2 + kf.S
+        sums.append(sums[-1] + self._z_rad / math.sqrt(self._S_rad2))
         lengths = IN_A_ROW if drive is Drive.DIFFERENTIAL else WHERE_IT_SKIDS
         if all(abs(sums[-1] - sums[-1 - n]) < ONE_SIDED_SIGMAS * math.sqrt(n) for n in lengths):
             return False
@@ -58,7 +65,7 @@ class Drift:
 
     def watch(self, track: Track, t_ns: int, drive: Drive) -> None:
         """After a comparison that was accepted, while no slip is known of."""
-        if self.is_found(track.kf, drive):
+        if self.is_found(track, drive):
             self._suspect_all(track, t_ns)
         if (before := self._parted.then) is not None:
             if drive is Drive.UNKNOWN:  # a tread that is being learned is the likeliest cause: its own part is no error

@@ -46,6 +46,7 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     blind_spans: tuple[tuple[int, int], ...] = ()  # since the wheels were seen last: when, ns
     no_gyro_s: float = 0.0
+    reading_ns: int = 0  # end of the wheels' newest reading
     # The turn that only the wheels have told, since the pose was set, and with which tread.
     alone_rad: float = 0.0
     alone_tread_m: float = 0.0
@@ -167,7 +168,7 @@ class Track:
                 n.gyro_heading_rad += self._regained_rad - self._regained_turn_rad(rates, start_ns - self.lag_ns)
                 self._regained_s = self._regained_rad = 0.0
         if wheels:
-            self.unseen_s, self.blind_s, self.blind_spans = 0.0, 0.0, ()
+            self.unseen_s, self.blind_s, self.blind_spans, self.reading_ns = 0.0, 0.0, (), wheels.end_ns
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)
             if not gyro:
                 kf.anchor_gyro()  # (35)

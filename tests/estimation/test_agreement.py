@@ -207,6 +207,20 @@ def test_what_a_tread_that_is_being_learned_explains_is_no_doubt_of_the_gyro(ste
     assert track.kf.flat_P[GG] - before_rad2 == pytest.approx(parted_rad**2, rel=0.1, abs=0.01)
 
 
+@pytest.mark.parametrize(("readings", "is_found"), [(1, False), (20, True)])
+def test_comparisons_within_one_reading_of_the_wheels_are_one(readings: int, is_found: bool) -> None:
+    """A fast gyro sees the reading's one error in parts: twenty of them to one side tell no more than one."""
+    estimator = make(NO_BIAS)
+    feed(estimator, drive(5.0))
+    track, drift = estimator._track, Drift()
+    track.kf.z = 1.2 * math.sqrt(track.kf.S)
+    found = False
+    for i in range(20):
+        track.reading_ns = T0 + min(i, readings - 1)
+        found |= drift.is_found(track, Drive.SKID)
+    assert found is is_found
+
+
 def test_what_a_drift_has_put_into_p_is_not_beside_it_too() -> None:
     estimator = make(NO_BIAS)
     feed(estimator, drive(10.0))
