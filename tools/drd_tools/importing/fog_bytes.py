@@ -2,23 +2,28 @@
 
 import zlib
 from pathlib import Path
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from tqdm import tqdm
 
 from drd.config.file import load_config
 from drd.config.schema import ConfigError
 from drd.fog import make_protocol
+from drd.fog.protocol import FogProtocol
 from drd.samples import FogReading
 from drd.units import NS_PER_S
 from drd_tools.importing.can_formats import opened
 from drd_tools.importing.streams import Gyro, Origin, Source, in_order
 
-CHUNK = 1 << 16
+CHUNK: Final = 1 << 16
+# Counters of what was a packet before it was damaged; each took a beat.
+DAMAGED: Final = ("malformed_lines", "bad_checksum", "framing_errors")
 
 
 class FogBytes(Source):
-    """A file of bytes without times: each packet's place in its count gives them, at the configured rate.
+    """A file of bytes without times: each packet's place in a count gives them, at the configured rate.
 
     `config`: whose `fog` section describes the packets. Raises ConfigError.
     """
@@ -53,19 +58,7 @@ class FogBytes(Source):
         if fog.protocol == "none":
             raise ConfigError(str(self._config), "fog.protocol", "the gyro's protocol", "'none'")
         protocol = make_protocol(fog)
-        data = self._read()
-        readings: list[FogReading] = []
-        for begin in tqdm(range(0, len(data), CHUNK), "bytes", disable=None, leave=False, delay=1.0):
-            for reading in protocol.feed(data[begin : begin + CHUNK]):
-                if not (readings and reading.is_copy_of(readings[-1])):
-                    readings.append(reading)
-        # A packet's count says how many were lost before it, up to a whole turn of the count.
-        modulus = protocol.sequence_modulus
-        counts = [r.sequence for r in readings if r.sequence is not None]
-        steps = np.ones(len(readings), dtype=np.int64)
-        if modulus is not None and len(counts) == len(readings) > 1:
-            apart = np.mod(np.diff(np.array(counts, dtype=np.int64)), modulus)
-            steps[1:] = np.where(apart == 0, modulus, apart)
+        readings, steps = _packets(protocol, self._read())
         valid = np.array([r.valid for r in readings], dtype=bool)
         if valid.sum() < 2:
             seen = ", ".join(f"{n} {value}" for n, value in protocol.counters.items())
@@ -77,8 +70,31 @@ class FogBytes(Source):
         temperature_c = np.array([r.temperature_c for r in readings])[valid]
         origin = Origin("fog", f"bytes, {fog.protocol}", f"packet count at fog.rate_hz, {fog.rate_hz:g} Hz")
         told = ", ".join(f"{n} {count}" for n, count in protocol.counters.items() if count)
+        by = "what is left of them" if protocol.sequence_modulus is None else "their count"
         lost = int((steps - 1).sum())
-        origin.notes.append(f"{told}; {lost} packets lost by their count, {int((~valid).sum())} not valid")
+        origin.notes.append(f"{told}; {lost} packets lost by {by}, {int((~valid).sum())} not valid")
         time_ns = np.round(np.cumsum(steps)[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
         known = temperature_c if np.isfinite(temperature_c).all() else None
         return in_order(Gyro(time_ns, value[valid][:, None], ("",), None, known), origin)
+
+
+def _packets(protocol: FogProtocol, data: bytes) -> tuple[list[FogReading], npt.NDArray[np.int64]]:
+    """The readings, and for each the beats since the one before, shape (n,), 1 for the first.
+
+    A packet's own count says how many were lost before it, up to a whole turn of the count; where they have none, what
+    is left of damaged ones does.
+    """
+    readings, places = list[FogReading](), list[int]()
+    size = 1 if protocol.sequence_modulus is None else CHUNK  # byte by byte, the counters are those at each reading
+    for begin in tqdm(range(0, len(data), size), "bytes", disable=None, leave=False, delay=1.0):
+        for reading in protocol.feed(data[begin : begin + size]):
+            if readings and reading.is_copy_of(readings[-1]):
+                continue
+            damaged = sum(protocol.counters.get(name, 0) for name in DAMAGED)
+            places.append(len(readings) + damaged if reading.sequence is None else reading.sequence)
+            readings.append(reading)
+    steps = np.ones(len(readings), dtype=np.int64)
+    steps[1:] = np.diff(np.array(places, dtype=np.int64))
+    if (modulus := protocol.sequence_modulus) is not None:
+        steps[1:] = (steps[1:] - 1) % modulus + 1
+    return readings, steps
