@@ -71,5 +71,5 @@ def write_poses(file: Path, time_s: Array, pose: Array, covariance: Array | None
     if covariance is not None:
         columns += list(covariance[:, *UPPER].T)
         header += COVARIANCE
-    np.savetxt(file, np.column_stack(columns), "%.9g", ",", header=",".join(header), comments="")
+    np.savetxt(file, np.column_stack(columns), "%.15g", ",", header=",".join(header), comments="")
     return file

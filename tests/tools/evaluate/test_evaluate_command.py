@@ -66,6 +66,21 @@ def test_results_survive_saving(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert first.runs[0].windows.temperature_c is None
 
 
+def test_times_since_1970_and_utm_coordinates_survive_saving(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reference = drive()
+    time_s, pose = reference.time_s + 1.7e9, reference.pose + np.array([4e5, 5e6, 0.0])
+    poses = write_poses(tmp_path / "poses.csv", time_s, pose)
+    assert run(capsys, poses, "--reference", poses, "--output", tmp_path / "out")[0] == 0
+    series = Evaluation.load(tmp_path / "out").runs[0].series
+    assert np.abs(series.time_s - time_s).max() < 1e-4
+    assert np.abs(series.reference_m - pose[:, :2]).max() < 1e-4
+    early = write_poses(tmp_path / "early.csv", reference.time_s, reference.pose)
+    _, _, err = run(capsys, early, "--reference", poses, "--output", tmp_path / "out")
+    assert "(poses 0 to 120 s, reference 1700000000 to 1700000120 s)" in err
+
+
 def test_several_poses_and_a_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pairs = [files(tmp_path, seed) for seed in (1, 2)]
     poses, references = zip(*pairs, strict=True)

@@ -83,6 +83,18 @@ def test_saved_results_are_drawn_again_alike(folder: Path, tmp_path: Path, capsy
     assert (tmp_path / "budget.png").read_bytes() == picture
 
 
+def test_times_since_1970_do_not_matter(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "late")
+    for file in (tmp_path / "late").glob("*.csv"):
+        header, *rows = file.read_text().splitlines()
+        late = (f"{float(t) + 1.7e9:.6f},{rest}" for t, _, rest in (row.partition(",") for row in rows))
+        file.write_text("\n".join((header, *late)) + "\n")
+    assert main([str(tmp_path / "late"), "--output", str(tmp_path / "out")]) == 0
+    found = results(tmp_path / "out")
+    assert len(set(found["time_s"])) == len(found["time_s"]) > 100
+    assert (found["time_s"][0], found["time_s"][-1]) == (found["from_s"], found["to_s"])
+
+
 def test_the_budget_is_the_published_covariance(folder: Path, tmp_path: Path) -> None:
     source = open_source(copy_without_reference(folder, tmp_path / "alone"), None, None, None)
     explanation = explain(source, None, None, None)

@@ -177,7 +177,8 @@ def associate(poses: Poses, reference: Reference, max_gap_s: float) -> Pairs:
     near = exact | (known_s[after] - known_s[after - 1] <= max_gap_s)
     kept = inside & near
     if kept.sum() < 2:
-        got = f"{kept.sum()} (poses {known_s[0]:g} to {known_s[-1]:g} s, reference {at_s[0]:g} to {at_s[-1]:g} s)"
+        poses_s, reference_s = (f"{t_s[0]:.12g} to {t_s[-1]:.12g} s" for t_s in (known_s, at_s))
+        got = f"{kept.sum()} (poses {poses_s}, reference {reference_s})"
         raise ConfigError(poses.name, "time_s", f"at least 2 times in common with {reference.name}", got)
     time_s, k = at_s[kept], after[kept]
     part = (time_s - known_s[k - 1]) / (known_s[k] - known_s[k - 1])

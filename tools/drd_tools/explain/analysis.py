@@ -52,7 +52,7 @@ def explain(
     replayed = source.run(interval)
     if len(interval.snapshots) < 2:
         table = interval.table()
-        poses = f"steps from {table[0, 0]:.6g} to {table[-1, 0]:.6g} s" if len(table) else "no step of the filter"
+        poses = f"steps from {table[0, 0]:.12g} to {table[-1, 0]:.12g} s" if len(table) else "no step of the filter"
         raise ConfigError(str(source.path), "--from, --to", "an interval with steps of the filter", poses)
     notes = [*plan.notes, *replayed.notes, *_rejections(replayed)]
     actual = None
@@ -87,10 +87,10 @@ def make_plan(source: Source, from_s: float | None, to_s: float | None, referenc
     low, high = from_s if from_s is not None else source.first_s, to_s if to_s is not None else source.last_s
     for name, value_s in (("--from", from_s), ("--to", to_s)):
         if value_s is not None and not source.first_s <= value_s <= source.last_s:
-            expected = f"a time within {source.first_s:.6g} to {source.last_s:.6g} s"
-            raise ConfigError(str(source.path), name, expected, f"{value_s:g} s")
+            expected = f"a time within {source.first_s:.12g} to {source.last_s:.12g} s"
+            raise ConfigError(str(source.path), name, expected, f"{value_s:.12g} s")
     if not low < high:
-        raise ConfigError("--from, --to", "", "an interval of time", f"{low:g} to {high:g} s")
+        raise ConfigError("--from, --to", "", "an interval of time", f"{low:.12g} to {high:.12g} s")
     if reference is None:
         return Plan(from_s, to_s, (), [])
     low, high = max(low, source.first_s), min(high, source.last_s)
@@ -134,7 +134,7 @@ def _explanation(
         delay=None if replayed.config.fog.protocol == "none" else _delay(snapshots, interval.delay_s),
         actual=actual,
         notes=notes,
-        time_s=rounded(np.array([s.time_s for s in drawn])),
+        time_s=[round(s.time_s, 6) for s in drawn],
         way_series_m=rounded(np.array([s.distance_m for s in drawn])),
         position_m2=rounded(variances[:, :, 0] + variances[:, :, 1]),
         heading_deg2=rounded(variances[:, :, 2] * DEG_PER_RAD**2),

@@ -16,6 +16,8 @@ from drd_tools.report.json_file import converted, read_json
 
 FILE: Final = "results.json"
 SIGNIFICANT_DIGITS: Final = 7  # of arrays
+# Of numbers with more digits before the point: times since 1970 to 0.1 ms, UTM coordinates to 0.1 mm.
+DECIMALS: Final = 4
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,12 @@ class Saved:
 def _plain(value: Any) -> Any:
     if not isinstance(value, np.ndarray):
         return value.item()  # one of numpy's numbers
-    rounded = [float(f"{v:.{SIGNIFICANT_DIGITS}g}") for v in value.ravel()]
-    return np.reshape(rounded, value.shape).tolist()
+    return np.reshape([_rounded(v) for v in value.ravel().tolist()], value.shape).tolist()
+
+
+def _rounded(value: float) -> float:
+    digits = float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+    return digits if abs(digits) < 10 ** (SIGNIFICANT_DIGITS - DECIMALS) else round(value, DECIMALS)
 
 
 S = TypeVar("S", bound=Saved)

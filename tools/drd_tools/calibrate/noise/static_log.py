@@ -89,7 +89,7 @@ def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c
     """
     period_s = _period_s(time_s)
     if period_s <= 0.0:
-        raise ConfigError(file, "time_s", "rising times", f"{time_s[0]:g} in most rows")
+        raise ConfigError(file, "time_s", "rising times", f"{time_s[0]:.12g} in most rows")
     step_s, lost = np.diff(time_s), _lost(time_s, period_s)
     holes = lost > 0.0
     short = holes & (step_s <= BRIDGED_S)
@@ -98,8 +98,8 @@ def even(file: str, sha256: str, time_s: Array, rate_deg_s: Array, temperature_c
     notes = []
     if cuts.any():
         notes.append(
-            f"{int(cuts.sum())} holes in the log: only the longest interval without, from {time_s[first]:.6g} s to "
-            f"{time_s[last]:.6g} s, is used."
+            f"{int(cuts.sum())} holes in the log: only the longest interval without, from {time_s[first]:.12g} s to "
+            f"{time_s[last]:.12g} s, is used."
         )
     place = np.concatenate([[0.0], np.cumsum(1.0 + lost[first:last])])
     grid = np.arange(place[-1] + 1.0)
@@ -161,7 +161,7 @@ def check_standstill(log: StaticLog) -> None:
     moved = motion(log)
     if moved is not None:
         at_s, size_deg_s, limit_deg_s = moved
-        got = f"a rate of {size_deg_s:.3g} deg/s at {at_s:.6g} s (limit {limit_deg_s:.2g}); cut the log, or repeat it"
+        got = f"a rate of {size_deg_s:.3g} deg/s at {at_s:.12g} s (limit {limit_deg_s:.2g}); cut the log, or repeat it"
         raise ConfigError(log.file, "rate_deg_s", "a standstill throughout", got)
 
 

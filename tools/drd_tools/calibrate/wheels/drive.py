@@ -124,7 +124,7 @@ def make_drive(recording: Recording) -> Drive:
     time_s = recording.encoders.time_s
     inside = (log.time_s >= time_s[0]) & (log.time_s <= time_s[-1])
     if inside.sum() < 2:
-        expected = f"two rows or more within the encoders' time, {time_s[0]:g} to {time_s[-1]:g} s"
+        expected = f"two rows or more within the encoders' time, {time_s[0]:.12g} to {time_s[-1]:.12g} s"
         raise ConfigError(str(recording.folder / "reference.csv"), "time_s", expected, str(inside.sum()))
     nominal = Wheels(sheet.wheel_radius_m, sheet.wheel_radius_m, sheet.tread_m)
     drive = Drive(
