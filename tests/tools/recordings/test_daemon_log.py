@@ -99,6 +99,29 @@ def test_calibration_and_scales_are_the_nominal_robots(tmp_path: Path) -> None:
     assert other[1][-1] == plain[1][-1]
 
 
+def test_a_turn_over_lost_lines_is_kept(tmp_path: Path) -> None:
+    found = open_mcap(daemon_log(tmp_path / "run.mcap", simulated(SHORT, 1), reference=False))
+    spanned = tmp_path / "spanned.mcap"
+    out = RecordingFile(spanned, found.information, found.attachments, START_WALL_NS)
+    turn_rad = 0.0
+    for number, m in enumerate(found.messages("/fog")):
+        value = m.value()
+        turn_rad += value["rate_rad_s"] * value["interval_s"]
+        if number % 10 == 1:  # lost; the next angle holds its turn, too
+            lost = value
+            continue
+        if number % 10 == 2:
+            value["rate_rad_s"] = 0.5 * (value["rate_rad_s"] + lost["rate_rad_s"])
+            value["interval_s"] += lost["interval_s"]
+        out.add(Message(m.topic, m.log_ns, json.dumps(value).encode()), m.number, m.log_ns, m.log_ns)
+    out.finish({})
+    fog = read(spanned).fog
+    assert fog is not None
+    step_s = np.diff(fog.time_s)
+    assert step_s.max() < 1.2 * np.median(step_s)
+    assert float(fog.rate_rad_s[1:] @ step_s) == pytest.approx(turn_rad, abs=2e-3)
+
+
 def test_what_was_not_seen_of_the_wheels_is_marked(tmp_path: Path) -> None:
     file = daemon_log(tmp_path / "run.mcap", simulated(SHORT, 1), reference=False)
     found = open_mcap(file)

@@ -63,18 +63,21 @@ class FogBytes(Source):
         if valid.sum() < 2:
             seen = ", ".join(f"{n} {value}" for n, value in protocol.counters.items())
             raise ConfigError(str(self.path), "fog.protocol", f"valid packets of {fog.protocol}", seen)
-        spans = fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated"
-        interval_s = np.where(spans, steps, 1) / fog.rate_hz
-        value = np.array([r.value for r in readings]) / np.where([r.is_angle for r in readings], interval_s, 1.0)
+        value = np.array([r.value * (fog.rate_hz if r.is_angle else 1.0) for r in readings])
         value *= -1.0 if fog.positive == "clockwise" else 1.0
-        temperature_c = np.array([r.temperature_c for r in readings])[valid]
+        temperature_c = np.array([r.temperature_c for r in readings])
         origin = Origin("fog", f"bytes, {fog.protocol}", f"packet count at fog.rate_hz, {fog.rate_hz:g} Hz")
         told = ", ".join(f"{n} {count}" for n, count in protocol.counters.items() if count)
         by = "what is left of them" if protocol.sequence_modulus is None else "their count"
         lost = int((steps - 1).sum())
         origin.notes.append(f"{told}; {lost} packets lost by {by}, {int((~valid).sum())} not valid")
-        time_ns = np.round(np.cumsum(steps)[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
-        known = temperature_c if np.isfinite(temperature_c).all() else None
+        beats = np.cumsum(steps)
+        if fog.protocol == "dsp3000" and fog.dsp3000.mode == "integrated":
+            # Only these angles hold the turn of lost lines, too: a row for each, since one after a hole stands for one.
+            value, valid, temperature_c = (np.repeat(x, steps) for x in (value / steps, valid, temperature_c))
+            beats = np.arange(1, beats[-1] + 1)
+        time_ns = np.round(beats[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
+        known = temperature_c[valid] if np.isfinite(temperature_c[valid]).all() else None
         return in_order(Gyro(time_ns, value[valid][:, None], ("",), None, known), origin)
 
 

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 import numpy as np
@@ -97,14 +98,20 @@ def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSam
 
 
 def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibration | None) -> FogLog | None:
+    """Rows of rates. A sample over several intervals, an integrated angle after lost lines, has a row for each of them:
+    a reader takes a row after a hole for one.
+    """
+    if not samples:
+        return None
     rows: list[tuple[float, float, float]] = []
+    usual_s = median(sample.interval_s for sample in samples)
     for sample in samples:
         rate = sample.rate_rad_s if calibration is None else calibration.correct(sample).rate_rad_s
-        time_s = (sample.t_ns - zero_ns) * S_PER_NS
-        if not rows or time_s > rows[-1][0]:
-            rows.append((time_s, rate, sample.temperature_c))
-    if not rows:
-        return None
+        end_s, intervals = (sample.t_ns - zero_ns) * S_PER_NS, max(1, round(sample.interval_s / usual_s))
+        for k in reversed(range(intervals)):
+            time_s = end_s - k * sample.interval_s / intervals
+            if not rows or time_s > rows[-1][0]:
+                rows.append((time_s, rate, sample.temperature_c))
     time_s, rate, temperature_c = np.array(rows).T
     return FogLog(time_s, rate, temperature_c if np.isfinite(temperature_c).any() else None)
 
