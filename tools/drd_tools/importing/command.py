@@ -23,7 +23,7 @@ from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
 from drd_tools.importing.text import summary
 from drd_tools.importing.text_table import TextTable
 from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_robot, write_said
-from drd_tools.recordings.folder import POSES, write_table
+from drd_tools.recordings.folder import POSES, continuous_rad, write_table
 
 
 @dataclass
@@ -145,9 +145,9 @@ def write(made: Imported, chosen: argparse.Namespace, argv: list[str]) -> list[P
             header, form = (RATE, "%.9f,%.9g") if warm is None else (RATE_AND_TEMPERATURE, "%.9f,%.9g,%.6g")
             write_table(folder / "fog.csv", header, np.column_stack(columns), form)
         if (poses := made.reference) is not None:
-            heading_deg = np.unwrap(poses.heading_rad) * DEG_PER_RAD
+            heading_deg = continuous_rad(poses.heading_rad * DEG_PER_RAD) * DEG_PER_RAD
             columns = [seconds(poses.time_ns, zero_ns), poses.x_m, poses.y_m, heading_deg]
-            write_table(folder / "reference.csv", POSES, np.column_stack(columns), "%.9f,%.9g,%.9g,%.9g")
+            write_table(folder / "reference.csv", POSES, np.column_stack(columns), "%.9f,%.12g,%.12g,%.9g")
         write_said(folder / SAID, made.inputs, argv, made.origins, made.applied, made.findings, zero_ns)
     return [folder / name for name in MADE if (folder / name).exists()]
 

@@ -8,10 +8,10 @@ import numpy as np
 from drd.arrays import Array
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
-from drd.units import NS_PER_S, RAD_PER_DEG, S_PER_NS
+from drd.units import DEG_PER_RAD, NS_PER_S, RAD_PER_DEG, S_PER_NS
 from drd_tools.importing.examine import GyroRates, WheelTravel
 from drd_tools.importing.streams import Gyro, Reference, Times, Wheels
-from drd_tools.recordings.folder import ReferenceLog
+from drd_tools.recordings.folder import ReferenceLog, continuous_rad
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 
@@ -112,6 +112,6 @@ def for_checks(
         left, right = (radius_m * side for side in rows.angles_rad(nominal.counts_per_revolution))
         travel = WheelTravel(seconds(rows.time_ns, zero_ns), left, right, nominal.tread_m)
     if reference is not None:
-        heading = np.unwrap(reference.heading_rad)
+        heading = continuous_rad(reference.heading_rad * DEG_PER_RAD)
         poses = ReferenceLog(seconds(reference.time_ns, zero_ns), reference.x_m, reference.y_m, heading)
     return rates, travel, poses

@@ -24,6 +24,7 @@ POSES: Final = ("time_s", "x_m", "y_m", "heading_deg")
 # Beside them: how far an estimate can be trusted.
 COVARIANCE: Final = ("xx_m2", "xy_m2", "xh_m_rad", "yy_m2", "yh_m_rad", "hh_rad2")
 BOUND: Final = "position_bound_99_m"
+WRAPPED_DEG: Final = 361.0  # most that wrapped headings span: +-3.142 rad are a little more than a turn
 VALID: Final = "valid"  # 1; 0: degraded, invalid or initialising
 ESTIMATES: Final = (*POSES, *COVARIANCE, BOUND, VALID)
 ESTIMATES_FORM: Final = "%.9f,%.6f,%.6f,%.6f" + ",%.6g" * 7 + ",%d"
@@ -250,4 +251,4 @@ def continuous_rad(heading_deg: Array) -> Array:
     More than a turn in all: whole turns are in the rows, and sparse ones may truly be more than half a turn apart.
     """
     heading_rad = heading_deg * RAD_PER_DEG
-    return np.unwrap(heading_rad) if np.ptp(heading_deg) <= 360.0 else heading_rad
+    return np.unwrap(heading_rad) if np.ptp(heading_deg) <= WRAPPED_DEG else heading_rad
