@@ -292,6 +292,16 @@ def test_delta_angles_and_their_known_turn(tmp_path: Path) -> None:
     assert np.radians(written[:, 1]) == pytest.approx(2.0 * rate, abs=1e-8)
 
 
+def test_angles_that_came_in_one_bundle_add_up(tmp_path: Path) -> None:
+    table, out = tmp_path / "gyro.csv", tmp_path / "out"
+    table.write_text("t,a\n" + "".join(f"{0.02 * (k // 2)},{0.1 + 0.01 * k}\n" for k in range(100)))
+    assert run(table, "--gyro", "a", "--gyro-unit", "deg", "--output", out) == 0
+    rate_deg_s = np.loadtxt(out / "fog.csv", delimiter=",", skiprows=1)[:, 1]
+    assert 0.02 * rate_deg_s.sum() == pytest.approx(59.5)
+    said = yaml.safe_load((out / "import.yaml").read_text())["streams"]["gyro"]["notes"]
+    assert said == ["50 rows had the time of another one and were added to it"]
+
+
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_a_sparse_reference_keeps_its_turns_and_millimetres(tmp_path: Path, unit: str, wrapped: bool) -> None:

@@ -36,10 +36,21 @@ class RosSource(Source):
     """A bag file, a bag's folder, or an MCAP file. Raises ConfigError.
 
     `joints`: names of the left and of the right ones. `pose`: take wheels from an odometry's poses, not its speeds.
+    `are_angles`: the gyro's values are angles since the message before.
     """
 
-    def __init__(self, path: Path, stamps: str, wheel_unit: str | None, joints: tuple[str, str] | None, *, pose: bool):
+    def __init__(
+        self,
+        path: Path,
+        stamps: str,
+        wheel_unit: str | None,
+        joints: tuple[str, str] | None,
+        *,
+        pose: bool,
+        are_angles: bool = False,
+    ):
         self._bag, self._unit, self._joints, self._pose = Bag(path, stamps), wheel_unit, joints, pose
+        self._are_angles = are_angles
         self.path, self._where = path, str(path)
 
     def listing(self) -> list[str]:
@@ -57,13 +68,13 @@ class RosSource(Source):
         kind = self._bag.kind(topic, "--gyro")
         if path:
             time_ns, values, origin = self._bag.numbers(topic, self._picker(topic, path))
-            return in_order(Gyro(time_ns, values, ("",)), origin)
+            return in_order(Gyro(time_ns, values, ("",)), origin, are_angles=self._are_angles)
         if kind not in VECTORS:
             raise ConfigError(self._where, f"--gyro {topic}", f"one of {', '.join(VECTORS)}, or TOPIC:FIELD", kind)
         vector = VECTORS[kind]
         if kind != IMU:
             time_ns, values, origin = self._bag.numbers(topic, lambda m: _xyz(getattr(m, vector)))
-            return in_order(Gyro(time_ns, values, ("x", "y", "z")), origin)
+            return in_order(Gyro(time_ns, values, ("x", "y", "z")), origin, are_angles=self._are_angles)
         time_ns, picked, origin = self._bag.read(topic, _imu)
         values = np.array(picked)
         rates, force, covariance = values[:, :3], values[:, 3:6], values[:, 6]
@@ -71,7 +82,8 @@ class RosSource(Source):
             raise ConfigError(self._where, topic, "finite rates", "others")
         # The first covariance is -1 where a driver has no such sensor (sensor_msgs/Imu).
         has_force = bool((covariance != -1.0).all() and np.isfinite(force).all())
-        return in_order(Gyro(time_ns, rates, ("x", "y", "z"), force if has_force else None), origin)
+        imu = Gyro(time_ns, rates, ("x", "y", "z"), force if has_force else None)
+        return in_order(imu, origin, are_angles=self._are_angles)
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """A topic of a known type, or LEFT,RIGHT of TOPIC:FIELD each."""

@@ -16,7 +16,8 @@ Times = npt.NDArray[np.int64]
 CUMULATIVE: Final = ("counts", "rad", "m")
 WHEEL_UNITS: Final = (*CUMULATIVE, "rad_s", "m_s", "rpm", "twist")
 # `rad` and `deg` are angles since the row before.
-GYRO_UNITS: Final = ("rad_s", "deg_s", "rad", "deg")
+GYRO_ANGLES: Final = ("rad", "deg")
+GYRO_UNITS: Final = ("rad_s", "deg_s", *GYRO_ANGLES)
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,11 @@ class Source:
         return ConfigError(str(self.path), f"--{stream}", expected, repr(name))
 
 
-def in_order(values: Values, origin: Origin) -> tuple[Values, Origin]:
-    """Rows sorted by time, of equal times the first; what that took is noted in `origin`, with count and rate."""
+def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tuple[Values, Origin]:
+    """Rows sorted by time, of equal times the first; what that took is noted in `origin`, with count and rate.
+
+    `are_angles`: a gyro's values are angles since the row before: those of equal times add up.
+    """
     time_ns = values.time_ns
     order = np.argsort(time_ns, kind="stable")
     backwards = int((np.diff(time_ns) < 0).sum())
@@ -110,10 +114,13 @@ def in_order(values: Values, origin: Origin) -> tuple[Values, Origin]:
     if backwards:
         origin.notes.append(f"{backwards} steps of time were negative; the rows were sorted")
     if len(kept) < len(order):
-        origin.notes.append(f"{len(order) - len(kept)} rows had the time of another one and were dropped")
+        done = "added to it" if are_angles else "dropped"
+        origin.notes.append(f"{len(order) - len(kept)} rows had the time of another one and were {done}")
     changes: dict[str, Any] = {
         name: value[kept] for name, value in vars(values).items() if isinstance(value, np.ndarray)
     }
+    if are_angles:
+        changes["value"] = np.add.reduceat(vars(values)["value"][order], np.flatnonzero(first))
     origin.rows = len(kept)
     if len(kept) > 1:
         origin.rate_hz = 1e9 / float(np.median(np.diff(time_ns[kept])))

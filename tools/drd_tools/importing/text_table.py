@@ -25,7 +25,8 @@ class TextTable(Source):
     """A file of rows. Columns have the header's names, or numbers from 1. Raises ConfigError.
 
     `time`: the column of times (None: the header's), `unit_s`: how long its unit is, `wheel_unit` and `degrees`: what
-    the wheels' columns and the heading are, `temperature`: the gyro's, in degC.
+    the wheels' columns and the heading are, `are_angles`: the gyro's are angles since the row before,
+    `temperature`: the gyro's, in degC.
     """
 
     def __init__(
@@ -36,10 +37,11 @@ class TextTable(Source):
         wheel_unit: str | None,
         *,
         degrees: bool,
+        are_angles: bool = False,
         temperature: str | None = None,
     ):
         self.path, self._unit_s, self._wheel_unit, self._degrees = path, unit_s, wheel_unit, degrees
-        self._temperature = temperature
+        self._are_angles, self._temperature = are_angles, temperature
         lines = [(k, line) for k, line in enumerate(_lines(path), 1) if line.strip() and not line.startswith("#")]
         if not lines:
             raise ConfigError(str(path), "", "a table of numbers", "an empty file")
@@ -80,7 +82,8 @@ class TextTable(Source):
         axes = ("x", "y", "z") if len(columns) == 3 else ("",)
         time_ns, origin = self._times(name)
         temperature_c = self.column(self._temperature, "--temperature") if self._temperature else None
-        return in_order(Gyro(time_ns, np.stack(columns, axis=1), axes, None, temperature_c), origin)
+        values = Gyro(time_ns, np.stack(columns, axis=1), axes, None, temperature_c)
+        return in_order(values, origin, are_angles=self._are_angles)
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """Two columns: left and right."""
