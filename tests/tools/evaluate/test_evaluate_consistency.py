@@ -10,6 +10,8 @@ from pose_files import dead_reckoned, drive
 
 from drd_tools.evaluate.alignment import align
 from drd_tools.evaluate.consistency import Consistency, Nees, consistency, effective_rows, nees, together
+from drd_tools.evaluate.judge import judge
+from drd_tools.evaluate.text import sentences
 from drd_tools.evaluate.trajectory import MAX_GAP_S, Poses, Reference, associate
 
 SEEDS = 60
@@ -34,6 +36,20 @@ def test_consistent_errors_are_called_so_one_by_one_and_together() -> None:
     assert pooled.verdict == "consistent"
     assert pooled.low < 3.0 < pooled.high
     assert pooled.high - pooled.low < 2.0
+
+
+def test_what_was_claimed_before_a_late_reference_is_told() -> None:
+    estimate, reference = dead_reckoned(np.random.default_rng(1))
+    assert judged(estimate, reference).before is None
+    half = len(reference.time_s) // 2
+    late = replace(reference, time_s=reference.time_s[half:], pose=reference.pose[half:])
+    assert estimate.covariance is not None
+    xx, xy, yy, hh = (float(estimate.covariance[half, i, j]) for i, j in ((0, 0), (0, 1), (1, 1), (2, 2)))
+    worst_m = np.sqrt(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
+    assert judged(estimate, late).before == pytest.approx((worst_m, np.sqrt(hh)), rel=0.05)
+    assert judged(estimate, late, "none").before is None
+    (told,) = (s for s in sentences(judge(estimate, late)) if "before the first common time" in s)
+    assert f"{np.degrees(np.sqrt(hh)):.2g} deg (1 sigma)" in told
 
 
 def test_overconfidence_and_caution_are_told() -> None:

@@ -19,6 +19,7 @@ PARTS: Final = {"pose": [0, 1, 2], "position": [0, 1], "heading": [2]}
 LEVEL: Final = 0.99
 LEAST_VARIANCE: Final = 1e-14  # (0.1 um)^2 or rad^2: what a perfect reference and an estimate that has not begun leave
 LEAST_EIGENVALUE: Final = 1e-12  # of a correlation: four digits of an inverse
+LATE: Final = 0.1  # of the variance at the end: more at the first common time makes NEES a tenth too small
 SIGMA_99: Final = math.sqrt(float(chdtri(1, 1.0 - LEVEL)))  # half the width of a Gaussian's 99 % interval
 
 
@@ -44,11 +45,16 @@ class Nees:
 
 @dataclass(frozen=True)
 class Consistency:
-    """`why_not` says why there is no NEES. `inside_99` is the share of rows within the claimed 99 % radius."""
+    """`why_not` says why there is no NEES. `inside_99` is the share of rows within the claimed 99 % radius.
+
+    `before`: standard deviations claimed for position (worst axis, m) and heading (rad) at the first common time, where
+    the alignment start takes all error off; None where they hardly count.
+    """
 
     nees: list[Nees]
     why_not: str = ""
     inside_99: float | None = None
+    before: tuple[float, float] | None = None
 
 
 def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> Consistency:
@@ -73,7 +79,19 @@ def consistency(aligned: Pairs, alignment: Alignment, reference: Reference) -> C
         regular = _has_inverse(part_S)
         if regular.any():
             found.append(nees(part, aligned.error[begin:][regular][:, axes], part_S[regular]))
-    return Consistency(found, "" if found else "not determined: the covariance is singular in every row", inside)
+    why = "" if found else "not determined: the covariance is singular in every row"
+    return Consistency(found, why, inside, _before(aligned) if begin else None)
+
+
+def _before(aligned: Pairs) -> tuple[float, float] | None:
+    """Standard deviations of `Consistency.before`."""
+    assert aligned.covariance is not None
+    (first_m2, first_rad2), (last_m2, last_rad2) = (
+        (float(np.linalg.eigvalsh(P[:2, :2])[-1]), float(P[2, 2])) for P in aligned.covariance[[0, -1]]
+    )
+    if first_m2 <= LATE * last_m2 and first_rad2 <= LATE * last_rad2:
+        return None
+    return math.sqrt(max(first_m2, 0.0)), math.sqrt(max(first_rad2, 0.0))
 
 
 def _has_inverse(S: Array) -> npt.NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from drd.units import DEG_PER_RAD
 from drd_tools.evaluate.consistency import PARTS, Nees, together
 from drd_tools.evaluate.lag import in_words
 from drd_tools.evaluate.metrics import Relative
@@ -134,6 +135,11 @@ def _consistency(run: Run) -> Iterator[str]:
         )
     if c.inside_99 is not None:
         yield f"Inside the claimed 99 % radius: {100.0 * c.inside_99:.1f} % of the rows."
+    if c.before is not None:
+        yield (
+            f"Of what the poses claim, {metres(c.before[0])} and {c.before[1] * DEG_PER_RAD:.2g} deg (1 sigma) are "
+            "from before the first common time, and no error is: NEES is too small for that, and the radius too large."
+        )
 
 
 def relative_tables(run: Run) -> Iterator[tuple[Sequence[str], list[list[str]], str]]:
