@@ -15,7 +15,7 @@ from mcap.writer import Writer as McapWriter
 
 from drd.cli import main
 from drd_tools.importing.examine import WheelTravel
-from drd_tools.recordings.folder import Recording, read_recording, read_reference_log
+from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.replay.folder_source import replay_folder
 
 CONFIG = """\
@@ -290,32 +290,6 @@ def test_delta_angles_and_their_known_turn(tmp_path: Path) -> None:
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["fog.csv", "import.yaml"]
     written = np.loadtxt(tmp_path / "out" / "fog.csv", delimiter=",", skiprows=1)
     assert np.radians(written[:, 1]) == pytest.approx(2.0 * rate, abs=1e-8)
-
-
-def test_angles_that_came_in_one_bundle_add_up(tmp_path: Path) -> None:
-    table, out = tmp_path / "gyro.csv", tmp_path / "out"
-    table.write_text("t,a\n" + "".join(f"{0.02 * (k // 2)},{0.1 + 0.01 * k}\n" for k in range(100)))
-    assert run(table, "--gyro", "a", "--gyro-unit", "deg", "--output", out) == 0
-    rate_deg_s = np.loadtxt(out / "fog.csv", delimiter=",", skiprows=1)[:, 1]
-    assert 0.02 * rate_deg_s.sum() == pytest.approx(59.5)
-    said = yaml.safe_load((out / "import.yaml").read_text())["streams"]["gyro"]["notes"]
-    assert said == ["50 rows had the time of another one and were added to it"]
-
-
-@pytest.mark.parametrize("unit", ["deg", "rad"])
-@pytest.mark.parametrize("wrapped", [False, True])
-def test_a_sparse_reference_keeps_its_turns_and_millimetres(tmp_path: Path, unit: str, wrapped: bool) -> None:
-    heading_deg = 36.0 * np.arange(20) if wrapped else 200.0 * np.arange(20)
-    written = (heading_deg + 180.0) % 360.0 - 180.0 if wrapped else heading_deg
-    rows = zip(range(20), np.radians(written) if unit == "rad" else written, strict=True)
-    table, gyro = tmp_path / "reference.csv", tmp_path / "gyro.csv"
-    table.write_text("t,x,y,h\n" + "".join(f"{10 * k},{k},{5e6 + 0.001 * k:.3f},{h:.3f}\n" for k, h in rows))
-    gyro.write_text("t,w\n" + "".join(f"{k},0.1\n" for k in range(200)))
-    words = ("--reference-file", table, "--reference", "x,y,h", "--heading-unit", unit)
-    assert run(gyro, "--gyro", "w", "--gyro-unit", "deg_s", *words, "--output", tmp_path / "out") == 0
-    made = read_reference_log(tmp_path / "out" / "reference.csv")
-    assert np.degrees(made.heading_rad) == pytest.approx(heading_deg, abs=0.1)
-    assert made.y_m - 5e6 == pytest.approx(0.001 * np.arange(20), abs=1e-6)
 
 
 def test_an_earlier_import_is_replaced_and_nothing_else_is(bag: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.batch.logs import COUNTS, RATE, RATE_AND_TEMPERATURE, SPEEDS
+from drd.batch.samples import LONGEST_GAP_S
 from drd.commands import writing
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
@@ -78,6 +79,10 @@ def read(chosen: argparse.Namespace, names: list[str]) -> Imported:
             made.applied[f"shift_{name}_s"] = shift
         if len(values.time_ns) < 2:
             raise ConfigError(str(path), f"--{name}", "at least 2 rows of different times", str(len(values.time_ns)))
+        apart_s = np.diff(values.time_ns) / NS_PER_S
+        if apart_s.max() > LONGEST_GAP_S:
+            got = f"{apart_s.max():g} s after {values.time_ns[apart_s.argmax()] / NS_PER_S:.12g} s"
+            raise ConfigError(str(path), f"--{name}", f"rows at most {LONGEST_GAP_S:g} s apart", got)
         setattr(made, name, values)
         made.origins[name] = origin
         made.inputs += [path] if path not in made.inputs else []

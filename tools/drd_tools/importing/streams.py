@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array
+from drd.batch.samples import LONGEST_GAP_S
 from drd.config.schema import ConfigError
+from drd.units import NS_PER_S
 
 Times = npt.NDArray[np.int64]
 
@@ -106,6 +108,7 @@ def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tup
 
     `are_angles`: a gyro's values are angles since the row before: those of equal times add up.
     """
+    values = _with_times(values, origin)
     time_ns = values.time_ns
     order = np.argsort(time_ns, kind="stable")
     backwards = int((np.diff(time_ns) < 0).sum())
@@ -116,12 +119,24 @@ def in_order(values: Values, origin: Origin, *, are_angles: bool = False) -> tup
     if len(kept) < len(order):
         done = "added to it" if are_angles else "dropped"
         origin.notes.append(f"{len(order) - len(kept)} rows had the time of another one and were {done}")
-    changes: dict[str, Any] = {
-        name: value[kept] for name, value in vars(values).items() if isinstance(value, np.ndarray)
-    }
+    changes = _at(values, kept)
     if are_angles:
         changes["value"] = np.add.reduceat(vars(values)["value"][order], np.flatnonzero(first))
     origin.rows = len(kept)
     if len(kept) > 1:
         origin.rate_hz = 1e9 / float(np.median(np.diff(time_ns[kept])))
     return replace(values, **changes), origin
+
+
+def _with_times(values: Values, origin: Origin) -> Values:
+    """The rows that have a time: before their clock was set drivers send 0."""
+    unset = values.time_ns == 0
+    if not unset.any() or values.time_ns.max() < LONGEST_GAP_S * NS_PER_S:
+        return values
+    origin.notes.append(f"{int(unset.sum())} rows had the time 0, none, and were left out")
+    return replace(values, **_at(values, ~unset))
+
+
+def _at(values: Values, rows: Any) -> dict[str, Any]:
+    """The arrays of the stream at these rows."""
+    return {name: value[rows] for name, value in vars(values).items() if isinstance(value, np.ndarray)}
