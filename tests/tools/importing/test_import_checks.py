@@ -223,6 +223,7 @@ def test_wheels_faster_than_a_replay_believes() -> None:
     assert found.verdict == WRONG
     assert found.numbers["rows"] == 1.0
     assert found.numbers["fastest_m_s"] == pytest.approx(40.0, abs=1.5)
+    assert "(--modulus)" in found.text
 
 
 def test_a_match_gives_the_gain_and_its_sigma() -> None:

@@ -153,8 +153,8 @@ def check_speed(time_s: Array, left_m: Array, right_m: Array, limit_m_s: float) 
         return None
     text = (
         f"in {fast} of {len(speed_m_s)} rows a wheel is faster than {limit_m_s:g} m/s (fastest {speed_m_s.max():.4g}): "
-        "counters that jumped, a wrong unit, wheel radius or counts per revolution; a replay leaves them out, unless "
-        "its --config says a higher robot.max_speed_m_s"
+        "counters that start again (--modulus) or jumped, a wrong unit, wheel radius or counts per revolution; a "
+        "replay leaves them out, unless its --config says a higher robot.max_speed_m_s"
     )
     return Finding("speed", WRONG, text, {"rows": float(fast), "fastest_m_s": float(speed_m_s.max())})
 
