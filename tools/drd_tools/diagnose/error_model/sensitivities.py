@@ -156,9 +156,8 @@ def _turn(e: Evidence, path: Path, typical_s: float, sharp: bool) -> Array:
     # The wheels' turn is mostly noise on a straight line, and would explain itself there.
     seen = _denoised(turn / e.step_s, _turn_sigma_rad_s(e), TURN_SMOOTHING_S / typical_s, sharp) * e.step_s
     if e.gyro_rad is not None:
-        is_unsure = (
-            e.gyro_inflation_rad2 > e.datasheet.heading_rad**2
-        )  # the fixes, to which the path is bent, know more
+        # There the fixes know more, to which the path is bent.
+        is_unsure = e.gyro_inflation_rad2 > e.datasheet.heading_rad**2
         slow = gaussian_filter1d(np.where(is_unsure | (e.jump_rad2 > 0.0), 0.0, turn - e.gyro_rad), SLOW_S / typical_s)
         seen = np.where(is_unsure, seen, e.gyro_rad + slow)
     return np.asarray(np.where(e.still, 0.0, seen), float)

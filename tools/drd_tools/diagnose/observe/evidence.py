@@ -247,12 +247,9 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
     travel_m = np.abs(left_m) + np.abs(right_m)
     near_travel_m, datasheet = maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), datasheet_noise(nominal, log is not None)
-    wheels = None
-    if log is not None:
-        apart_m = np.concatenate([[0.0], np.cumsum(right_m * robot.right - left_m * robot.left)])
-        turned_rad = np.diff(np.interp(edges + robot.wheels_lag_s, edges, apart_m)) / (tread_m * robot.tread)
-        slip_m2 = (SLIPS * datasheet.slip_m_per_sqrt_m) ** 2 * near_travel_m
-        wheels = turned_rad, (slip_m2 + 2.0 * lost_m2) / tread_m**2
+    turned_rad = _turned_by_wheels(left_m, right_m, edges, tread_m, robot)
+    slip_m2 = (SLIPS * datasheet.slip_m_per_sqrt_m) ** 2 * near_travel_m
+    wheels = None if log is None else (turned_rad, (slip_m2 + 2.0 * lost_m2) / tread_m**2)
     gyro, inflation_rad2 = grids.without_holes(grid, wheels)
     return Evidence(
         name=recording.name,
@@ -281,6 +278,13 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         robot=robot,
         reference_lag_s=reference_lag_s,
     )
+
+
+def _turned_by_wheels(left_m: Array, right_m: Array, edges_s: Array, tread_m: float, robot: Calibrated) -> Array:
+    """Turn in each step, rad, (n,), of wheels with their constants as far as measured, and as late as they are."""
+    apart_m = np.concatenate([[0.0], np.cumsum(right_m * robot.right - left_m * robot.left)])
+    turned_rad: Array = np.diff(np.interp(edges_s + robot.wheels_lag_s, edges_s, apart_m)) / (tread_m * robot.tread)
+    return turned_rad
 
 
 def _grid(recording: Recording) -> grids.Grid:
