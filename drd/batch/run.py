@@ -55,17 +55,19 @@ def filter_logs(
     late_ns: tuple[int, int] = (0, 0),
     new_track: MakeTrack = make_track,
     watch: Callable[[list[Any]], Iterable[Any]] = iter,
+    zero_s: float | None = None,
 ) -> Filtered:
     """Estimate from logs whose times were checked, see `check_times`.
 
     `terms`: the effects that are taken off. `late_ns`: how much earlier than its row a sample was taken, of gyro and
-    wheels. `new_track`: see Estimator. `watch` hands on the samples, and may show how far they are.
+    wheels. `new_track`: see Estimator. `watch` hands on the samples, and may show how far they are. `zero_s`: see
+    `compensation`.
     """
     zero_ns = zero_of(fog, encoders)
     wheels, began_ns, wheel_counters = wheel_samples(encoders, config, zero_ns - late_ns[1])
     gyro, gyro_counters = gyro_samples(fog, config, zero_ns - late_ns[0])
     count_m = resolution_m(encoders, config)
-    removal = compensation(terms, fog, encoders, config)
+    removal = compensation(terms, fog, encoders, config, zero_s)
     publish_on = config.output.publish_on
     estimator = Estimator(config, calibration, count_m, removal, new_track=new_track, publish_on=publish_on)
     poses = run(estimator, gyro, wheels, watch)
@@ -81,17 +83,24 @@ def filter_logs(
 
 
 def compensation(
-    terms: tuple[Term, ...], fog: FogLog | None, encoders: EncoderLog, config: Config
+    terms: tuple[Term, ...], fog: FogLog | None, encoders: EncoderLog, config: Config, zero_s: float | None = None
 ) -> Compensation | None:
-    """Make what takes the terms off the logs' samples. Their time counts from the logs' 0, if they begin near it."""
+    """Make what takes the terms off the logs' samples. Their time counts from `zero_s` on the logs' clock, see
+    `zero_for_terms`.
+    """
     if not terms:
         return None
     logs = [log.time_s for log in (fog, encoders) if log is not None]
     first_s, last_s = min(time_s[0] for time_s in logs), max(time_s[-1] for time_s in logs)
-    is_near = abs(first_s) <= ZERO_WITHIN_S
-    begin_ns = zero_of(fog, encoders) if is_near else FIRST_NS
-    end_s = float(last_s if is_near else last_s - first_s)
-    return Compensation(terms, config.robot, config.fog.protocol != "none", begin_ns, end_s)
+    zero_s = zero_for_terms(float(first_s)) if zero_s is None else zero_s
+    # Relative to the first row, so that seconds since 1970 keep their ns.
+    begin_ns = FIRST_NS + round((zero_s - float(first_s)) * NS_PER_S)
+    return Compensation(terms, config.robot, config.fog.protocol != "none", begin_ns, float(last_s) - zero_s)
+
+
+def zero_for_terms(first_s: float) -> float:
+    """Where terms count time from, s, in logs whose first row is at `first_s`: their 0 if that is near, else there."""
+    return 0.0 if abs(first_s) <= ZERO_WITHIN_S else first_s
 
 
 @contextmanager

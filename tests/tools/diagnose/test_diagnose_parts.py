@@ -10,6 +10,8 @@ from diagnosis_drives import recorded, selected
 from diagnosis_runs import diagnosed, written
 
 from drd.cli import main
+from drd.effects.catalogue import catalogue
+from drd.effects.model import Amount, Term
 from drd_tools.diagnose import run as run_module
 from drd_tools.diagnose.analysis import Analysis
 from drd_tools.diagnose.files import load
@@ -18,6 +20,7 @@ from drd_tools.diagnose.observe.parts import parts
 from drd_tools.diagnose.results import Train
 from drd_tools.diagnose.series import Drive
 from drd_tools.recordings.folder import Recording
+from drd_tools.replay.folder_source import replay_folder
 
 SCALE = selected("gyro_scale_error", k=0.01)
 DRIVE = ("warehouse", 180.0)
@@ -127,3 +130,18 @@ def test_times_since_1970_are_counted_from_the_first_row(tmp_path: Path, capsys:
         assert main(["replay", str(folder), *model, "--output", str(tmp_path / "poses.csv")]) == 0
         rejected.append(json.loads((tmp_path / "poses.json").read_text())["counters"]["estimator"].get("rejected", 0))
     assert rejected[1] < 0.2 * rejected[0]
+
+
+@pytest.mark.usefixtures("ninety_seconds")
+def test_a_moment_in_a_later_part_counts_as_in_the_whole() -> None:
+    recording = recorded(DRIVE, 3, selected("gyro_bias_step", b=0.02, t0=130.0))
+    _, second = parts(recording)
+    step = Term(catalogue()["gyro_bias_step"], {"b": Amount(np.degrees(0.02)), "t0": Amount(130.0)})
+    ends_rad = {}
+    for terms in ((), (step,)):
+        poses = replay_folder(replace(second, terms=terms)).poses
+        ends_rad[len(terms)] = abs(poses[-1].heading_rad - poses[0].heading_rad)
+    reference = second.reference
+    assert reference is not None
+    turned = abs(reference.heading_rad[-1] - reference.heading_rad[0])
+    assert abs(ends_rad[1] - turned) < 0.2 * abs(ends_rad[0] - turned)

@@ -46,7 +46,8 @@ class Recording:
 
     `wheels`: None where the robot has no encoders; its radius and tread are NaN then, if robot.yaml does not say.
     `config`: the daemon's configuration that was in force, where it is known. `model`: the model file that changed the
-    nominal robot, `terms` the effects that it adds, `notes` sentences about those that are left out.
+    nominal robot, `terms` the effects that it adds, `notes` sentences about those that are left out. `zero_s`: where
+    their time counts from in a part of a recording, see `zero_for_terms`.
     """
 
     folder: Path
@@ -59,6 +60,7 @@ class Recording:
     terms: tuple[Term, ...] = ()
     notes: tuple[str, ...] = ()
     config: Config | None = None
+    zero_s: float | None = None
 
     @property
     def name(self) -> str:

@@ -42,7 +42,8 @@ def replay_folder(
         zero_ns = zero_of(fog, encoders)
         samples = gyro_samples(fog, in_use, zero_ns)[0], wheel_samples(encoders, in_use, zero_ns)[0]
         told = findings.sentences(findings.monitored(*samples, in_use, gyro_calibration), zero_ns)
-    made = filter_logs(fog, encoders, in_use, gyro_calibration, recording.terms, late_ns, new_track, PROGRESS)
+    terms, zero_s = recording.terms, recording.zero_s
+    made = filter_logs(fog, encoders, in_use, gyro_calibration, terms, late_ns, new_track, PROGRESS, zero_s)
     return Replayed(
         folder,
         made.poses,

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from drd.batch.run import ZERO_WITHIN_S
+from drd.batch.run import zero_for_terms
 from drd_tools.diagnose.observe.evidence import Evidence
 from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
 from drd_tools.recordings.folder import Recording
@@ -20,8 +20,8 @@ CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a s
 def from_its_start(recording: Recording) -> Recording:
     """The recording with times as a model counts them: from the first row, where that is far from 0 (`batch.run`)."""
     logs = {name: log for name in ("fog", "wheels") if (log := getattr(recording, name)) is not None}
-    begin_s = min((float(log.time_s[0]) for log in logs.values() if len(log.time_s)), default=0.0)
-    if abs(begin_s) <= ZERO_WITHIN_S:
+    begin_s = zero_for_terms(_first_s(recording))
+    if not begin_s:
         return recording
     if recording.reference is not None:
         logs["reference"] = recording.reference
@@ -44,7 +44,7 @@ def parts(recording: Recording) -> list[Recording]:
         return [recording]
     edges = np.linspace(begin_s, end_s, count + 1)
     edges[0], edges[-1] = -np.inf, np.inf
-    digits = len(str(count))
+    digits, zero_s = len(str(count)), zero_for_terms(_first_s(recording))
     made = []
     for k in range(count):
         nominal = recording.nominal if k == 0 else replace(recording.nominal, standstill_at_start_s=0.0)
@@ -52,11 +52,17 @@ def parts(recording: Recording) -> list[Recording]:
             name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in ("fog", "wheels", "reference")
         }
         folder = recording.folder / f"{recording.name}{PART}{k + 1:0{digits}}-of-{count}"
-        part = replace(recording, folder=folder, nominal=nominal, **logs_of_part)
+        part = replace(recording, folder=folder, nominal=nominal, zero_s=zero_s, **logs_of_part)
         sensors = [(recording.fog, part.fog), (recording.wheels, part.wheels)]
         if all(log is not None and len(log.time_s) >= FEWEST_ROWS for whole, log in sensors if whole is not None):
             made.append(part)
     return made
+
+
+def _first_s(recording: Recording) -> float:
+    """Time of the first row of gyro and wheels; 0 where there is none."""
+    logs = [log.time_s for log in (recording.fog, recording.wheels) if log is not None and len(log.time_s)]
+    return min((float(time_s[0]) for time_s in logs), default=0.0)
 
 
 def with_whole(name: str) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from drd.batch.run import zero_for_terms
 from drd.batch.samples import MISSING_ROWS
 from drd.config.keys import Robot
 from drd.effects.compensation import Compensation
@@ -52,7 +53,7 @@ def _corrected(
         return rate
     # The wheels' sizes are asked for, and stand for nothing.
     robot = Robot(wheel_radius_m=1.0, tread_m=1.0)
-    zero_s = float(time_s[0])
+    zero_s = zero_for_terms(float(time_s[0])) if recording.zero_s is None else recording.zero_s
     model = Compensation(recording.terms, robot, has_gyro=True, zero_ns=0, end_s=float(time_s[-1]) - zero_s)
     celsius = np.full(len(rate), np.nan) if temperature_c is None else temperature_c
     heading, found = 0.0, np.empty(len(rate))
