@@ -14,7 +14,7 @@ from drd.units import NS_PER_S
 
 # Taken for the resolution where readings are no whole counts: far below any motion that matters.
 UNCOUNTED_RESOLUTION_M = 1e-4
-# Of a period, in which readings pair at least: two nodes that run free are up to half of one apart, and jitter.
+# Least pairing window, in periods: two nodes that run free are up to half a period apart, and jitter.
 WINDOW_PART = 0.75
 # Enough for both nodes' answers between two calls; a node that boots in a loop must not fill the memory.
 MAX_REPLIES = 16

@@ -47,7 +47,7 @@ class Basis:
 
 
 class Changes(NamedTuple):
-    """What is different, by key: empty where what was learned of this still applies."""
+    """Differences by key; empty where the learned values still apply."""
 
     wheels: list[str]
     gyro: list[str]
@@ -80,7 +80,7 @@ def basis_of(
 
 
 def changes(then: Basis, now: Basis) -> Changes:
-    """What does not apply any more of what was learned with another basis."""
+    """Differences that invalidate values learned with another basis."""
     wheels = _different(then.wheels, now.wheels) + _different(then.drive, now.drive)
     gyro, lag = _different(then.gyro, now.gyro), _different(then.lag, now.lag)
     was, by = then.gyro.get("fog.protocol"), now.gyro["fog.protocol"]

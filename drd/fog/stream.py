@@ -50,7 +50,7 @@ class FogStream:
     def feed(self, data: bytes, arrival_ns: int) -> list[GyroSample]:
         """Take the bytes that were read at `arrival_ns`; return the samples that they complete or confirm, in order."""
         readings = [reading for reading in self._protocol.feed(data) if not self._is_copy(reading)]
-        beats = self._beats(readings, self._clock.due(arrival_ns))
+        beats = self._beats(readings, arrival_ns) if self._spans_losses else ()
         stamps = self._clock.stamp([reading.sequence for reading in readings], arrival_ns, beats)
         samples = []
         for reading, stamp in zip(readings, stamps, strict=True):
@@ -77,13 +77,14 @@ class FogStream:
         self._counters["doubled"] += is_copy
         return is_copy
 
-    def _beats(self, readings: list[FogReading], due: int) -> list[int]:
-        """The beats whose turn each reading holds, `due` in all: of an integrated angle 1 if the acceleration limit
+    def _beats(self, readings: list[FogReading], arrival_ns: int) -> list[int]:
+        """The beats whose turn each integrated angle holds, no more in all than are due: 1 if the acceleration limit
         permits it, else what fits the rate before best. Of fast lines a missing one shows in time some lines later.
         """
-        if not self._spans_losses or self._last is None:
+        if self._last is None:
             return [1] * len(readings)
-        period_s, spare, beats = self._clock.period_s, due - len(readings), list[int]()
+        period_s, beats = self._clock.period_s, list[int]()
+        spare = self._clock.due(arrival_ns) - len(readings)
         before_rad = self._sign * self._last.rate_rad_s * period_s
         limit_rad = self._max_acceleration_rad_s2 * period_s**2
         for i, reading in enumerate(readings):

@@ -143,7 +143,7 @@ def pose_request(data: bytes, frame_id: str) -> dict[str, Any]:
     return {
         "x_m": x_m,
         "y_m": y_m,
-        # Of a quaternion of any length: 1 - 2 (qy^2 + qz^2) is right for a unit one only.
+        # Right for a quaternion of any length; 1 - 2 (qy^2 + qz^2) in place of the squares needs a unit one.
         "heading_rad": math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz),
         "sigma_m": math.sqrt(largest),
         "sigma_rad": math.sqrt(hh),

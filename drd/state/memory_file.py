@@ -39,7 +39,7 @@ def decoded(data: bytes) -> Memory:
 
 
 def digest_of(basis: Basis) -> str:
-    """Of all that the constants are relative to: with readings that mean something else, none of them applies."""
+    """Digest of all that the constants are relative to: where readings mean something else, none of them applies."""
     latencies = [basis.lag[f"{sensor}.latency_s"] for sensor in ("encoders", "fog")]
     return hashlib.sha256(repr((basis.wheels, basis.gyro, latencies)).encode()).hexdigest()
 

@@ -144,7 +144,7 @@ def lag(gyro: Curve, wheels: Curve, left: float, right: float) -> Lag | None:
     k = int(correlation.argmax())
     if k in (0, len(correlation) - 1) or correlation[k] < LAG_CORRELATION:
         return None
-    # What differs (unequal wheels, slip) stays for seconds: only windows count as independent.
+    # Unequal wheels and slip last for seconds: only windows count as independent.
     count = wheel_rate.size * GRID_S / WINDOW_S
     # Where a turn's begin is in a hole, many shifts fit alike.
     unfit = count * np.log((1.0 - correlation**2 + 1e-12) / (1.0 - correlation[k] ** 2 + 1e-12))

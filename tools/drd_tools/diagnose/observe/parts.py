@@ -12,6 +12,7 @@ from drd_tools.diagnose.observe.grids import MOST_STEPS, STEP_S
 from drd_tools.recordings.folder import Recording
 
 PART: Final = "-part-"
+LOGS: Final = ("fog", "wheels", "reference")
 FULL: Final = 0.99  # of the most steps: rows are not quite even
 FEWEST_ROWS: Final = 20  # of each sensor: fewer are no part of their own
 CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a sentence
@@ -19,15 +20,13 @@ CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a s
 
 def from_its_start(recording: Recording) -> Recording:
     """The recording with times as a model counts them: from the first row, where that is far from 0 (`batch.run`)."""
-    logs = {name: log for name in ("fog", "wheels") if (log := getattr(recording, name)) is not None}
     begin_s = zero_for_terms(_first_s(recording))
     if not begin_s:
         return recording
-    if recording.reference is not None:
-        logs["reference"] = recording.reference
-    later: Any = {name: replace(log, time_s=log.time_s - begin_s) for name, log in logs.items()}
+    logs = {name: getattr(recording, name) for name in LOGS}
+    shifted: Any = {n: log and replace(log, time_s=log.time_s - begin_s) for n, log in logs.items()}
     note = f"times count from its first row, at {begin_s:.12g} s"
-    return replace(recording, notes=(*recording.notes, note), **later)
+    return replace(recording, notes=(*recording.notes, note), **shifted)
 
 
 def parts(recording: Recording) -> list[Recording]:
@@ -48,9 +47,7 @@ def parts(recording: Recording) -> list[Recording]:
     made = []
     for k in range(count):
         nominal = recording.nominal if k == 0 else replace(recording.nominal, standstill_at_start_s=0.0)
-        logs_of_part = {
-            name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in ("fog", "wheels", "reference")
-        }
+        logs_of_part = {name: _between(getattr(recording, name), edges[k], edges[k + 1]) for name in LOGS}
         folder = recording.folder / f"{recording.name}{PART}{k + 1:0{digits}}-of-{count}"
         part = replace(recording, folder=folder, nominal=nominal, zero_s=zero_s, **logs_of_part)
         sensors = [(recording.fog, part.fog), (recording.wheels, part.wheels)]

@@ -23,11 +23,16 @@ HEAVY_NATS: Final = 50.0  # that tails must gain: simulated noise, which has non
 LEAST_MEDIAN: Final = 1e-9  # rows without noise
 
 
+def _robust(rows: Array) -> float:
+    """Deviation of rows by their median absolute deviation from the median."""
+    return DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))
+
+
 def deviation(rows: Array) -> float:
     """Robust deviation of rows that should have 1, shrunk towards 1 where they are few."""
     if len(rows) < FEWEST_ROWS:
         return 1.0
-    found = DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))
+    found = _robust(rows)
     weight = len(rows) / (len(rows) + ROWS_PER_PRIOR)
     return float(np.exp(weight * np.log(max(found, 0.05))))
 
@@ -78,7 +83,7 @@ def slow_deviation(rows: Array, every_s: float, drifts: bool = False) -> float:
         means = rows[: count * m].reshape(count, m).sum(axis=1) / m**0.5
         if drifts:
             means = np.diff(means) / 2.0**0.5
-        found = DEVIATION_PER_MAD * float(np.median(np.abs(means - np.median(means))))
+        found = _robust(means)
         # The scatter of such an estimate must not pass for colour.
         worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
     return worst if worst > LEAST_COLOUR else 1.0
