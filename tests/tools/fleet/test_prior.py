@@ -42,6 +42,18 @@ def test_a_known_place_is_surer() -> None:
     assert here.sigma < 0.5 * anywhere.sigma
 
 
+def test_what_a_batch_has_changed_by_is_in_its_robots_prior() -> None:
+    def aged(_: int, day: int, __: str, batch: str) -> float:
+        return 0.006 * (batch == "b1" and day >= 20)
+
+    s = analyse(made_table(12, 40, 0, aged, name="gyro_scale", sigma=3e-4, spread=1e-3))
+    assert [(step.kind, step.which) for step in s.fitted["gyro_scale"].population.steps] == [("batch", 1)]
+    base = analyse(made_table(12, 40, 0, name="gyro_scale", sigma=3e-4, spread=1e-3))
+    for robot, change in (("1", 0.006), ("2", 0.0), ("3", 0.006)):
+        [now], [before] = (expect(one, robot, day_of(day(41))) for one in (s, base))
+        assert now.value - before.value == pytest.approx(change, abs=5e-4)
+
+
 def test_the_files_are_the_daemons(tmp_path: Path) -> None:
     table = joined(
         made_table(6, 20, 0, name="radius_left"),

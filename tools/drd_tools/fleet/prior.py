@@ -54,11 +54,13 @@ def _expected(fitted: Fitted, robot: str, day: float, place: str | None) -> Expe
         variance = float(line.sigma[-1]) ** 2 + p.walk * gap + changed * log.constant.jump**2
     season = float(np.interp(day, p.knots, p.season))
     at, floor = 0.0, p.scatter[1] ** 2 * (len(log.places) > 1)
+    groups = {} if number is None else {"batch": int(log.batch_of[number])}
     if place in log.places:
-        k = log.places.index(place)
-        steps = sum(s.size for s in p.steps if s.kind == "place" and s.which == k and s.day <= day)
-        at, floor = float(p.place[k]) + steps, float(p.place_sigma[k]) ** 2
-    return Expected(log.name, value + season + at, math.sqrt(variance + p.excess**2 + floor), recordings)
+        k = groups["place"] = log.places.index(place)
+        at, floor = float(p.place[k]), float(p.place_sigma[k]) ** 2
+    # A robot's level is less what it shares (`Population.shared`): what its groups have changed by comes on top.
+    steps = sum(s.size for s in p.steps if s.which == groups.get(s.kind) and s.day <= day)
+    return Expected(log.name, value + season + at + steps, math.sqrt(variance + p.excess**2 + floor), recordings)
 
 
 def write_prior(expected: list[Expected], robot: str, folder: Path) -> list[Path]:
