@@ -14,6 +14,8 @@ from recorded_daemon import daemon_log, in_parts
 
 from drd.cli import main
 from drd.effects.catalogue import catalogue
+from drd.units import S_PER_NS
+from drd_tools.emulate.raw import START_WALL_NS
 from drd_tools.fleet.discover import discover
 from drd_tools.fleet.store import Store
 
@@ -155,6 +157,7 @@ def test_the_parts_of_a_run_are_one_recording(tmp_path: Path) -> None:
     assert sorted(about) == [name, "run"]
     told = about[name]
     assert (told["error"], told["place"], str(told["start_utc"])) == (None, "yard", "2026-03-14 07:15:00+00:00")
+    assert about["run"]["start_utc"].timestamp() == START_WALL_NS * S_PER_NS  # whatever the file is called
     assert (told["duration_s"], told["verdict"]) == (about["run"]["duration_s"], about["run"]["verdict"])
     constants = store.table("constants").to_pylist()
     values = {one: {r["name"]: r["value"] for r in constants if r["recording"] == one} for one in about}

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
+from drd.units import S_PER_NS
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.diagnosis import Diagnosis
@@ -19,6 +20,7 @@ from drd_tools.fleet import discover, labels, products
 from drd_tools.fleet.task import Rows, Task, about, build, failed
 from drd_tools.recordings.daemon_log import SINCE_START_S, read
 from drd_tools.recordings.folder import Recording
+from drd_tools.recordings.mcap_file import open_run
 
 # A worker with several threads does one recording at a time: how many threads a product takes is the process's.
 _ALONE: Final = threading.Lock()
@@ -74,8 +76,11 @@ def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
 def _told(place: Path, recording: Recording) -> labels.Labels:
     """Labels that are in the recording's data, or in the name of a run."""
     reference = recording.reference
-    start_s = float(reference.time_s[0]) if reference is not None and len(reference.time_s) else 0.0
     start = labels.start_of_run(place.name)
+    if place.is_file():
+        start_s = open_run(place).wall_ns * S_PER_NS
+    else:
+        start_s = float(reference.time_s[0]) if reference is not None and len(reference.time_s) else 0.0
     if start is None and start_s > SINCE_START_S:
         start = datetime.fromtimestamp(start_s, UTC)
     return labels.Labels(robot=recording.nominal.name, start=start)
