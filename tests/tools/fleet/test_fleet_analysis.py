@@ -15,9 +15,14 @@ from recorded_daemon import daemon_log, in_parts
 from drd.cli import main
 from drd.effects.catalogue import catalogue
 from drd.units import S_PER_NS
+from drd_tools.diagnose.observe import parts as parts_module
 from drd_tools.emulate.raw import START_WALL_NS
+from drd_tools.fleet.analysis import analysed
 from drd_tools.fleet.discover import discover
+from drd_tools.fleet.labels import Rule
 from drd_tools.fleet.store import Store
+from drd_tools.fleet.task import Task
+from drd_tools.fleet.update import update
 
 LEFT, TREAD = -0.006, 0.01
 
@@ -162,3 +167,29 @@ def test_the_parts_of_a_run_are_one_recording(tmp_path: Path) -> None:
     constants = store.table("constants").to_pylist()
     values = {one: {r["name"]: r["value"] for r in constants if r["recording"] == one} for one in about}
     assert values["run"] == values[name] != {}
+
+
+class Here:
+    """In place of an engine, in this process."""
+
+    def results(self, call: Any, tasks: list[Task], _: Any) -> Any:
+        return [(task, call(task)) for task in tasks]
+
+
+def test_each_part_of_a_long_recording_has_a_start_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts_module, "MOST_STEPS", 250)
+    folder, store = written(tmp_path / "runs" / "day_20260501", drive=("square-cw", 60.0)), tmp_path / "store"
+    (folder / "fleet.yaml").write_text("{robot: 7, start: 2026-03-12T07:00:00Z}")
+    here: Any = Here()
+
+    def starts(*rules: Rule) -> list[str]:
+        update([tmp_path / "runs"], Store(store), rules, here, analysed)
+        of = {name: Store(store).table(name).to_pylist() for name in ("recordings", "constants")}
+        start_of = {name: {(r["recording"], r["start_utc"]) for r in rows} for name, rows in of.items()}
+        assert start_of["constants"] == start_of["recordings"]
+        return [f"{start:%m-%d %H:%M:%S}" for _, start in sorted(start_of["recordings"])]
+
+    assert starts() == ["03-12 07:00:00", "03-12 07:00:20", "03-12 07:00:40"]
+    named = Rule(["*"], start_in_name=r"_(?P<year>\d{4})(?P<month>\d\d)(?P<day>\d\d)")
+    assert starts(named) == ["05-01 00:00:00", "05-01 00:00:20", "05-01 00:00:40"]
+    assert update([tmp_path / "runs"], Store(store), [named], here, analysed).relabelled == 0

@@ -9,11 +9,12 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
+from drd.batch.run import zero_for_terms
 from drd.units import S_PER_NS
 from drd_tools.diagnose.analysis import Analysis, analyse
 from drd_tools.diagnose.conclude.cause import Cause
 from drd_tools.diagnose.diagnosis import Diagnosis
-from drd_tools.diagnose.observe.parts import parts
+from drd_tools.diagnose.observe.parts import first_s, parts
 from drd_tools.diagnose.results import Finding
 from drd_tools.diagnose.run import concluded
 from drd_tools.fleet import discover, labels, products
@@ -51,6 +52,8 @@ def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
     recording = read(place)
     pieces, rows = parts(recording), Rows()
     own = own.over(_told(place, recording))
+    begin_s = first_s(recording)
+    missing_s = zero_for_terms(begin_s) if place.is_file() else 0.0  # earlier parts of a run that are not there
     for piece in pieces:
         name = task.recording if len(pieces) == 1 else f"{task.recording}{piece.name.removeprefix(recording.name)}"
         analysis = analyse(piece)
@@ -59,6 +62,7 @@ def _rows(task: Task, place: Path, digest: str, own: labels.Labels) -> Rows:
         found = analysis.conclusion.found
         row = about(task, name, digest, own)
         row |= {"duration_s": drive.duration_s, "distance_m": drive.path_m, "verdict": diagnosis.verdict.value}
+        row["begins_s"] = missing_s + first_s(piece) - begin_s
         same = {f.effect for f in diagnosis.findings if products.EFFECTS & set(f.also_fits)}
         tables = {
             "recordings": [row],

@@ -7,7 +7,8 @@ to the recordings that they match, one after the other; patterns are those of a 
 import csv
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
@@ -40,10 +41,12 @@ class Labels(Struct, frozen=True, forbid_unknown_fields=True):
         pairs = zip(msgspec.structs.astuple(self), msgspec.structs.astuple(other), strict=True)
         return Labels(*(a if a is not None else b for a, b in pairs))
 
-    def columns(self) -> dict[str, Any]:
-        """Columns of the tables that hold these labels."""
-        start = self.start
-        return {"robot": self.robot or UNKNOWN, "place": self.place, "batch": self.batch, "start_utc": _utc(start)}
+    def columns(self, begins_s: float = 0.0) -> dict[str, Any]:
+        """Columns of the tables that hold these labels, for what begins so long after the start."""
+        start = _utc(self.start)
+        with suppress(OverflowError):  # beyond the year 9999
+            start = start and start + timedelta(seconds=begins_s)
+        return {"robot": self.robot or UNKNOWN, "place": self.place, "batch": self.batch, "start_utc": start}
 
 
 class Rule(Struct, frozen=True, forbid_unknown_fields=True):

@@ -34,7 +34,8 @@ class Table(NamedTuple):
 
 # One row for each recording that was looked at. `uri`: where it lies. `verdict`: "failed" where `error` says why.
 # `digest`: of its files, the build of the diagnosis, and its form here; `signature`: sizes and times of the files.
-# `own`: labels that the recording brings, as JSON, before those of ROBOTS.yaml.
+# `own`: labels that the recording brings, as JSON, before those of ROBOTS.yaml. `begins_s`: how long after that start
+# a part of a long recording begins; `start_utc` is the part's own.
 RECORDINGS: Final = pa.schema(
     [
         *LABELS,
@@ -47,6 +48,7 @@ RECORDINGS: Final = pa.schema(
         ("error", TEXT),
         ("signature", TEXT),
         ("own", TEXT),
+        ("begins_s", REAL),
     ]
 )
 

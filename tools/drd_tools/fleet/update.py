@@ -32,7 +32,7 @@ class Updated(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """The rows that the store has of a recording; of a long one those of its parts, which share all but their names."""
+    """The rows that the store has of a recording; of a long one those of its parts, alike but for name and begin."""
 
     recordings: list[str]
     row: Mapping[str, Any]
@@ -104,13 +104,13 @@ def _without_part(was: _Known) -> str:
 
 
 def _labels(rules: Sequence[Rule], seen: Seen, row: Mapping[str, Any]) -> dict[str, Any]:
-    return ruled(rules, seen.name, from_text(row["own"])).columns()
+    return ruled(rules, seen.name, from_text(row["own"])).columns(row.get("begins_s") or 0.0)
 
 
 def _relabelled(rows: Rows, rules: Sequence[Rule], seen: Seen) -> Rows:
     """A recording's rows with the labels that the rules give it."""
-    labels = _labels(rules, seen, rows["recordings"][0])
-    return {table: [{**row, **labels} for row in own] for table, own in rows.items()}
+    labels = {row["recording"]: _labels(rules, seen, row) for row in rows["recordings"]}
+    return {table: [{**row, **labels[row["recording"]]} for row in own] for table, own in rows.items()}
 
 
 def _kept(row: Mapping[str, Any]) -> dict[str, Any]:

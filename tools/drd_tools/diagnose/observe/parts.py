@@ -20,7 +20,7 @@ CUT_S: Final = 60.0  # an end that is shorter and not looked at is not worth a s
 
 def from_its_start(recording: Recording) -> Recording:
     """The recording with times as a model counts them: from the first row, where that is far from 0 (`batch.run`)."""
-    begin_s = zero_for_terms(_first_s(recording))
+    begin_s = zero_for_terms(first_s(recording))
     if not begin_s:
         return recording
     logs = {name: getattr(recording, name) for name in LOGS}
@@ -43,7 +43,7 @@ def parts(recording: Recording) -> list[Recording]:
         return [recording]
     edges = np.linspace(begin_s, end_s, count + 1)
     edges[0], edges[-1] = -np.inf, np.inf
-    digits, zero_s = len(str(count)), zero_for_terms(_first_s(recording))
+    digits, zero_s = len(str(count)), zero_for_terms(first_s(recording))
     made = []
     for k in range(count):
         nominal = recording.nominal if k == 0 else replace(recording.nominal, standstill_at_start_s=0.0)
@@ -56,7 +56,7 @@ def parts(recording: Recording) -> list[Recording]:
     return made
 
 
-def _first_s(recording: Recording) -> float:
+def first_s(recording: Recording) -> float:
     """Time of the first row of gyro and wheels; 0 where there is none."""
     logs = [log.time_s for log in (recording.fog, recording.wheels) if log is not None and len(log.time_s)]
     return min((float(time_s[0]) for time_s in logs), default=0.0)
