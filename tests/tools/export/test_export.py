@@ -181,6 +181,18 @@ def test_a_folder_is_replayed_and_that_is_said(run: Simulated, tmp_path: Path) -
     assert len(bag_of(tmp_path / "bag.mcap")["/tf"]) == len(rows)
 
 
+def test_times_below_zero_keep_their_order(run: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    r = run.recording
+    logs: Any = {n: replace(log, time_s=log.time_s - 5.25) for n in ("fog", "wheels") if (log := getattr(r, n))}
+    write_folder(replace(run, recording=replace(r, **logs)), tmp_path / "folder", {})
+    export(tmp_path / "folder", tum=tmp_path / "run.tum", csv=tmp_path / "run.csv")
+    times_s = np.loadtxt(tmp_path / "run.tum")[:, 0]
+    assert times_s == pytest.approx(np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)[:, 0], abs=1e-9)
+    assert times_s[0] < -5.0
+    assert main(["export", str(tmp_path / "folder"), "--ros2", str(tmp_path / "bag.mcap")]) == 2
+    assert "--ros2: expected times from 0, as a bag has, got a recording that begins at -5." in capsys.readouterr().err
+
+
 def test_a_recording_without_poses_is_replayed_and_that_is_said(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,9 @@ from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from drd import __version__
+from drd.config.schema import ConfigError
 from drd.output.cdr import ImuEncoder, OdometryEncoder, TransformEncoder, encode_diagnostics
+from drd.units import S_PER_NS
 from drd_tools.export.poses import Exported
 
 ODOM, TF, IMU, DIAGNOSTICS = "/odom", "/tf", "/imu", "/diagnostics"
@@ -28,7 +30,10 @@ class _Message(NamedTuple):
 
 
 def write_bag(file: Path, exported: Exported) -> dict[str, int]:
-    """Write the bag; how many messages each topic has. Raises OSError."""
+    """Write the bag; how many messages each topic has. Raises OSError, and ConfigError for times below 0."""
+    if exported.poses[0].stamp_ns < 0:
+        got = f"a recording that begins at {exported.poses[0].stamp_ns * S_PER_NS:g} s"
+        raise ConfigError("--ros2", "", "times from 0, as a bag has", got)
     topics = [topic for topic in TYPES if topic != DIAGNOSTICS or exported.health]
     counts = dict.fromkeys(topics, 0)
     store = get_typestore(Stores.ROS2_HUMBLE)

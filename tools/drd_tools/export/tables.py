@@ -38,9 +38,10 @@ def write_tum(file: Path, exported: Exported) -> None:
     """Write a line for each pose: seconds since 1970 or of the folder, x, y, z in m, and the quaternion x, y, z, w."""
     with file.open("w", encoding="ascii") as out:
         for at_ns, p in exported.poses:
-            seconds, nanoseconds = divmod(at_ns, NS_PER_S)
+            seconds, nanoseconds = divmod(abs(at_ns), NS_PER_S)
+            sign = "-" if at_ns < 0 else ""
             z, w = quaternion_zw(p.heading_rad)
-            out.write(f"{seconds}.{nanoseconds:09} {p.x_m:.9f} {p.y_m:.9f} 0 0 0 {z:.12f} {w:.12f}\n")
+            out.write(f"{sign}{seconds}.{nanoseconds:09} {p.x_m:.9f} {p.y_m:.9f} 0 0 0 {z:.12f} {w:.12f}\n")
 
 
 def write_parquet(file: Path, exported: Exported) -> None:
