@@ -1,6 +1,7 @@
 """What the statistics of a fleet say of histories that are known, and of histories without anything."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,6 +141,19 @@ def test_many_recordings_of_one_robot_are_averaged() -> None:
     assert MOST // 2 <= len(log.value) <= MOST + 2
     assert all(a <= b for a, b in pairwise(log.day))
     assert np.median(log.sigma) < 3e-4
+
+
+def test_only_of_that_robot_and_whatever_places_others_are_at() -> None:
+    many, few, others = made_table(1, MOST + 8, 9), made_table(6, 100, 10), made_table(40, 1, 11)
+    joined: dict[str, list[Any]] = {}
+    for table, mark in ((many, "many"), (few, "few"), (others, "other")):
+        table["robot"] = [mark + robot for robot in table["robot"]]
+        table["place"] = [f"site of {robot}" for robot in table["robot"]]
+        joined |= {column: joined.get(column, []) + rows for column, rows in table.items()}
+    [log] = logs(joined).values()
+    counts = dict(zip(log.robots, np.bincount(log.robot).tolist(), strict=True))
+    assert counts["many1"] == MOST // 2 + 4
+    assert {counts[f"few{k}"] for k in range(1, 7)} == {100}
 
 
 def test_rows_without_time_or_value_are_left_out() -> None:

@@ -151,13 +151,15 @@ def _log(name: str, table: Mapping[str, Sequence[Any]], at: Sequence[int]) -> Lo
 
 
 def _averaged(log: Log) -> Log:
-    """Neighbours of one place averaged, where a robot has more than MOST recordings; each has the last one's name."""
+    """Neighbours of one place averaged of a robot that has more than MOST recordings; each has the last one's name."""
     counts = np.bincount(log.robot, minlength=len(log.robots))
     if counts.max() <= MOST:
         return log
     of_robot = np.arange(len(log.robot)) - np.concatenate([[0], np.cumsum(counts)])[log.robot]
-    each = -(-counts // (MOST // max(len(log.places), 1)))[log.robot]
-    key = np.column_stack([log.robot, of_robot // np.maximum(each, 1), log.place])
+    seen = np.unique(np.column_stack([log.robot, log.place]), axis=0)
+    places = np.bincount(seen[:, 0], minlength=len(log.robots))
+    each = np.where(counts > MOST, -(-counts // np.maximum(MOST // np.maximum(places, 1), 1)), 1)[log.robot]
+    key = np.column_stack([log.robot, of_robot // each, log.place])
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     group = group.ravel()
     weight = 1.0 / log.sigma**2
