@@ -1,5 +1,6 @@
 """What the statistics of a fleet say of histories that are known, and of histories without anything."""
 
+from datetime import timedelta
 from itertools import pairwise
 from typing import Any
 
@@ -97,6 +98,15 @@ def test_maintenance_makes_a_change_likelier() -> None:
 
     assert probability("left tyre changed") > 0.95
     assert probability() == probability("right tyre changed") < 0.9
+
+
+@pytest.mark.parametrize("hours", [0.0, 12.0])
+def test_a_date_without_a_time_means_any_time_of_that_day(hours: float) -> None:
+    """Robots drive at 8: what is done behind the drive of day 20 changes that of day 21."""
+    table = made_table(8, 40, 0, lambda r, k, *_: -0.008 * (r == 3 and k >= 21), places=1, batches=1)
+    log = [{"date": day(20) + timedelta(hours=hours), "robot": "3", "what": "left tyre changed"}]
+    [event] = [e for e in analyse(table, log).fitted["radius_left"].events if e.robot == "3"]
+    assert (event.recording, event.maintenance is not None) == ("3_21", True)
 
 
 @pytest.mark.parametrize(("what", "left", "gyro"), [

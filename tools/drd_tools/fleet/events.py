@@ -136,6 +136,7 @@ def _beyond_half(trend: Trend, first: int, last: int) -> int:
 def with_maintenance(event: Event, done: Sequence[Maintained]) -> Event:
     """The event with what was done to the robot between its dates, if it can be the cause."""
     for one in done:
-        if one.robot == event.robot and event.low <= one.day <= event.high and one.means(event.name) is not False:
+        is_then = one.robot == event.robot and event.low <= one.until and one.day <= event.high
+        if is_then and one.means(event.name) is not False:
             return replace(event, maintenance=one)
     return event

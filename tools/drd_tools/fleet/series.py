@@ -58,6 +58,11 @@ class Maintained(NamedTuple):
     robot: str
     what: str
 
+    @property
+    def until(self) -> float:
+        """Its latest time: a date without one means any time of that day, of UTC."""
+        return self.day + float(float(self.day).is_integer())
+
     def means(self, name: str) -> bool | None:
         """Whether it was done to what the constant is of; None: it does not say."""
         text = self.what.lower()

@@ -31,7 +31,7 @@ place, batch and start; robot.yaml's name; the start in a daemon's file) holds w
     start_in_name: '_(?P<year>\\d+)_(?P<month>\\d+)_(?P<day>\\d+)_(?P<hour>\\d+)h(?P<minute>\\d+)s(?P<second>\\d+)'
   - recordings: ["*grass*"]
     place: grass
-log.csv: what was done, with the header date,robot,what
+log.csv: what was done, with the header date,robot,what; a date without a time means any time of that day (UTC)
   2026-06-02,warthog-1,left tyre changed
 
 Exit code: 0 done, even if some recordings failed; 2 bad usage or input.
