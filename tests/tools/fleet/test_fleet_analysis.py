@@ -153,7 +153,7 @@ def test_the_parts_of_a_run_are_one_recording(tmp_path: Path) -> None:
     daemon_log(tmp_path / "whole" / "run.mcap", run)
     parts = in_parts(daemon_log(tmp_path / "parts" / "x.mcap", run), "mybot-20260314T071500Z-1f0c9a55", 3)
     (tmp_path / "parts" / "fleet.yaml").touch()  # it is of folders
-    parts[-1].with_suffix(".fleet.yaml").write_text("{place: yard}")
+    parts[1].with_suffix(".fleet.yaml").write_text("{place: yard}")  # and the run has gone on since
     argv = ["--store", str(tmp_path / "store"), "--jobs", "1"]
     assert main(["fleet", "update", str(tmp_path / "whole"), str(tmp_path / "parts"), *argv]) == 0
     store = Store(tmp_path / "store")

@@ -28,6 +28,10 @@ def test_folders_and_runs_of_the_daemon_at_any_depth(tmp_path: Path) -> None:
     assert found["other"].files == ("other.mcap", "other.fleet.yaml")
     (alone,) = discover([tmp_path / "other.mcap"])
     assert alone == found["other"]
+    assert (found[RUN].labels, alone.labels) == ("", "other.fleet.yaml")
+    for name in (f"{RUN}-0001", f"{RUN}-0002", RUN):  # the newest part's, but the run's own before it
+        (tmp_path / f"{name}.fleet.yaml").touch()
+        assert {seen.name: seen for seen in discover([tmp_path])}[RUN].labels == f"{name}.fleet.yaml"
 
 
 def test_links_to_folders_are_followed_but_a_folder_is_found_once(tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ def analysed(task: Task) -> Rows | None:
                 digest = discover.contents(place, seen)
                 if digest == task.digest:
                     return None
-                own = labels.read_own(place.with_suffix(".fleet.yaml") if place.is_file() else place / "fleet.yaml")
+                if seen.labels:
+                    own = labels.read_own((place.parent if seen.last else place) / seen.labels)
                 return _rows(task, place, digest, own)
         except Exception as error:
             text = f"{type(error).__name__}: {error}".replace(str(place), f"{seen.folder}/{seen.last}".rstrip("/"))

@@ -17,7 +17,7 @@ from drd_tools.fleet.files import Files
 # Files of a recording folder, of which one of the sensors' is enough; fleet.yaml has labels, see `labels`.
 SENSORS: Final = frozenset({"encoders.csv", "fog.csv"})
 OWN: Final = frozenset({*SENSORS, "robot.yaml", "reference.csv", "fleet.yaml"})
-BESIDE: Final = (".reference.csv", ".fleet.yaml")  # beside a daemon's file
+REFERENCE, LABELS = ".reference.csv", ".fleet.yaml"  # beside a daemon's file
 PART: Final = re.compile(r"(.+-\d{8}T\d{6}Z-[0-9a-f]+)-\d+")  # of a run of the daemon, by the file's name
 
 
@@ -37,6 +37,11 @@ class Seen(NamedTuple):
     def last(self) -> str:
         """The last file of a run; "" of a folder."""
         return max((name for name in self.files if name.endswith(".mcap")), default="")
+
+    @property
+    def labels(self) -> str:
+        """The file of its labels, of a run the run's own or that of its newest part that has one; "" without any."""
+        return max((name for name in self.files if name.endswith("fleet.yaml")), default="")
 
 
 class _File(NamedTuple):
@@ -92,8 +97,9 @@ def _mcaps(place: str, folder: str, entries: Sequence[_File], only: str) -> Iter
     for run, parts in runs.items():
         last = parts[-1].name
         if only in ("", last):
-            stem = last.removesuffix(".mcap")
-            beside = [by_name[stem + end] for end in BESIDE if stem + end in by_name]
+            # Labels go on to hold when the run gets another part.
+            labels = [stem + LABELS for stem in dict.fromkeys([run, *(p.name.removesuffix(".mcap") for p in parts)])]
+            beside = [by_name[n] for n in (last.removesuffix(".mcap") + REFERENCE, *labels) if n in by_name]
             yield _seen(f"{place}/{run}.mcap", f"{folder}/{run}".lstrip("/"), place, [*parts, *beside])
 
 
@@ -139,7 +145,7 @@ def _remote(files: Files) -> Iterator[tuple[str, list[_File]]]:
 
 
 def _may_belong(name: str) -> bool:
-    return name in OWN or name.endswith((".mcap", *BESIDE))
+    return name in OWN or name.endswith((".mcap", REFERENCE, LABELS))
 
 
 @contextmanager
