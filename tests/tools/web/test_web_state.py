@@ -38,6 +38,13 @@ def test_delay_rate_and_age_are_those_of_the_arrivals() -> None:
     assert state.delay_sum_s == pytest.approx(4.95)
 
 
+def test_the_rate_of_the_fastest_encoders_is_that_of_the_arrivals() -> None:
+    state = State()
+    for i in range(5000):
+        state.take_poses([Heard(pose_payload(i), 10.0 + 0.001 * i, 0)])
+    assert state.rate_hz(15.0) == pytest.approx(1000.0, abs=1.0)
+
+
 def test_the_pages_time_goes_on_evenly() -> None:
     state = State()
     assert state.wall_s(101.5) - state.wall_s(100.0) == pytest.approx(1.5)

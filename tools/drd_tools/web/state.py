@@ -12,9 +12,11 @@ from drd_tools.web.daemon import Heard
 from drd_tools.web.history import History
 from drd_tools.web.messages import Pose, read_health, read_pose
 
-# Delays are told of the last minute; at the 200 poses/s of the fastest gyro of the last six seconds.
+# Delays are told of the last minute; at 200 poses/s of the last six seconds.
 _DELAYS: Final = 1200
 _RATE_S: Final = 3.0
+# Arrivals that are counted for it: the fastest encoders (encoders.rate_hz) bring 1000 poses/s, now and then more.
+_ARRIVALS: Final = 4000
 # Silence after which a pose is called missing and is told no more as the present one.
 SILENT_S: Final = 3.0
 QUANTILES: Final = (0.5, 0.9, 0.99)
@@ -33,7 +35,7 @@ class State:
         self.commands_allowed = False
         self._pose_s: float | None = None
         self._health_s: float | None = None
-        self._times_s: deque[float] = deque(maxlen=_DELAYS)
+        self._times_s: deque[float] = deque(maxlen=_ARRIVALS)
         self._delays_s: deque[float] = deque(maxlen=_DELAYS)
         # The pages' time: the wall clock of the start, which no step of the clock disturbs later.
         self._wall_offset_s = time.time() - time.monotonic()
