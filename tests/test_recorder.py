@@ -19,6 +19,7 @@ from drd.config.keys import Config, Recording, State
 from drd.config.schema import ConfigError, loads
 from drd.pipeline import Pipeline
 from drd.recording import recorder as recorder_module
+from drd.recording.folder import make_room
 from drd.recording.in_force import AS_WRITTEN, IN_FORCE
 from drd.recording.in_force import CALIBRATION as CALIBRATION_NAME
 from drd.recording.recorder import Recorder
@@ -83,6 +84,18 @@ def test_numbers_and_log_times_give_the_order_of_the_calls(tmp_path: Path) -> No
     assert numbers == sorted(numbers)
     assert set(numbers) == set(range(1, max(numbers) + 1))
     assert [m.log_ns for m in messages] == sorted(m.log_ns for m in messages)
+
+
+def test_a_clock_that_is_not_set_yet_does_not_make_the_run_the_oldest(tmp_path: Path) -> None:
+    """Parts of a run that began in 1970, the last one written when the clock had been set back, beside one of 2026."""
+    own = "bot-19700101T000010Z-0123abcd"
+    times_s = {"bot-20260314T071500Z-1f0c9a55-0001": 1_773_472_500, f"{own}-0001": 3600, f"{own}-0002": 60}
+    for name, time_s in times_s.items():
+        (tmp_path / f"{name}.mcap").write_bytes(b"x" * 1000)
+        os.utime(tmp_path / f"{name}.mcap", (time_s, time_s))
+    for limit_bytes, left in ((2000, [f"{own}-0001", f"{own}-0002"]), (1000, [f"{own}-0002"])):
+        make_room(tmp_path, "bot", own, limit_bytes)
+        assert sorted(file.stem for file in tmp_path.iterdir()) == left
 
 
 def test_full_files_are_continued_the_oldest_deleted_and_the_rest_left_alone(tmp_path: Path) -> None:

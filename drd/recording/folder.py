@@ -23,15 +23,20 @@ def part_file(folder: Path, name: str, part: int) -> Path:
     return folder / f"{name}-{part:04}.mcap"
 
 
-def make_room(folder: Path, robot: str, limit_bytes: int) -> None:
-    """Delete this robot's oldest recordings until the rest takes at most `limit_bytes`. Raises OSError."""
+def make_room(folder: Path, robot: str, name: str, limit_bytes: int) -> None:
+    """Delete this robot's oldest recordings until the rest takes at most `limit_bytes`. Raises OSError.
+
+    The parts of the run `name`, which is going on, are the newest, and in order: the clock may not be set yet.
+    """
     pattern = re.compile(re.escape(file_name(robot)) + r"-\d{8}T\d{6}Z-[0-9a-f]{8}-\d{4,}\.mcap")
     files = []
     for entry in folder.iterdir():
         if pattern.fullmatch(entry.name):
             with suppress(FileNotFoundError):  # somebody tidies up at the same time
                 status = entry.stat()
-                files.append((status.st_mtime_ns, status.st_size, entry))
+                is_own = entry.name.startswith(f"{name}-")
+                age = (is_own, 0 if is_own else status.st_mtime_ns, len(entry.name), entry.name)
+                files.append((age, status.st_size, entry))
     total = sum(size for _, size, _ in files)
     for _, size, entry in sorted(files):
         if total <= limit_bytes:

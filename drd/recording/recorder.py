@@ -229,7 +229,8 @@ class Recorder(HandedOver):
         self._folder.mkdir(parents=True, exist_ok=True)
         # Two files at least, else making room would leave none but the newest.
         self._full_bytes = min(settings.max_file_mb, settings.max_total_mb / 2) * BYTES_PER_MB
-        make_room(self._folder, self._robot, round(settings.max_total_mb * BYTES_PER_MB - self._full_bytes))
+        limit_bytes = round(settings.max_total_mb * BYTES_PER_MB - self._full_bytes)
+        make_room(self._folder, self._robot, self._name, limit_bytes)
         path = part_file(self._folder, self._name, self._part + 1)
         self._file = RecordingFile(path, self._information(), self._attachments, self._wall_ns(now_ns))
         self._part += 1
