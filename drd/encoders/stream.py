@@ -25,8 +25,8 @@ class EncoderStream:
 
     `can_ids`: identifiers to receive, each with whether it is extended. `cyclic`: a frame to send again and again and
     its period in seconds, or None. `last_ns`: arrival of each side's last good reading, None before the first;
-    `first_ns`: that of the first of either. `resolution_m`: travel of one count of the coarser side. `from_file`: see
-    Layout.
+    `first_ns`: that of the first of either. `metres`: forward travel of one unit of each side's readings;
+    `resolution_m`: that of one count of the coarser side. `from_file`: see Layout.
     """
 
     def __init__(self, encoders: Encoders, robot: Robot, base: Path):
@@ -41,10 +41,9 @@ class EncoderStream:
         scale = {Side.LEFT: robot.left_scale, Side.RIGHT: robot.right_scale}
         self._metres_per_rad = {side: robot.wheel_radius_m * scale[side] for side in Side}
         unit_m = self._layout.metres_per_count(robot.wheel_radius_m)
-        # Forward travel of one unit of each side's total.
-        self._metres = {side: (-unit_m if w.reversed else unit_m) * scale[side] for side, w in wheels(encoders).items()}
+        self.metres = {side: (-unit_m if w.reversed else unit_m) * scale[side] for side, w in wheels(encoders).items()}
         counted = self._layout.modulus_counts is not None and not self._layout.reports_speed
-        self.resolution_m = max(map(abs, self._metres.values())) if counted else UNCOUNTED_RESOLUTION_M
+        self.resolution_m = max(map(abs, self.metres.values())) if counted else UNCOUNTED_RESOLUTION_M
         self._travels = {side: self._travel(side, encoders, robot, base) for side in Side}
         period_s = 1.0 / encoders.rate_hz
         window_s = max(encoders.pair_window_s, WINDOW_PART * period_s)
@@ -111,7 +110,7 @@ class EncoderStream:
         self.last_ns[side] = t_ns
         if self.first_ns is None:
             self.first_ns = t_ns
-        return self._pairing.add(side, sampled_ns, travel.total * self._metres[side], moved=outcome is Outcome.MOVED)
+        return self._pairing.add(side, sampled_ns, travel.total * self.metres[side], moved=outcome is Outcome.MOVED)
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
         """The side's accumulator. Raises ConfigError where even readings without any loss could not be used."""
@@ -119,7 +118,7 @@ class EncoderStream:
         if encoders.gap_s <= period_s:
             got = f"{encoders.gap_s:g}"
             raise ConfigError(str(base), "encoders.gap_s", f"more than one period of rate_hz ({period_s:g} s)", got)
-        max_units_s = robot.max_speed_m_s / abs(self._metres[side])
+        max_units_s = robot.max_speed_m_s / abs(self.metres[side])
         if self._layout.reports_speed:
             return SpeedIntegral(max_units_s, encoders.gap_s)
         modulus = self._layout.modulus_counts

@@ -13,9 +13,11 @@ from recorded_daemon import daemon_log
 from recorded_drive import drive, recordings
 
 from drd.cli import main
-from drd.config.schema import ConfigError
+from drd.config.schema import ConfigError, Loaded
 from drd.estimation.calibration import load_calibration
+from drd.pipeline import Pipeline
 from drd.recording.file import RecordingFile
+from drd.recording.in_force import files_in_force
 from drd.recording.topics import Message
 from drd.samples import GyroSample
 from drd.units import NS_PER_S
@@ -97,6 +99,41 @@ def test_calibration_and_scales_are_the_nominal_robots(tmp_path: Path) -> None:
     # The emulated wheel is of the configured size, so its counts are fewer; the travel stays.
     assert other[0][-1] == pytest.approx(plain[0][-1], rel=1e-3)
     assert other[1][-1] == plain[1][-1]
+
+
+def test_travel_is_by_the_configuration_at_the_start(tmp_path: Path) -> None:
+    """A radius, a scale and a direction that are put right by a reload are no change of the robot's."""
+
+    def turned(folder: Path, reloaded_at: int) -> tuple[list[float], tuple[str, ...]]:
+        folder.mkdir()
+        d = drive(folder)
+        recorder, config = d.start(), d.loaded.value
+        other = replace(
+            config,
+            robot=replace(config.robot, wheel_radius_m=0.121, left_scale=1.02),
+            encoders=replace(config.encoders, right=replace(config.encoders.right, reversed=True)),
+        )
+        files = {name: data.decode() for name, data in files_in_force(Loaded(other, {}), folder).items()}
+
+        def put_in_force(tick: int) -> None:
+            if tick == reloaded_at:
+                d.pipeline.reload(50_000_000 * (tick - 1), Pipeline(other, folder, lambda *_: None), files)
+
+        d.run(20.0, put_in_force)
+        assert recorder.close(5.0)
+        told = read(recordings(folder)[0])
+        log = told.encoders
+        begin, end = np.searchsorted(log.time_s - log.time_s[0], (11.0, 19.0))
+        assert log.left_counts is not None
+        assert log.right_counts is not None
+        return [float(c[end] - c[begin]) for c in (log.left_counts, log.right_counts)], told.notes
+
+    (as_it_is, silent), (changed, notes) = turned(tmp_path / "a", 0), turned(tmp_path / "b", 200)
+    assert changed == pytest.approx(as_it_is, abs=0.01)
+    assert silent == ()
+    (note,) = notes
+    assert note.startswith("a new configuration was put in force at ")
+    assert note.endswith(" s: robot and travel are those of the first one")
 
 
 def test_a_turn_over_lost_lines_is_kept(tmp_path: Path) -> None:

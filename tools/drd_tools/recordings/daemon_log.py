@@ -1,12 +1,13 @@
 """The daemon's recording as a `Recording`: the samples as its estimator had them, the robot as its configuration says.
 
 The nominal robot includes the gyro's calibration, which is taken off the rates here, and the wheels' scales, which are
-in their travel already. A model that was in force is no part of it: what it takes off is found again.
+in their travel already; of a run with a reload both are those of its start. A model that was in force is no part of it:
+what it takes off is found again.
 """
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -19,14 +20,18 @@ from drd.config.keys import CalibrationFile, Config, ModelFile
 from drd.config.robot import Robot
 from drd.config.schema import ConfigError
 from drd.encoders import make_layout
+from drd.encoders.stream import EncoderStream
 from drd.estimation.calibration import Calibration, load_calibration
-from drd.samples import GyroSample, WheelSample
+from drd.recording.in_force import IN_FORCE
+from drd.recording.topics import RAW_EVENTS
+from drd.samples import GyroSample, Side, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
-from drd_tools.recordings.configuration import config_in_force
+from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.folder import Recording, ReferenceLog, file_hash, read_recording, read_reference_log
 from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_run
 
 GYRO, WHEELS = "/fog", "/wheels"
+RELOAD: Final = b'{"event":"reload",'  # as the daemon writes it
 # A reference's times beyond this are seconds since 1970, not since the daemon's start.
 SINCE_START_S: Final = 1e8
 # Counts are whole but for the rounding of travel in metres, and for readings that were paired between two.
@@ -54,11 +59,14 @@ def read_daemon_log(file: Path) -> Recording:
         config, base = config_in_force(run.parts[-1], Path(folder))
         calibration = load_calibration(base / config.calibration.file) if config.calibration.file else None
         per_revolution = _counts_per_revolution(config, base)
-    gyro, wheels = _samples(run.parts)
+        gyro, wheels, reloads_ns = _samples(run.parts, _Travel(config, base))
     nominal = _nominal(config, per_revolution)
     beside = reference_file(file)
     reference = _shifted(read_reference_log(beside), run.wall_ns) if beside.exists() else None
     notes = run.notes()
+    if reloads_ns:
+        times = ", ".join(f"{(t_ns - run.started_ns) * S_PER_NS:.1f}" for t_ns in reloads_ns)
+        notes.append(f"a new configuration was put in force at {times} s: robot and travel are those of the first one")
     if config.model.file is not None:
         notes.append("what the model in force took off is found again: the samples are as they were before it")
     return Recording(
@@ -73,17 +81,52 @@ def read_daemon_log(file: Path) -> Recording:
     )
 
 
-def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSample]]:
-    """Read all samples. Raises ConfigError where drd did not write them."""
+class _Travel:
+    """The travel of both wheels as the configuration at the run's start has it, whichever was in force."""
+
+    def __init__(self, config: Config, base: Path):
+        self._form, self._metres = self._of(config, base)
+        self._factors = (1.0, 1.0)
+
+    @staticmethod
+    def _of(config: Config, base: Path) -> tuple[tuple[str, str | None], tuple[float, float]]:
+        """What the counters are of, and the travel of one unit of each."""
+        stream = EncoderStream(config.encoders, config.robot, base)
+        return (config.encoders.layout, stream.from_file), (stream.metres[Side.LEFT], stream.metres[Side.RIGHT])
+
+    def reload(self, files: Mapping[str, str]) -> None:
+        """Another configuration is in force from now on. Raises ConfigError, KeyError."""
+        with tempfile.TemporaryDirectory() as folder:
+            attached = {name: str(text).encode() for name, text in files.items()}
+            config = attached_configuration(attached, Path(folder), f"reload, {IN_FORCE}")
+            form, (left_m, right_m) = self._of(config, Path(folder))
+        same = form == self._form  # else units are others, and travel is what both have
+        self._factors = (self._metres[0] / left_m, self._metres[1] / right_m) if same else (1.0, 1.0)
+
+    def at_start(self, sample: WheelSample) -> WheelSample:
+        """A sample by the configuration at the start."""
+        left, right = self._factors
+        return sample._replace(left_m=sample.left_m * left, right_m=sample.right_m * right)
+
+
+def _samples(parts: Sequence[McapFile], travel: _Travel) -> tuple[list[GyroSample], list[WheelSample], list[int]]:
+    """Read all samples, and when there were reloads, ns. Raises ConfigError where drd did not write them."""
     gyro: list[GyroSample] = []
     wheels: list[WheelSample] = []
+    reloads_ns: list[int] = []
     for part in parts:
-        for message in part.messages(GYRO, WHEELS):
+        for message in part.messages(GYRO, WHEELS, RAW_EVENTS):
+            if message.topic == RAW_EVENTS and not message.data.startswith(RELOAD):
+                continue
             try:
                 value = message.value()
                 t_ns = nanoseconds(value.pop("monotonic_ns"))
-                if message.topic == WHEELS:
-                    wheels.append(WheelSample(t_ns, **value))
+                is_good = True
+                if message.topic == RAW_EVENTS:
+                    travel.reload(dict(value["files"]))
+                    reloads_ns.append(t_ns)
+                elif message.topic == WHEELS:
+                    wheels.append(travel.at_start(WheelSample(t_ns, **value)))
                     is_good = all(map(math.isfinite, wheels[-1]))
                 else:
                     celsius = value.pop("temperature_c")  # null: unknown
@@ -94,7 +137,7 @@ def _samples(parts: Sequence[McapFile]) -> tuple[list[GyroSample], list[WheelSam
             if not is_good:
                 where = f"{part.path}, {message.topic}, number {message.number}"
                 raise ConfigError(where, "", "what drd writes there", repr(message.data[:60]))
-    return gyro, wheels
+    return gyro, wheels, reloads_ns
 
 
 def _gyro_log(samples: Sequence[GyroSample], zero_ns: int, calibration: Calibration | None) -> FogLog | None:
