@@ -232,6 +232,15 @@ def test_of_two_poses_for_one_time_the_last_counts_and_a_clock_that_is_set_is_to
     assert found.poses == whole.poses
     assert found.health == []
 
+    ahead = [Stamped(at + (10**12 if i > 50 else 0), p) for i, (at, p) in enumerate(whole.poses)]
+    with monkeypatch.context() as patch:
+        patch.setattr(poses_module, "_recorded", lambda _: (ahead, health))
+        found = read_poses(recorded)
+    assert found.notes[-1] == (
+        "the wall clock went ahead by 1000.0 s at once (set on the way, or the machine slept): times have that gap"
+    )
+    assert found.poses == ahead
+
 
 def test_bad_usage_is_told(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:

@@ -14,6 +14,7 @@ from drd.output.diagnostics import diagnostics
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE
 from drd.samples import Pose
+from drd.units import S_PER_NS
 from drd_tools.recordings.folder import read_recording
 from drd_tools.recordings.mcap_file import McapFile, nanoseconds, open_run
 from drd_tools.replay.folder_source import replay_folder
@@ -21,6 +22,7 @@ from drd_tools.replay.mcap_source import recorded_pose, replay_mcap
 from drd_tools.replay.result import Replayed
 
 HEALTH: Final = "/health"
+AHEAD_S: Final = 1.0  # a step of the wall clock; smaller ones are those of a clock that is kept right
 
 
 class Stamped(NamedTuple):
@@ -64,6 +66,11 @@ def _of_daemon(file: Path) -> Exported:
         notes.append("the wall clock was set on the way: times count on from the start instead, of poses only")
         poses = [Stamped(run.wall_ns + pose.t_ns - run.started_ns, pose) for _, pose in poses]
         health = []
+    zeros_ns = [stamp_ns - pose.t_ns for stamp_ns, pose in poses]
+    ahead_s = max((b - a for a, b in pairwise(zeros_ns)), default=0) * S_PER_NS
+    if ahead_s > AHEAD_S:
+        text = f"the wall clock went ahead by {ahead_s:.1f} s at once (set on the way, or the machine slept)"
+        notes.append(f"{text}: times have that gap")
     text = run.parts[-1].attachments[IN_FORCE].decode("utf-8", "replace")
     output = loads(text, Config, f"{file}, {IN_FORCE}").value.output
     return Exported(poses, health, output, run.started_ns, notes)
