@@ -203,13 +203,18 @@ def nominal_config(nominal: Robot, gyro_hz: float | None, wheels_hz: float) -> C
     encoders = Encoders(
         counts_per_revolution=nominal.counts_per_revolution,
         rate_hz=wheels_hz,
-        gap_s=max(Encoders.gap_s, 3.0 / wheels_hz),
+        gap_s=longest_gap_s(wheels_hz),
         silent_after_s=max(Encoders.silent_after_s, 3.0 / wheels_hz),
     )
     estimation = Estimation(
         noise=noise, initial=initial, static_bias=static_bias, reorder_s=max(Estimation.reorder_s, 2.5 / gyro_hz)
     )
     return Config(robot=robot, fog=_stated(fog, sheet, FOG_KEYS), encoders=encoders, estimation=estimation)
+
+
+def longest_gap_s(wheels_hz: float) -> float:
+    """How far apart rows of the wheels may be that are taken for motion."""
+    return max(Encoders.gap_s, 3.0 / wheels_hz)
 
 
 def data_sheet(robot: Robot) -> Robot:

@@ -222,6 +222,23 @@ def test_what_candump_shows_with_wall_times(name: str, tmp_path: Path) -> None:
     assert float(said(tmp_path / "out")["zero"]) == pytest.approx(1.7e9, abs=1e-3)
 
 
+@pytest.mark.parametrize("stays", [True, False], ids=["preset", "one wrong frame"])
+def test_a_counter_that_jumps_in_a_can_log_is_no_robot_that_stands(stays: bool, tmp_path: Path) -> None:
+    config, text = tmp_path / "robot.yaml", ""
+    config.write_text(CONFIG)
+    for k in range(400):
+        off_mm = 70_000 * sum(k >= jump if stays else k == jump for jump in (100, 200, 300))
+        data = (50 * k + off_mm).to_bytes(4, "big").hex()
+        text += f"({1_700_000_000 + 0.05 * k:.6f}) can0 311#{data}{data}\n"
+    (tmp_path / "run.log").write_text(text)
+    assert run(tmp_path / "run.log", "--config", config, "--wheels", "can", "--output", tmp_path / "out") == 0
+    log = read_recording(tmp_path / "out").encoders
+    assert log.left_counts is not None
+    assert np.diff(log.left_counts) / np.diff(log.time_s) == pytest.approx(1000.0, rel=1e-4)
+    assert log.left_counts[-1] - log.left_counts[0] == 50 * 399
+    assert any("3 times" in note for note in said(tmp_path / "out")["streams"]["wheels"]["notes"])
+
+
 def test_a_pause_in_a_can_log_stays_a_pause(tmp_path: Path) -> None:
     config = tmp_path / "robot.yaml"
     config.write_text(CONFIG)

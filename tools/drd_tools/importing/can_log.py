@@ -4,16 +4,18 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 from tqdm import tqdm
 
 from drd.config.file import load_config
 from drd.config.keys import Config
+from drd.config.robot import longest_gap_s
 from drd.config.schema import ConfigError
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
 from drd.samples import CanFrame, WheelSample
-from drd.units import NS_PER_S
+from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.importing.can_formats import messages
 from drd_tools.importing.streams import Origin, Source, Wheels, in_order
 from drd_tools.report.terminal import columns
@@ -104,17 +106,33 @@ class CanLog(Source):
 
 
 def _travel(samples: list[WheelSample], resolution_m: float, origin: Origin) -> Wheels:
-    """Cumulative travel in m at each sample's ends; the time lost before a sample stays a hole between rows."""
+    """Cumulative travel in m at each sample's ends. Time lost before a sample that is too long to be filled stays a
+    hole between rows.
+    """
+    usual_s = median(sample.interval_s for sample in samples)
     rows: list[tuple[int, float, float]] = []
     left_m = right_m = 0.0
-    lost = 0
-    for sample in samples:
+    lost = filled = 0
+    for before, sample in zip([samples[0], *samples], samples, strict=False):
         begin_ns = sample.t_ns - round(sample.interval_s * NS_PER_S)
-        if not rows or begin_ns > rows[-1][0] + 1000:  # 1 us: rounding of the interval
-            lost += bool(rows)
+        if not rows:
+            rows.append((begin_ns, left_m, right_m))
+        elif begin_ns > rows[-1][0] + 1000:  # 1 us: rounding of the interval
+            hole_s = (begin_ns - rows[-1][0]) * S_PER_NS
+            if hole_s <= longest_gap_s(1.0 / usual_s):  # no reader sees that it is one: the robot would have stood
+                filled += 1
+                # Frames that were delivered in a bunch have a whole period's travel each, in no time.
+                part = hole_s / max(before.interval_s + sample.interval_s, 2.0 * usual_s)
+                left_m += part * (before.left_m + sample.left_m)
+                right_m += part * (before.right_m + sample.right_m)
+            else:
+                lost += 1
             rows.append((begin_ns, left_m, right_m))
         left_m, right_m = left_m + sample.left_m, right_m + sample.right_m
         rows.append((sample.t_ns, left_m, right_m))
+    if filled:
+        told = "is taken at the mean speed of just before and after"
+        origin.notes.append(f"{filled} times the travel is not known for a moment; it {told}")
     if lost:
         origin.notes.append(f"{lost} times the travel is not known for a while; it is missing, not guessed")
     time_ns = np.array([row[0] for row in rows], dtype=np.int64)
