@@ -394,6 +394,28 @@ def test_a_lost_gyro_sample_takes_nothing_of_the_distance() -> None:
     assert found["distance"].outcome is Outcome.GOOD
 
 
+@pytest.mark.parametrize(
+    ("factor", "outcome"),
+    [(1.0, Outcome.UNKNOWN), (0.5, Outcome.FAULT), (2.0, Outcome.FAULT)],
+)
+def test_a_distance_of_which_a_part_is_in_a_gap_is_no_fault(factor: float, outcome: Outcome) -> None:
+    robot = Robot(left=factor, right=factor, legs=(*STAND, (0.5, 0.0, 6.0), *STAND, *SPOT))
+    gyro, wheels = robot.samples()
+    seen = [s for s in wheels if not 6.0 < s.t_ns * 1e-9 <= 7.0]
+    found = {f.check: f for f in judge(gyro, seen, GEOMETRY, Statement(1, 1, 3.0))}
+    assert found["distance"].outcome is outcome
+    assert "may be in gaps" in found["distance"].text or outcome is Outcome.FAULT
+    assert "counts where" not in found["distance"].remedy  # of twice the counts a sixth is missing
+
+
+def test_a_counters_jump_takes_nothing_of_the_distance() -> None:
+    gyro, wheels = Robot(legs=(*STAND, (1.0, 0.0, 2.0), *STAND, *SPOT)).samples()
+    seen = [s for k, s in enumerate(wheels) if k not in (90, 95, 100, 105, 110)]
+    found = {f.check: f for f in judge(gyro, seen, GEOMETRY, Statement(1, 1, 2.0))}
+    assert found["distance"].outcome is Outcome.GOOD
+    assert float(found["distance"].text.split()[3]) == pytest.approx(2.0, abs=0.02)
+
+
 def test_gaps_are_left_out() -> None:
     gyro, wheels = Robot().samples()
     holed = [s for s in gyro if not 20.0 < s.t_ns * 1e-9 < 25.0]

@@ -14,7 +14,7 @@ from drd.wiring.findings import Finding, Outcome, Statement, faults, unknown
 from drd.wiring.fit import KNOWN, LEAST_RATIO, PLAUSIBLE_RATIO, Fit, fit, fit_senses, goes_with
 from drd.wiring.hypotheses import Seen, Wiring, explanations
 from drd.wiring.signals import dead_sides, gyro_alive, held
-from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, wheel_curve
+from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, unseen_m, wheel_curve
 
 # Windows that turn by less say nothing about senses; all together must turn so far.
 WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG
@@ -61,7 +61,7 @@ class Geometry:
 class _Turns:
     """Angles of the windows, shape (n,) each, rad: the wheels' turn and travel over the tread, and the gyro's turn.
 
-    `net_m`: travel of all samples, those in no window too.
+    `net_m`: travel of all samples, those in no window too; `unseen_m`: the most that it lacks.
     """
 
     turn: Array
@@ -69,6 +69,7 @@ class _Turns:
     gyro: Array
     tread_m: float
     net_m: float
+    unseen_m: float
 
     @property
     def turned_rad(self) -> float:
@@ -114,7 +115,8 @@ def judge(
 
 def _turns(windows: Windows, wheels: Curve, tread_m: float) -> _Turns:
     turn, travel = (windows.right_m - windows.left_m) / tread_m, (windows.right_m + windows.left_m) / tread_m
-    return _Turns(turn, travel, windows.gyro_rad, tread_m, 0.5 * float(wheels.sums[-1].sum()))
+    net_m = 0.5 * float(wheels.sums[-1].sum())
+    return _Turns(turn, travel, windows.gyro_rad, tread_m, net_m, unseen_m(wheels))
 
 
 def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geometry, said: Statement) -> list[Finding]:
@@ -243,4 +245,4 @@ def _ratio(chosen: Fit, turns: _Turns, said: Statement) -> Finding:
 
 def _distance(turns: _Turns, said: Statement) -> Finding:
     """The distance driven against the user's tape measure."""
-    return words.distance(abs(turns.net_m), said.distance_m)
+    return words.distance(abs(turns.net_m), turns.unseen_m, said.distance_m)

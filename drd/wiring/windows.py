@@ -14,6 +14,8 @@ from drd.units import RAD_PER_DEG, S_PER_NS
 WINDOW_S: Final = 2.0
 # Time missing between two samples, in parts of an interval, that is a hole: stamps jitter.
 HOLE: Final = 0.5
+# Over shorter holes the motion is as it was just before and after; the robot's speed hardly changes in them.
+BRIDGED_S: Final = 0.25
 # The largest bias that a standstill may show; what is more is no bias of a gyro, but a robot that turns.
 MAX_BIAS_RAD_S: Final = 1.0 * RAD_PER_DEG
 # Rates for the comparison in time are means over RATE_S, each GRID_S.
@@ -31,17 +33,21 @@ ELSEWHERE_SIGMAS: Final = 3.0
 
 @dataclass(frozen=True)
 class Curve:
-    """Motion summed up over time: knots, shape (n,), sums of m quantities, (n, m), and holes before each knot, (n,)."""
+    """Motion summed up over time: knots, shape (n,), sums of m quantities, (n, m), and holes before each knot, (n,).
+
+    `unseen_s`: time before each knot, (n,), in holes of more than BRIDGED_S, of which the sums have nothing.
+    """
 
     time_s: Array
     sums: Array
     holes: Array
+    unseen_s: Array
 
     def between(self, edges_s: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Motion from each edge to the next, shape (k - 1, m), and whether all of it was seen, shape (k - 1,)."""
         at = np.column_stack([np.interp(edges_s, self.time_s, column) for column in self.sums.T])
-        holes = np.interp(edges_s, self.time_s, self.holes)
-        return np.diff(at, axis=0), np.diff(holes) == 0.0
+        unseen_s = np.interp(edges_s, self.time_s, self.unseen_s)
+        return np.diff(at, axis=0), np.diff(unseen_s) == 0.0
 
 
 @dataclass(frozen=True)
@@ -77,13 +83,28 @@ def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve:
 def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
     end_s = (np.array(t_ns, dtype=np.int64) - zero_ns) * S_PER_NS
     begin_s = end_s - span_s
-    after = np.flatnonzero(begin_s[1:] - end_s[:-1] > HOLE * span_s[1:]) + 1
-    first = np.concatenate([[0], after])  # samples before which nothing was seen
+    apart_s = np.append(0.0, begin_s[1:] - end_s[:-1])
+    # Samples before which nothing was seen; of the first one nothing is missing.
+    first = np.append(0, np.flatnonzero(apart_s > HOLE * span_s))
+    hole_s = apart_s[first]
+    short_s = np.where(hole_s <= BRIDGED_S, hole_s, 0.0)
+    # Frames that were delivered in a bunch have a whole period's travel each, in no time.
+    around_s = np.maximum(span_s[first - 1] + span_s[first], 2.0 * np.median(span_s))
+    bridged = (steps[first - 1] + steps[first]) * (short_s / around_s)[:, None]
+    none = np.zeros(len(end_s))
     return Curve(
         np.insert(end_s, first, begin_s[first]),
-        np.cumsum(np.insert(steps, first, 0.0, axis=0), axis=0),
-        np.cumsum(np.insert(np.zeros(len(end_s)), first, 1.0)),
+        np.cumsum(np.insert(steps, first, bridged, axis=0), axis=0),
+        np.cumsum(np.insert(none, first, 1.0)),
+        np.cumsum(np.insert(none, first, hole_s - short_s)),
     )
+
+
+def unseen_m(wheels: Curve) -> float:
+    """The most that the robot may have driven unseen: as fast as ever in that time."""
+    grid_s = np.arange(wheels.time_s[0], wheels.time_s[-1], RATE_S)
+    moved_m, _ = wheels.between(grid_s)
+    return float(wheels.unseen_s[-1] * np.abs(moved_m.mean(axis=1)).max(initial=0.0) / RATE_S)
 
 
 def common_windows(gyro: Curve | None, wheels: Curve, still_m: float, lag_s: float = 0.0) -> Windows:
