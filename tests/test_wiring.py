@@ -143,6 +143,16 @@ def test_a_dead_encoder_is_named(side: str, legs: Legs) -> None:
     assert "directions" not in found
 
 
+@pytest.mark.parametrize("lost", [1, 5, 15])
+@pytest.mark.parametrize("left", [0.0, 1.0])
+def test_what_the_gyro_lost_is_no_travel_that_an_encoder_lost(left: float, lost: int) -> None:
+    gyro, wheels = Robot(left=left, legs=(*STAND, (1.0, 0.0, 1.9), (0.0, 0.0, 0.1))).samples()
+    found = {f.check: f for f in judge(gyro[:43] + gyro[43 + lost :], wheels, GEOMETRY, Statement(drove=1))}
+    assert ", right 1.86 m" in found["encoders"].text
+    assert faults(found).keys() == ({"encoders"} if left == 0.0 else set())
+    assert ("the left counter stands still" in found["encoders"].text) == (left == 0.0)
+
+
 def test_a_turn_about_one_wheel_is_not_taken_for_a_dead_encoder() -> None:
     pivot = Robot(legs=(*STAND, (0.5 * TREAD_M / 2.0, 0.5, 12.0), *STAND), slip_m_per_sqrt_m=0.0)
     found = findings(pivot)

@@ -14,7 +14,7 @@ from drd.wiring.findings import Finding, Outcome, Statement, faults, unknown
 from drd.wiring.fit import KNOWN, LEAST_RATIO, PLAUSIBLE_RATIO, Fit, fit, fit_senses, goes_with
 from drd.wiring.hypotheses import Seen, Wiring, explanations
 from drd.wiring.signals import dead_sides, gyro_alive, held
-from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, unseen_m, wheel_curve
+from drd.wiring.windows import Curve, Windows, common_windows, gyro_curve, lag, travels, unseen_m, wheel_curve
 
 # Windows that turn by less say nothing about senses; all together must turn so far.
 WINDOW_TURN_RAD: Final = 5.0 * RAD_PER_DEG
@@ -105,7 +105,7 @@ def judge(
     findings = [words.data(gyro if robot.has_gyro else None, wheels)]
     if windows.left_m.size == 0:
         return [*findings, unknown("motion", "no two seconds without a gap", "Watch for longer.")]
-    moving = dead_sides(windows, robot.tread_m, robot.still_m, said, robot.has_gyro)
+    moving = dead_sides(travels(wheel), windows, robot.tread_m, robot.still_m, said, robot.has_gyro)
     alive = [gyro_alive(gyro, windows, said, robot.tread_m)] if robot.has_gyro else []
     findings += [moving, *alive, *(held(side, wheels, robot.resolution_m) for side in Side)]
     if moving.outcome is not Outcome.GOOD or faults(alive):

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drd.arrays import Array
 from drd.samples import GyroSample, Side, WheelSample
 from drd.units import DEG_PER_RAD
 from drd.wiring.findings import Finding, Statement, fault, good, unknown
@@ -30,9 +31,14 @@ CHANGE_DEG: Final = 20.0
 STILL_DEG_S: Final = 1.0
 
 
-def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool) -> Finding:
-    """Whether both counters count; a dead one told from a parked robot and from a turn about the wheel that stands."""
-    sides = {Side.LEFT: windows.left_m, Side.RIGHT: windows.right_m}
+def dead_sides(
+    travels_m: Array, windows: Windows, tread_m: float, still_m: float, said: Statement, has_gyro: bool
+) -> Finding:
+    """Whether both counters count; a dead one told from a parked robot and from a turn about the wheel that stands.
+
+    `travels_m`: of both wheels, (k, 2), whatever the gyro has seen; `windows`: what both sensors have seen.
+    """
+    sides = {side: travels_m[:, side.value] for side in Side}
     distance_m = {side: float(np.abs(steps).sum()) for side, steps in sides.items()}
     reach_m = {side: float(np.ptp(np.cumsum(np.append(0.0, steps)))) for side, steps in sides.items()}
     still = [side for side in Side if reach_m[side] <= max(still_m, STILL_SHARE * max(reach_m.values()))]
@@ -47,9 +53,10 @@ def dead_sides(windows: Windows, tread_m: float, still_m: float, said: Statement
     remedy = f"Look at the {name} encoder's supply, cable and shaft, and at encoders.{name}."
     if said.drove:
         return fault("encoders", f"{text} although you drove", remedy)
-    if distance_m[other] < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
+    seen_m = windows.left_m if other is Side.LEFT else windows.right_m
+    if float(np.abs(seen_m).sum()) < max(ENOUGH_M, ENOUGH_TREADS * tread_m) or not has_gyro:
         return unknown("encoders", text, "Drive straight ahead, a few metres, and say so: --drove forward.")
-    turn, gyro = sides[other] / tread_m, np.abs(windows.gyro_rad)
+    turn, gyro = seen_m / tread_m, np.abs(windows.gyro_rad)
     ratio = float(gyro @ np.abs(turn)) / float(gyro @ gyro + 1e-12)
     explained = 1.0 - float(((np.abs(turn) - ratio * gyro) ** 2).sum()) / float(turn @ turn)
     gyro_deg, turn_deg = float(gyro.sum()) * DEG_PER_RAD, float(np.abs(turn).sum()) * DEG_PER_RAD

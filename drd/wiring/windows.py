@@ -100,6 +100,13 @@ def _curve(t_ns: Any, zero_ns: int, span_s: Array, steps: Array) -> Curve:
     )
 
 
+def travels(wheels: Curve) -> Array:
+    """Travel of both wheels, (k, 2), in windows of WINDOW_S or a little more, as far as it was seen."""
+    begin_s, end_s = wheels.time_s[[0, -1]]
+    count = max(1, int((end_s - begin_s) / WINDOW_S))
+    return wheels.between(np.linspace(begin_s, end_s, count + 1))[0]
+
+
 def unseen_m(wheels: Curve) -> float:
     """The most that the robot may have driven unseen: as fast as ever in that time."""
     grid_s = np.arange(wheels.time_s[0], wheels.time_s[-1], RATE_S)
