@@ -145,9 +145,9 @@ def check_covariance(P: Matrix) -> None:
 
 
 def forget_wheels(kf: Filter, tread_m: float, s: Sigmas) -> None:
-    """Wheel scales and tread start anew, the rest stays."""
+    """Wheel scales, tread and sideways slip start anew, the rest stays."""
     n = kf.nominal
-    n.scale_right = n.scale_left = 0.0
+    n.scale_right = n.scale_left = n.slip_s = 0.0
     kf.set_tread(tread_m)
     known = ((SCALE_R, s.wheel_scale), (SCALE_L, s.wheel_scale), (TREAD, s.tread_m), (SLIP, s.slip_s))
     for state, sigma in known:

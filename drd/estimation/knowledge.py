@@ -142,6 +142,8 @@ class Knowledge:
             self.applied = other.applied
             self.agreement.take_over(other.agreement)
         if not same_wheels:
+            if self.steering.scale < other.steering.scale:  # the path so far is due to the wheels as they were
+                kf.add_scale_variance(other.steering.scale, 0.0)
             forget_wheels(kf, self._config.robot.tread_m, self._sigmas)
             kf.add_position_variance(other.steering.wander_m2)
             self.steering.begin(kf)

@@ -12,7 +12,7 @@ from drd.config.schema import loads
 from drd.estimation.learning import Drive
 from drd.estimation.state import SCALE_L, SLIP, TREAD, WHEEL_LAG
 from drd.pipeline import Pipeline
-from drd.samples import GyroSample
+from drd.samples import GyroSample, WheelSample
 
 DIFFERENTIAL = ROBOT.replace("0.5}", "0.5, drive: differential}")
 REST = "estimation: {static_bias: {duration_s: 0}}\nencoders: {counts_per_revolution: 20000}\n"
@@ -75,6 +75,32 @@ def test_a_robot_that_is_said_to_skid_is_as_unsure_as_at_a_cold_start(then: str)
     assert text == f"wheel scales and tread are learned anew, since robot.drive was {then}, is skid"
     kf = made.estimator.filter
     assert [kf.sigma(state) for state in (SCALE_L, TREAD, SLIP)] == pytest.approx([0.04, 0.25, 0.25])
+
+
+def straight(start_s: float, end_s: float) -> Iterator[tuple[float, Sample]]:
+    """Perfect sensors at 1 m/s, which do not tell how the robot steers."""
+    for k in range(round(start_s * 20) + 1, round(end_s * 20) + 1):
+        t_ns = T0 + k * S // 20
+        yield k / 20, GyroSample(t_ns, 0.05, 0.0, math.nan)
+        yield k / 20, WheelSample(t_ns, 0.05, 0.05, 0.05, 0.0)
+
+
+@pytest.mark.parametrize("now", ["0.5, drive: differential", "0.51, drive: differential", "0.51"])
+def test_what_is_said_of_the_wheels_does_not_make_the_path_so_far_better(now: str) -> None:
+    made = pipeline(ROBOT + REST)
+    before = feed(made.estimator, straight(0.0, 60.0))[-1]
+    made.reload(T0 + 60 * S, pipeline(ROBOT.replace("0.5}", now + "}") + REST), {})
+    after = feed(made.estimator, straight(60.0, 60.2))[-1]
+    assert before.position_bound_m == pytest.approx(7.3, abs=0.1)  # 0.04 of 60 m
+    assert after.position_bound_m == pytest.approx(before.position_bound_m, rel=0.01)
+
+
+def test_the_slip_of_a_robot_that_is_said_not_to_slip_is_forgotten() -> None:
+    made = pipeline(DIFFERENTIAL.replace("differential", "skid") + REST)
+    feed(made.estimator, drive(60.0))
+    made.estimator.filter.nominal.slip_s = -0.2  # as lawn does
+    made.reload(T0 + 60 * S, pipeline(DIFFERENTIAL + REST), {})
+    assert (made.estimator.filter.nominal.slip_s, made.estimator.filter.sigma(SLIP)) == (0.0, 0.0)
 
 
 def test_a_gyro_that_is_added_finds_out_how_the_robot_steers_and_leaves_it_known() -> None:
