@@ -150,6 +150,8 @@ class Odrive:
     message: Literal["estimates", "counts"] = "estimates"
     """Cyclic message to read: estimates (0x009, float revolutions) or counts (0x00A, firmware up to 0.5.6; finer over
     long distances)"""
+    gear_ratio: Annotated[float, Meta(ge=0.01, le=1000)] = 1.0
+    """Turns of the encoder's shaft per wheel turn, for estimates; counts have it in counts_per_revolution"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from struct import Struct
 from typing import Final
 
 from drd.config.keys import Encoders
+from drd.config.schema import ConfigError
 from drd.encoders.layout import CounterRestart, Layout, counts_per_revolution, nodes
 from drd.samples import CanFrame, WheelReading
 
@@ -24,7 +25,11 @@ class Odrive(Layout):
     def __init__(self, encoders: Encoders, base: Path):
         counts = encoders.odrive.message == "counts"
         command, self._data = (COUNTS, COUNTS_DATA) if counts else (ESTIMATES, ESTIMATES_DATA)
+        self.counts_per_revolution = encoders.odrive.gear_ratio
         if counts:
+            if encoders.odrive.gear_ratio != 1.0:
+                expected, got = "1, since counts_per_revolution has the gear in it", f"{encoders.odrive.gear_ratio:g}"
+                raise ConfigError(str(base), "encoders.odrive.gear_ratio", expected, got)
             self.counts_per_revolution = counts_per_revolution(encoders, base)
         self._sides = {(node << 5 | command, False): side for side, node in nodes(encoders, base, 0, 63).items()}
         self.can_ids = tuple(self._sides)

@@ -16,7 +16,7 @@ WHEEL_KEYS: Final = (
     "encoders.layout", "encoders.counts_per_revolution",
     "encoders.left.node", "encoders.left.reversed", "encoders.left.message", "encoders.left.signal",
     "encoders.right.node", "encoders.right.reversed", "encoders.right.message", "encoders.right.signal",
-    "encoders.odrive.message", "encoders.vesc.pole_pairs", "encoders.vesc.gear_ratio",
+    "encoders.odrive.message", "encoders.odrive.gear_ratio", "encoders.vesc.pole_pairs", "encoders.vesc.gear_ratio",
     "encoders.dbc.quantity", "encoders.dbc.speed_unit_m_s",
 )  # fmt: skip
 GYRO_KEYS: Final = (

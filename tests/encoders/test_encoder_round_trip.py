@@ -58,6 +58,7 @@ CASES = {
     "cia406 odd range": (replace(NODES, counts_per_revolution=4096, modulus_counts=9_999), TURN_M / 4096),
     "agilex": (replace(NODES, layout="agilex"), 0.001),
     "odrive estimates": (replace(NODES, layout="odrive"), TURN_M * 2**-17),
+    "odrive estimates, geared": (replace(NODES, layout="odrive", odrive=Odrive(gear_ratio=7.5)), TURN_M * 2**-17),
     "odrive counts": (
         replace(NODES, layout="odrive", counts_per_revolution=8192, odrive=Odrive(message="counts")),
         TURN_M / 8192,

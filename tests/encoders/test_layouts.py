@@ -1,5 +1,6 @@
 """Byte vectors of the built-in layouts, written out from the sources their modules name."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,14 @@ def test_odrive_estimates_are_little_endian_float_revolutions() -> None:
     assert layout.decode(frame(0x0C9, "000020c000000000")) == (WheelReading(Side.RIGHT, -2.5),)
     assert layout.modulus_counts is None
     assert layout.metres_per_count(0.5) == pytest.approx(3.14159265)
+
+
+def test_odrive_estimates_of_a_geared_motor_are_its_turns() -> None:
+    geared = Encoders(layout="odrive", odrive=Odrive(gear_ratio=7.5))
+    assert make_layout(geared, BASE).metres_per_count(0.5) == pytest.approx(3.14159265 / 7.5)
+    counts = replace(geared, counts_per_revolution=8192, odrive=Odrive(message="counts", gear_ratio=7.5))
+    with pytest.raises(ConfigError, match=r"encoders\.odrive\.gear_ratio: expected 1, .* got 7\.5"):
+        make_layout(counts, BASE)
 
 
 @pytest.mark.parametrize("position", ["0000c07f", "0000807f", "000080ff"])

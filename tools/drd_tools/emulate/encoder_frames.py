@@ -77,7 +77,8 @@ class WheelFrameEncoder:
 
     def _odrive(self, wheels: list[_Wheel]) -> list[can.Message]:
         if self._encoders.odrive.message == "estimates":
-            return [_standard(w.node << 5 | 0x009, pack("<ff", w.turns, w.turns_s)) for w in wheels]
+            gear = self._encoders.odrive.gear_ratio
+            return [_standard(w.node << 5 | 0x009, pack("<ff", gear * w.turns, gear * w.turns_s)) for w in wheels]
         messages = []
         for wheel in wheels:
             counts = wheel.turns * self._counts
