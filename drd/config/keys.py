@@ -237,7 +237,7 @@ class Initial:
     tread: Annotated[float, "1", Meta(ge=0, le=1)] | None = None
     """Tread against its nominal; null = 0.02 as measured by tape, and 0.5 where a gyro can tell an effective one"""
     gyro_scale: Annotated[float, "1", Meta(ge=0, le=0.5)] = 0.005
-    """Gyro scale factor, where it is estimated"""
+    """Gyro scale factor, where it is estimated: a fibre-optic gyro's; 0.03 for a MEMS chip as delivered"""
     wheel_lag_s: Annotated[float, "s", Meta(ge=0, le=1)] = 0.2
     """Lag of the wheels' samples behind the gyro's, beyond the stated latencies; 0 = none"""
     slip_s: Annotated[float, "s", Meta(ge=0, le=5)] | None = None
