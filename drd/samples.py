@@ -71,6 +71,7 @@ class WheelSample(NamedTuple):
     """Travel of both wheels over the `interval_s` seconds that end at `t_ns`, forward positive.
 
     `lost_s` is the time before that interval in which the robot's motion was not seen (start, gap, counter jump).
+    `lost_m` is the way of the robot's middle in it, as counters tell that went on counting; 0 where they do not.
     """
 
     t_ns: int
@@ -78,6 +79,7 @@ class WheelSample(NamedTuple):
     left_m: float
     right_m: float
     lost_s: float
+    lost_m: float = 0.0
 
 
 class WheelTurns(NamedTuple):

@@ -11,6 +11,7 @@ from drd.arrays import Array
 from drd.batch.logs import EncoderLog, FogLog
 from drd.config.keys import Config
 from drd.config.schema import ConfigError
+from drd.encoders.counter import LONGEST_TOLD_S
 from drd.encoders.stream import UNCOUNTED_RESOLUTION_M
 from drd.fog.stream import OVER_RANGE
 from drd.samples import GyroSample, WheelSample
@@ -78,7 +79,8 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
     Counts: differences of whole numbers, so that no rounding adds up. Speeds hold over the interval that ends with
     their row, as in `Recording.wheel_angles_rad`: a drive shows a value that it measured before, and the daemon's
     trapezoid, half an interval later, would add to that lag. After more than gap_s, or a step faster than
-    max_speed_m_s, the row is a new start as in the daemon; the time until then is the next sample's lost_s.
+    max_speed_m_s, the row is a new start as in the daemon; the time until then is the next sample's lost_s, and its
+    lost_m what the counters tell of it.
     """
     t_ns = stamps_ns(log.time_s, zero_ns)
     robot, gap_ns = config.robot, round(config.encoders.gap_s * NS_PER_S)
@@ -96,10 +98,16 @@ def wheel_samples(log: EncoderLog, config: Config, zero_ns: int) -> tuple[list[W
     # As the daemon's counters: rows that were written in bunches may carry a whole period's travel each.
     largest_m = robot.max_speed_m_s * np.maximum(step_s, 1.0 / config.encoders.rate_hz)
     jumps = ~gaps & (np.maximum(np.abs(left_m), np.abs(right_m)) > largest_m)
+    told = gaps & (step_s <= LONGEST_TOLD_S) & (np.maximum(np.abs(left_m), np.abs(right_m)) <= largest_m)
+    if log.left_counts is None:
+        told[:] = False
+    if log.is_lost is not None:
+        told &= ~log.is_lost[1:]
     known = np.flatnonzero(~(gaps | jumps))
-    until = np.concatenate([[0.0], np.cumsum(np.where(gaps | jumps, step_s, 0.0))])
-    lost_s = np.diff(until[known + 1], prepend=0.0)
-    columns = (t_ns[1:][known], step_s[known], left_m[known], right_m[known], lost_s)
+    lost = np.column_stack([step_s, np.where(told, 0.5 * (left_m + right_m), 0.0), ~told]) * (gaps | jumps)[:, None]
+    until = np.concatenate([np.zeros((1, 3)), np.cumsum(lost, axis=0)])
+    lost_s, lost_m, untold = np.diff(until[known + 1], axis=0, prepend=0.0).T
+    columns = (t_ns[1:][known], step_s[known], left_m[known], right_m[known], lost_s, np.where(untold, 0.0, lost_m))
     samples = list(map(WheelSample, *(column.tolist() for column in columns)))
     began_ns = int(t_ns[known[0]]) if known.size else int(t_ns[0])
     return samples, began_ns, {"gaps": int(gaps.sum()), "jumps": int(jumps.sum())}

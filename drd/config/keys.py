@@ -201,7 +201,7 @@ class Encoders:
     pair_window_s: Annotated[float, "s", Meta(ge=0.0005, le=1)] = 0.04
     """Left and right readings further apart than this, and than 0.75 periods of rate_hz, are not paired"""
     gap_s: Annotated[float, "s", Meta(ge=0.02, le=10)] = 0.5
-    """After a longer gap the first counts are a new start, not motion"""
+    """After a longer gap the first counts move the pose, but its bound stays as wide as if they told nothing"""
     silent_after_s: Annotated[float, "s", Meta(ge=0.02, le=60)] = 0.3
     """Silence that makes the health say so"""
     queue_frames: Annotated[int, "frames", Meta(ge=16, le=1_000_000)] = 1024

@@ -139,7 +139,7 @@ class Compensation:
             # The counter's angle, less what makes it uneven: a wheel that is too large does not turn the less for it.
             ripple = sum(t.error[i] for t in self._wheels if t.effect.uneven)
             angle[0] += 0.5 * turned[i] - ripple * interval_s / self._radius_m[i]
-        return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, sample.lost_s)
+        return WheelSample(end_ns, interval_s, left * interval_s, right * interval_s, *sample[4:])
 
     # ---- one channel after the other ---------------------------------------------------------------------------
 

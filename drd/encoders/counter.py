@@ -7,6 +7,8 @@ from drd.units import NS_PER_S, S_PER_NS
 
 # What a counter may do beyond the configured top speed: interpolation, vibration and dither at its edges.
 MARGIN_COUNTS = 3
+# The largest gap_s: after a longer silence nobody knows what the robot, or its counters' supply, went through.
+LONGEST_TOLD_S = 10.0
 
 
 class Outcome(Enum):
@@ -14,6 +16,8 @@ class Outcome(Enum):
 
     MOVED = "moved"
     """The travel since then is known, zero included."""
+    GAP = "gap"
+    """It is known, but for too long nothing was heard to tell how it was made, or whether the counter went on."""
     NEW_START = "new start"
     """It is not known: first reading, gap, restart or jump."""
     IGNORED = "ignored"
@@ -23,13 +27,14 @@ class Outcome(Enum):
 class Travel(ABC):
     """Accumulates one side's travel; `total` is in counts, or in metres where speeds are integrated.
 
-    `total` keeps its value over a new start: only its differences between readings that MOVED are motion.
+    `total` keeps its value over a new start: only its differences between readings that MOVED, or over a GAP, are
+    motion. `told_s`: the longest gap over which readings tell the travel; 0: none.
     """
 
-    def __init__(self, gap_s: float):
+    def __init__(self, gap_s: float, told_s: float = 0.0):
         self.total: float = 0.0
         self.counters = {"wraps": 0, "jumps": 0, "gaps": 0, "restarts": 0, "out_of_range": 0, "not_newer": 0}
-        self._gap_ns = round(gap_s * NS_PER_S)
+        self._gap_ns, self._told_ns = round(gap_s * NS_PER_S), round(told_s * NS_PER_S)
         self._t_ns: int | None = None
         self._value: float | None = None
 
@@ -50,15 +55,16 @@ class Travel(ABC):
         self._t_ns, self._value = t_ns, value
         if before_ns is None or before is None:
             return Outcome.NEW_START
-        if t_ns - before_ns > self._gap_ns:
+        if is_gap := t_ns - before_ns > self._gap_ns:
             self.counters["gaps"] += 1
-            return Outcome.NEW_START
+            if t_ns - before_ns > self._told_ns:
+                return Outcome.NEW_START
         step = self._step(before, value, (t_ns - before_ns) * S_PER_NS)
         if step is None:
             self.counters["jumps"] += 1
             return Outcome.NEW_START
         self.total += step
-        return Outcome.MOVED
+        return Outcome.GAP if is_gap else Outcome.MOVED
 
     @abstractmethod
     def _possible(self, value: float) -> bool:
@@ -79,11 +85,12 @@ class Counter(Travel):
     """
 
     def __init__(self, modulus_counts: int | None, max_counts_s: float, period_s: float, gap_s: float):
-        self.longest_gap_s = gap_s
+        told_s = LONGEST_TOLD_S
         if modulus_counts is not None:
             unambiguous_counts = max(0, modulus_counts // 2 - MARGIN_COUNTS)
-            self.longest_gap_s = min(gap_s, unambiguous_counts / max_counts_s)
-        super().__init__(self.longest_gap_s)
+            told_s = min(told_s, unambiguous_counts / max_counts_s)
+        self.longest_gap_s = min(gap_s, told_s)
+        super().__init__(self.longest_gap_s, told_s)
         self._modulus_counts = modulus_counts
         self._max_counts_s = max_counts_s
         self._period_s = period_s

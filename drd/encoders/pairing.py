@@ -1,6 +1,7 @@
 """Left and right readings, each with its own time, into samples of both wheels' travel over the same interval."""
 
 from dataclasses import dataclass
+from math import isfinite, nan
 
 from drd.samples import Side, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
@@ -67,16 +68,18 @@ class Pairing:
         self._tracks = {side: _Track() for side in Side}
         self.end: tuple[int, float, float] | None = None
         self._broken = False  # a travel since then is not known
-        self._lost_ns = 0
+        self._untold = False  # nor do the counters tell it
+        self._lost_ns, self._lost_m = 0, 0.0
 
-    def add(self, side: Side, t_ns: int, travel_m: float, *, moved: bool) -> WheelSample | None:
+    def add(self, side: Side, t_ns: int, travel_m: float, *, moved: bool, told: bool = False) -> WheelSample | None:
         """Take one side's accumulated travel; times increase per side.
 
-        `moved` is False where the travel since that side's last reading is not known. Returns the sample that this
-        reading completes.
+        `moved` is False where the travel since that side's last reading is not known, or not `told` in time. Returns
+        the sample that this reading completes.
         """
         self.counters["unpaired"] += self._tracks[side].push(_Point(t_ns, travel_m), moved=moved)
         self._broken |= not moved
+        self._untold |= not (moved or told)
         pair = self._newest_pair()
         if pair is None:
             return None
@@ -101,12 +104,15 @@ class Pairing:
         """End an interval here; None where it is only a new start."""
         end, self.end = self.end, (t_ns, left_m, right_m)
         broken, self._broken = self._broken, False
+        untold, self._untold = self._untold, False
         if end is None:
             return None
         interval_ns = t_ns - end[0]
         if broken or interval_ns > self._gap_ns:
             self.counters["new_starts"] += 1
             self._lost_ns += interval_ns
+            self._lost_m += nan if untold else 0.5 * (left_m - end[1] + right_m - end[2])
             return None
-        lost_s, self._lost_ns = self._lost_ns * S_PER_NS, 0
-        return WheelSample(t_ns, interval_ns * S_PER_NS, left_m - end[1], right_m - end[2], lost_s)
+        lost_s, lost_m = self._lost_ns * S_PER_NS, self._lost_m if isfinite(self._lost_m) else 0.0
+        self._lost_ns, self._lost_m = 0, 0.0
+        return WheelSample(t_ns, interval_ns * S_PER_NS, left_m - end[1], right_m - end[2], lost_s, lost_m)

@@ -110,7 +110,8 @@ class EncoderStream:
         self.last_ns[side] = t_ns
         if self.first_ns is None:
             self.first_ns = t_ns
-        return self._pairing.add(side, sampled_ns, travel.total * self.metres[side], moved=outcome is Outcome.MOVED)
+        travel_m, told = travel.total * self.metres[side], outcome is Outcome.GAP
+        return self._pairing.add(side, sampled_ns, travel_m, moved=outcome is Outcome.MOVED, told=told)
 
     def _travel(self, side: Side, encoders: Encoders, robot: Robot, base: Path) -> Travel:
         """The side's accumulator. Raises ConfigError where even readings without any loss could not be used."""

@@ -14,9 +14,11 @@ from drd.estimation.standstill import BiasMeasurement
 from drd.estimation.state import Six
 from drd.estimation.timeline import Stream
 from drd.estimation.track import Track
-from drd.estimation.uncertainty import lead_moments
+from drd.estimation.uncertainty import UNSEEN_ACCELERATION_M_S2, lead_moments, unseen_growth
 from drd.samples import CalibratedRate, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
+
+MOST_JITTER_NS = NS_PER_S // 1000  # of intervals, which are rounded
 
 
 class Progress:
@@ -86,6 +88,8 @@ class Progress:
         track, own_m_s = self.track, self._corrections.lateral_m_s
         left_m_s, right_m_s = sample.left_m / sample.interval_s, sample.right_m / sample.interval_s
         start_ns = max(sample.t_ns - round(sample.interval_s * NS_PER_S), self.wheels.end_ns)
+        if sample.lost_m:
+            self._go_over_gap(sample)
         if start_ns < (missed_ns := min(track.t_ns, sample.t_ns)):
             track.catch_up(left_m_s, right_m_s, start_ns, missed_ns)
         if not self.wheels.add(sample.t_ns, sample.interval_s, left_m_s, right_m_s, track.t_ns, own_m_s):
@@ -96,6 +100,26 @@ class Progress:
         if sample.lost_s > 0.0:  # what was not seen may have been as fast as what came before or after
             track.speed_m_s = max(abs(track.speed_m_s), 0.5 * abs(left_m_s + right_m_s))
         return True
+
+    def _go_over_gap(self, sample: WheelSample) -> None:
+        """Move the pose on by what the counters tell of a gap, along the gyro's heading in the middle of it. (36)
+
+        What was added for the gap stays: how the way was made is not known, and a counter may have begun anew. No
+        longer way is believed, and none where the pose was set meanwhile.
+        """
+        track, n, begin_ns = self.track, self.track.kf.nominal, sample.t_ns - round(sample.interval_s * NS_PER_S)
+        was_set = self.wheels.end_ns > begin_ns - round(sample.lost_s * NS_PER_S) + MOST_JITTER_NS
+        speed = min(abs(track.speed_m_s), track.max_speed_m_s)
+        allowed_m2 = unseen_growth(0.0, sample.lost_s, speed, UNSEEN_ACCELERATION_M_S2)
+        if not self._has_gyro or was_set or track.blind_s or sample.lost_m**2 > allowed_m2:
+            return
+        end_rad = track.kf.heading_rad
+        if begin_ns > track.t_ns:
+            rest_s = (begin_ns - track.t_ns) * S_PER_NS
+            end_rad += n.gyro_scale * self.gyro.integral(track.t_ns, begin_ns) + n.gyro_bias_rad_s * rest_s
+        middle_rad, way_m = 0.5 * (track.seen_heading_rad + end_rad), sample.lost_m
+        way_m *= 1.0 - 0.5 * (n.scale_left + n.scale_right)
+        n.x_m, n.y_m = n.x_m + way_m * math.cos(middle_rad), n.y_m + way_m * math.sin(middle_rad)
 
     # ---- time --------------------------------------------------------------------------------------------------
 

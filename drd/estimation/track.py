@@ -46,6 +46,7 @@ class Track:
     blind_s: float = 0.0  # neither wheels nor gyro
     blind_spans: tuple[tuple[int, int], ...] = ()  # since the wheels were seen last: when, ns
     no_gyro_s: float = 0.0
+    seen_heading_rad: float = 0.0  # where the wheels were seen last
     reading_ns: int = 0  # end of the wheels' newest reading
     # The turn that only the wheels have told, since the pose was set, and with which tread.
     alone_rad: float = 0.0
@@ -67,7 +68,7 @@ class Track:
         self.kf.copy_from(other.kf)
         self.t_ns, self.speed_m_s, self.rate_rad_s = other.t_ns, other.speed_m_s, other.rate_rad_s
         self.unseen_s, self.blind_s, self.no_gyro_s = other.unseen_s, other.blind_s, other.no_gyro_s
-        self.blind_spans = other.blind_spans
+        self.blind_spans, self.seen_heading_rad = other.blind_spans, other.seen_heading_rad
         self.rejected_rad, self._compared_ns = other.rejected_rad, other._compared_ns
         self._regained_s, self._regained_rad = other._regained_s, other._regained_rad
         self.gyro_ns = other.gyro_ns
@@ -170,6 +171,7 @@ class Track:
         if wheels:
             self.unseen_s, self.blind_s, self.blind_spans, self.reading_ns = 0.0, 0.0, (), wheels.end_ns
             self.speed_m_s = 0.5 * (left_m_s + right_m_s)
+            self.seen_heading_rad = kf.heading_rad
             if not gyro:
                 kf.anchor_gyro()  # (35)
                 self.no_gyro_s += dt_s

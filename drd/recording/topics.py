@@ -119,7 +119,11 @@ CHANNELS: Final = (
     _json(RAW_CAN, "drd.RawFrames", _object(frames=_array(_FRAME))),
     _json(RAW_EVENTS, "drd.Event", _object(event=_TEXT, monotonic_ns=_WHOLE)),
     _json("/fog", "drd.GyroSample", _object(**_SAMPLE, rate_rad_s=_NUMBER, temperature_c=_NUMBER)),
-    _json("/wheels", "drd.WheelSample", _object(**_SAMPLE, left_m=_NUMBER, right_m=_NUMBER, lost_s=_NUMBER)),
+    _json(
+        "/wheels",
+        "drd.WheelSample",
+        _object(**_SAMPLE, left_m=_NUMBER, right_m=_NUMBER, lost_s=_NUMBER, lost_m=_NUMBER),
+    ),
     _json(POSE, "drd.Pose", _POSE),
     _foxglove("/pose", "PoseInFrame"),
     Channel("/odom", "cdr", "nav_msgs/msg/Odometry", "ros2msg", _ODOMETRY.encode()),

@@ -76,7 +76,7 @@ def gyro_curve(samples: Sequence[GyroSample], zero_ns: int) -> Curve:
 
 def wheel_curve(samples: Sequence[WheelSample], zero_ns: int) -> Curve:
     """Travel of the left and of the right wheel over time since `zero_ns`; there must be a sample."""
-    t_ns, interval_s, left_m, right_m, _ = zip(*samples, strict=True)
+    t_ns, interval_s, left_m, right_m, *_ = zip(*samples, strict=True)
     return _curve(t_ns, zero_ns, np.array(interval_s), np.column_stack([left_m, right_m]))
 
 

@@ -75,12 +75,15 @@ def test_frames_that_an_adapter_delivers_in_a_bunch_carry_a_periods_travel_each(
     assert travel.total == 1500
 
 
-def test_the_first_count_after_a_gap_is_no_motion() -> None:
+@pytest.mark.parametrize(
+    ("gap_ms", "count", "total"), [(501, 40, 50), (3000, 29_990, 30_000), (501, 5100, 10), (10_001, 40, 10)]
+)
+def test_a_count_after_a_gap_tells_the_travel_if_it_can_be_one(gap_ms: int, count: int, total: int) -> None:
     travel = counter(1 << 16)
     travel.add(0, 0)
-    assert travel.add(501 * NS_PER_MS, 40) is NEW_START
-    assert travel.add(1001 * NS_PER_MS, 50) is MOVED
-    assert travel.total == 10
+    assert travel.add(gap_ms * NS_PER_MS, count) is (Outcome.GAP if total > 10 else NEW_START)
+    assert travel.add((gap_ms + 500) * NS_PER_MS, count + 10) is MOVED
+    assert travel.total == total
     assert travel.counters["gaps"] == 1
 
 

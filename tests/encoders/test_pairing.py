@@ -24,10 +24,12 @@ class Bench:
         self.samples: list[WheelSample] = []
         self.seen: set[Side] = set()
 
-    def add(self, side: Side, t_ms: float, travel_m: float, moved: bool | None = None) -> WheelSample | None:
+    def add(
+        self, side: Side, t_ms: float, travel_m: float, moved: bool | None = None, told: bool = False
+    ) -> WheelSample | None:
         moved = side in self.seen if moved is None else moved
         self.seen.add(side)
-        sample = self.pairing.add(side, round(t_ms * NS_PER_MS), travel_m, moved=moved)
+        sample = self.pairing.add(side, round(t_ms * NS_PER_MS), travel_m, moved=moved, told=told)
         if sample is not None:
             self.samples.append(sample)
         return sample
@@ -182,6 +184,16 @@ def test_a_gap_of_both_sides_is_lost_even_where_each_says_it_moved() -> None:
         bench.both(t_ms, t_ms * 1e-3, t_ms * 1e-3)
     assert [s.interval_s for s in bench.samples] == pytest.approx([0.05, 0.05])
     assert [s.lost_s for s in bench.samples] == pytest.approx([0.0, 1.0])
+    assert [s.lost_m for s in bench.samples] == pytest.approx([0.0, 1.0])
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_what_is_lost_has_a_length_where_both_sides_tell_it(told: bool) -> None:
+    bench = Bench()
+    for t_ms in (0, 50, 1050, 1100, 1150):
+        bench.add(LEFT, t_ms, t_ms * 1e-3, moved=t_ms not in (0, 1050), told=t_ms == 1050)
+        bench.add(RIGHT, t_ms, t_ms * 2e-3, moved=t_ms not in (0, 1050), told=told)
+    assert [s.lost_m for s in bench.samples] == pytest.approx([0.0, 1.5 if told else 0.0, 0.0])
 
 
 def test_a_jump_loses_only_the_interval_in_which_it_was() -> None:

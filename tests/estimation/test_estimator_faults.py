@@ -135,6 +135,45 @@ def test_set_pose_holds_for_now_and_not_for_the_time_the_filter_has_reached() ->
         assert (pose.x_m, pose.y_m, pose.heading_rad) == pytest.approx((10.0, 20.0, 2.0), abs=1e-9)
 
 
+def over_a_gap(e: Estimator, gap_s: float, lost_m: float, set_s: float = math.inf) -> Pose:
+    """Slalom at 1 m/s for 20 s, wheels away for so long, and on for a second. At `set_s` somebody sets the pose."""
+    end_s = 20.0 + gap_s
+    for _, sample in drive(end_s + 1.0):
+        t_s = (sample.t_ns - T0) / S
+        if t_s > set_s:
+            e.set_pose(10.0, 20.0, 0.5, 0.0, 0.0)
+            set_s = math.inf
+        if isinstance(sample, GyroSample):
+            e.add_gyro(sample)
+        elif t_s < 20.01 or t_s > end_s + 0.01:
+            is_first = 20.01 < t_s < end_s + 0.06
+            last = e.add_wheels(sample._replace(lost_s=gap_s, lost_m=lost_m) if is_first else sample)
+        e.tick(sample.t_ns)
+    assert last is not None
+    return last
+
+
+@pytest.mark.parametrize("gap_s", [0.6, 2.0, 5.0])
+def test_the_way_that_counters_tell_of_a_gap_is_gone_and_the_bound_stays(gap_s: float) -> None:
+    whole = feed(make(KNOWN), drive(21.0 + gap_s))[-1]
+    told, untold = (over_a_gap(make(KNOWN), gap_s, lost_m) for lost_m in (gap_s, 0.0))
+    apart = [math.hypot(p.x_m - whole.x_m, p.y_m - whole.y_m) for p in (told, untold)]
+    assert apart[0] < 0.3 * gap_s  # of a slalom
+    assert apart[1] > 0.9 * gap_s
+    assert apart[1] < untold.position_bound_m == pytest.approx(told.position_bound_m, rel=0.01)
+
+
+def test_where_the_pose_was_set_in_a_gap_the_way_before_it_is_not_gone_again() -> None:
+    told, untold = (over_a_gap(make(KNOWN), 3.0, lost_m, set_s=21.5) for lost_m in (3.0, 0.0))
+    assert (told.x_m, told.y_m) == (untold.x_m, untold.y_m)
+    assert math.hypot(told.x_m - 10.0, told.y_m - 20.0) < 1.1
+
+
+def test_no_more_is_believed_of_a_gap_than_the_bound_has() -> None:
+    far, none = (over_a_gap(make(KNOWN), 2.0, lost_m) for lost_m in (4.1, 0.0))  # 1 m/s, and 1 m/s^2 more
+    assert (far.x_m, far.y_m) == (none.x_m, none.y_m)
+
+
 def test_set_pose_during_a_gap_starts_the_growth_anew() -> None:
     e = make()
     feed(e, drive(5))

@@ -208,8 +208,9 @@ def test_rows_of_counts_become_what_the_daemons_counters_and_pairing_make(
     expected = []
     for t_ns, *counts in zip(stamps_ns(times, FIRST_NS).tolist(), left.tolist(), right.tolist(), strict=True):
         for side, count in zip(Side, counts, strict=True):
-            moved = sides[side].add(t_ns, count) is Outcome.MOVED
-            sample = pairing.add(side, t_ns, sides[side].total * unit[0], moved=moved)
+            outcome = sides[side].add(t_ns, count)
+            moved, told = outcome is Outcome.MOVED, outcome is Outcome.GAP
+            sample = pairing.add(side, t_ns, sides[side].total * unit[0], moved=moved, told=told)
         if sample is not None:
             expected.append(sample)
     assert [s.t_ns for s in samples] == [s.t_ns for s in expected]
