@@ -89,13 +89,25 @@ def test_the_prediction_is_what_small_angles_give() -> None:
     assert cw == pytest.approx([-2 * SIDE_M * 2e-4, -2 * SIDE_M * 2e-4], rel=1e-2)
 
 
-def test_sigmas_cover_the_truth() -> None:
-    z = []
+@pytest.mark.parametrize("runs", [2, 5])
+@pytest.mark.parametrize(("sigma_m", "read_to_m"), [(0.02, 1e-6), (0.004, 0.01)])
+def test_sigmas_cover_the_truth(runs: int, sigma_m: float, read_to_m: float) -> None:
+    off = []
     for seed in range(200):
-        found = evaluate(ten_squares(1.004, 1.02, 0.02, seed), SIDE_M, TREAD_M)
-        z.append([(found.E_d.value - 1.004) / found.E_d.sigma, (found.E_b.value - 1.02) / found.E_b.sigma])
-    # The mean square of a t value with 8 degrees of freedom is 8 / 6.
-    assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([math.sqrt(8 / 6)] * 2, rel=0.2)
+        E_b = 1.02 + 1e-5 * seed  # rounded up and down
+        exact = ten_squares(1.004, E_b, sigma_m, seed, runs)
+        read = Returns(*(read_to_m * np.round(m / read_to_m) for m in (exact.cw_m, exact.ccw_m)))
+        found = evaluate(read, SIDE_M, TREAD_M)
+        off.append([(found.E_d.value - 1.004) / found.E_d.sigma, (found.E_b.value - E_b) / found.E_b.sigma])
+    assert (np.mean(np.abs(off) < 1.96, axis=0) > 0.9).all()
+
+
+def test_runs_that_agree_to_the_digit_leave_the_tread_unsure() -> None:
+    exact = ten_squares(1.004, 1.02)
+    found = evaluate(Returns(exact.cw_m.round(2), exact.ccw_m.round(2)), SIDE_M, TREAD_M)
+    # Four coordinates rounded to 1 cm tell alpha by their sum over 8 sides; 1.18 is t with 8 degrees of freedom.
+    alpha_rad = 1.18 * 0.01 * math.sqrt(4 / 12) / (8 * SIDE_M)
+    assert found.E_b.sigma == pytest.approx(alpha_rad / (math.pi / 2), rel=0.1)
 
 
 def test_a_spread_larger_than_the_effect_is_called_not_significant() -> None:

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from drd.arrays import Array
@@ -19,6 +20,8 @@ from drd_tools.recordings.folder import read_table
 HEADER: Final = ("direction", "x_m", "y_m")
 CONFIDENCE: Final = 0.95
 RUNS: Final = 5  # in each direction, as Borenstein and Feng have it
+# What people read off a tape, coarsest first; the last is the least that a return is unsure by.
+READ_TO_M: Final = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Returns:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and its standard deviation; nan where a single run leaves it unknown."""
+    """A value and its standard deviation, of which 1.96 hold 95 %; nan where a single run leaves it unknown."""
 
     value: float
     sigma: float
@@ -120,10 +123,11 @@ def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
         raise ValueError("returns of both directions are needed")
     alpha, beta = (float(value) for value in _solve(returns.cw_m, returns.ccw_m, side_m))
     # To first order alpha and beta are half the sum and half the difference of what each direction tells.
-    variances = [_variance_of_mean(m, way, side_m) for m, way in ((returns.cw_m, -1), (returns.ccw_m, 1))]
-    sigma = 0.5 * math.sqrt(sum(variances))
+    step_m = _read_to_m(returns)
+    variances = [_variance_of_mean(m, way, side_m, step_m) for m, way in ((returns.cw_m, -1), (returns.ccw_m, 1))]
     freedom = max(len(returns.cw_m) + len(returns.ccw_m) - 2, 1)
-    limit = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * sigma
+    limit = float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)) * 0.5 * math.sqrt(sum(variances))
+    sigma = limit / float(norm.ppf(0.5 + 0.5 * CONFIDENCE))  # few runs may agree by chance
     E_b = 0.5 * math.pi / (0.5 * math.pi + alpha)
     E_d = diameters_ratio(beta, side_m, E_b * tread_m)
     sigma_b, sigma_d = sigma * E_b**2 / (0.5 * math.pi), sigma * tread_m / side_m
@@ -144,12 +148,22 @@ def evaluate(returns: Returns, side_m: float, tread_m: float) -> Umbmark:
     )
 
 
-def _variance_of_mean(returns_m: Array, direction: int, side_m: float) -> float:
-    """Variance of `one_way_rad`; nan for a single run."""
+def _variance_of_mean(returns_m: Array, direction: int, side_m: float, step_m: float) -> float:
+    """Variance of `one_way_rad` of coordinates that are read to `step_m`; nan for a single run.
+
+    Runs that scatter by less than they are read to are all rounded alike, which no mean takes off.
+    """
     if len(returns_m) < 2:
         return math.nan
     each = (returns_m[:, 0] - direction * returns_m[:, 1]) / (4.0 * side_m)
-    return float(np.var(each, ddof=1)) / len(each)
+    return max(float(np.var(each, ddof=1)) / len(each), step_m**2 / 6.0 / (4.0 * side_m) ** 2)
+
+
+def _read_to_m(returns: Returns) -> float:
+    """The coarsest of the usual steps that all coordinates are multiples of; else the finest."""
+    read_m = np.concatenate([returns.cw_m, returns.ccw_m])
+    fits = (step_m for step_m in READ_TO_M if np.abs(read_m - step_m * np.round(read_m / step_m)).max() < 1e-6)
+    return next(fits, READ_TO_M[-1])
 
 
 def _largest(centroids_m: Array, returns: Returns) -> Estimate:
