@@ -84,7 +84,7 @@ def columns(what: str, given: Columns, names: tuple[str, ...], rows: int = 1) ->
         if name not in given:
             raise ConfigError(what, name, "a column of numbers", "none")
         try:
-            array = np.asarray(given[name], np.float64)
+            array = _numbers(given[name])
         except (TypeError, ValueError) as error:
             raise ConfigError(what, name, "a column of numbers", str(error)) from error
         n = len(arrays[0]) if arrays else max(rows, array.size)
@@ -96,6 +96,14 @@ def columns(what: str, given: Columns, names: tuple[str, ...], rows: int = 1) ->
     time_s = arrays[0]
     _refuse(what, names[0], time_s, np.diff(time_s, prepend=-np.inf) <= 0.0, "rising times")
     return arrays
+
+
+def _numbers(column: Any) -> Array:
+    """A column as numbers, NaN where a mask hides them. Raises TypeError or ValueError."""
+    dtype = np.asarray(column).dtype
+    if dtype.kind in "mMc":  # numpy would drop the unit of times, and an imaginary part
+        raise TypeError(str(dtype))
+    return np.asarray(np.ma.filled(np.ma.asarray(column, np.float64), np.nan))
 
 
 def _refuse(what: str, name: str, array: Array, wrong: npt.NDArray[np.bool_], expected: str) -> None:

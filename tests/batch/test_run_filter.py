@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from replay_folders import short_drive
 
 import drd
+from drd.arrays import Array
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.run import run
 from drd.batch.samples import FIRST_NS, gyro_samples, wheel_samples
@@ -161,6 +163,22 @@ def test_what_is_wrong_is_said_with_its_column(
         given[part][column][3] = value
     with pytest.raises(drd.ConfigError, match=expected):
         drd.run_filter(given["gyro"], given["wheels"], ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda t: (1e3 * t).astype("timedelta64[ms]"), r"time_s: expected a column of numbers, got timedelta64\[ms\]"),
+        (lambda t: (1e3 * t).astype("datetime64[ms]"), r"time_s: expected a column of numbers, got datetime64\[ms\]"),
+        (lambda t: np.ma.masked_less(t, t[3]), r"time_s: expected finite numbers, got nan at index 0"),
+    ],
+)
+def test_columns_whose_numbers_mean_something_else_are_refused(
+    frames: tuple[Frame, Frame], change: Callable[[Array], Any], expected: str
+) -> None:
+    gyro, wheels = (frame | {"time_s": change(frame["time_s"])} for frame in frames)
+    with pytest.raises(drd.ConfigError, match=expected):
+        drd.run_filter(gyro, wheels, ROBOT)
 
 
 def test_logs_that_have_nothing_in_common_or_are_too_short_are_refused(frames: tuple[Frame, Frame]) -> None:
