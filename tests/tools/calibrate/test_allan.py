@@ -7,6 +7,7 @@ from gyro_noise_data import rates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+from scipy.signal import lfilter
 
 from drd_tools.calibrate.noise.allan import (
     LONGEST_PART,
@@ -109,6 +110,25 @@ def test_estimates_scatter_about_the_truth() -> None:
     assert middle[[Q, N]] == pytest.approx([1e-4, 1e-3], rel=0.05)
     assert middle[B] == pytest.approx(1e-4, rel=0.4)
     assert middle[K] == pytest.approx(1e-5, rel=0.4)
+
+
+@pytest.mark.parametrize(("interval_s", "constant_s", "order"), [(0.01, 0.016, 1), (0.02, 0.03, 4), (0.1, 0.3, 1)])
+def test_a_filter_in_the_gyro_hides_no_angle_random_walk(interval_s: float, constant_s: float, order: int) -> None:
+    a = np.exp(-interval_s / constant_s)
+    for seed in range(5):
+        noise = rates(36_000, interval_s, {"N": 1e-3, "K": 1e-6}, seed)
+        for _ in range(order):
+            noise = lfilter([1.0 - a], [1.0, -a], noise)
+        curve = allan_curve(noise, interval_s)
+        found = fit(shapes(curve.tau_s), curve.deviation**2, curve.edf, MODEL)
+        assert np.sqrt(found.squares[N]) == pytest.approx(1e-3, rel=0.12)
+
+
+@pytest.mark.parametrize("term", ["Q", "N", "B", "K", "R"])
+def test_a_gyro_without_a_filter_keeps_the_shortest_averages(term: str) -> None:
+    for seed in range(20):
+        noise = rates(3000, 0.1, {"N": 1e-3, term: 1e-3}, seed)
+        assert allan_curve(noise, 0.1).factors[0] == 1
 
 
 def test_a_curve_of_zeros_has_no_noise() -> None:

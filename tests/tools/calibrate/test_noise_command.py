@@ -17,7 +17,7 @@ from drd.samples import GyroSample
 from drd.units import NS_PER_S, RAD_PER_DEG
 from drd_tools.calibrate.fog_recorder import Progress, RecordingError
 from drd_tools.calibrate.noise import command as noise_command
-from drd_tools.calibrate.noise.allan import B, K, N, Q, allan_curve, fit, shapes
+from drd_tools.calibrate.noise.allan import N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.analysis import Origin, analyse, filter_noise
 from drd_tools.calibrate.noise.command import Drift
 from drd_tools.calibrate.noise.intervals import Interval
@@ -223,5 +223,6 @@ def test_the_real_bench_log_of_a_kvh_1750_is_no_standstill() -> None:
     assert found is not None
     assert found[0] == pytest.approx(2.5, abs=1.0)
     curve = allan_curve(log.rate_rad_s[:2400], 1e-3)
-    squares = fit(shapes(curve.tau_s), curve.deviation**2, curve.edf, (Q, N, B, K)).squares
+    short = curve.tau_s < 0.02  # the table swings in 0.1 s
+    squares = fit(shapes(curve.tau_s[short]), curve.deviation[short] ** 2, curve.edf[short], (Q, N)).squares
     assert 0.1 < np.sqrt(squares[N]) / DEG_ROOT_H < 1.0

@@ -28,6 +28,10 @@ LONGEST_PART: Final = 3
 # Blocks that the log is cut into for the long averaging times; the intervals are simulated with as many.
 MAX_BLOCKS: Final = 8192
 ITERATIONS: Final = 4
+# Slopes of the curve are compared where they are known to 0.2, and differ by more than twice their deviations.
+TELLING_EDF: Final = 300.0
+SURELY: Final = 2.0
+OCTAVE: Final = 2  # averaging times
 # A unit of variance far below any gyro's, so that a curve of zeros has a finite weight.
 TINY: Final = 1e-40
 
@@ -36,6 +40,7 @@ TINY: Final = 1e-40
 class Curve:
     """Overlapping Allan deviation at `factors * interval_s`, shape (k,), with 90 % limits. rad/s and s.
 
+    It begins where a filter in the gyro does not show any more; without one at a single sample.
     `edf`: degrees of freedom of each point if the noise were each of TERMS, shape (k, 5). `block`: the averaging
     factors from here on are whole multiples of it.
     """
@@ -90,11 +95,31 @@ def allan_curve(rate_rad_s: Array, interval_s: float) -> Curve:
     found = allantools.oadev(centred, rate=1.0, data_type="freq", taus=factors.astype(float))
     deviation = np.asarray(found[1]) if len(found[1]) == len(factors) else np.zeros(len(factors))
     edf = degrees_of_freedom(count, tuple(map(int, factors)))
+    first = unfiltered(np.asarray(factors * interval_s), deviation**2, edf[:, N])
+    factors, deviation, edf = factors[first:], deviation[first:], edf[first:]
     shape = shapes(np.asarray(factors * interval_s))
     largest = np.argmax(shape * fit(shape, deviation**2, edf, (Q, N, B, K)).squares, axis=-1)
     chosen = edf[np.arange(len(edf)), largest]
     limits = np.array([confidence_interval(d, e, CONFIDENCE) for d, e in zip(deviation, chosen, strict=True)])
     return Curve(interval_s, count, block, factors, deviation, limits[:, 0], limits[:, 1], edf)
+
+
+def unfiltered(tau_s: Array, variance: Array, edf: Array) -> int:
+    """Index of the first averaging time whose variance a filter in the gyro has not made smaller. Shape (k,) each. (49)
+
+    The model, a sum of powers, is convex in logarithms: it falls fastest at the shortest times. Where a curve falls
+    faster later on, a low pass has taken noise off what comes before; what is left of that halves with each octave.
+    """
+    log_tau, log_variance = np.log(tau_s), np.log(np.maximum(variance, TINY))
+    octave = log_tau[OCTAVE:] - log_tau[:-OCTAVE]
+    slope = (log_variance[OCTAVE:] - log_variance[:-OCTAVE]) / octave
+    margin = SURELY * np.sqrt(2.0 / edf[OCTAVE:] + 2.0 / edf[:-OCTAVE]) / octave
+    telling = edf[OCTAVE:] >= TELLING_EDF
+    if not telling.any():
+        return 0
+    steepest = np.minimum.accumulate((slope + margin)[telling][::-1])[::-1]
+    first = int(np.argmax((slope - margin)[telling] <= steepest))
+    return first + OCTAVE if first else 0
 
 
 def degrees_of_freedom(count: int, factors: Sequence[int]) -> Array:

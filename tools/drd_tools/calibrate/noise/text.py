@@ -46,6 +46,7 @@ def sentences(result: GyroNoise) -> list[str]:
         f"{len(log.rate_rad_s)} samples, {duration(log.duration_s)} at {1.0 / log.interval_s:.4g} Hz, were analysed.",
         *result.whole.notes,
         _left_out(result),
+        _filtered(result),
         *_warm_up(result),
         f"Bias: {result.bias_rad_s * DEG_H:.2f} deg/h, known to {_two(result.bias_sigma_rad_s * DEG_H)} deg/h; it "
         "includes the vertical part of the Earth's rate, 15.04 deg/h times the sine of the latitude.",
@@ -61,6 +62,15 @@ def _left_out(result: GyroNoise) -> str:
         return ""
     why = "as asked with --skip" if result.skipped_by_user else "as warm-up"
     return f"The first {duration(result.left_out_s)} were left out, {why}."
+
+
+def _filtered(result: GyroNoise) -> str:
+    if result.curve.factors[0] == 1:
+        return ""
+    return (
+        f"Averaging times below {duration(float(result.curve.tau_s[0]))} were left out: neighbouring readings are "
+        "alike, as a filter in the gyro makes them, and would show too little angle random walk."
+    )
 
 
 def _warm_up(result: GyroNoise) -> list[str]:
