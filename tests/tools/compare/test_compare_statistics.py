@@ -12,7 +12,7 @@ from drd.arrays import Array
 from drd_tools.compare.blocks import Blocks, cut
 from drd_tools.compare.covariates import Covariate, covariates_of
 from drd_tools.compare.mismatch import KINDS, Standstill, kinds_of, mismatches
-from drd_tools.compare.noise import Expected, draw, expected
+from drd_tools.compare.noise import Expected, _fast, draw, expected
 from drd_tools.compare.shares import Share, curve, shares, whitened
 from drd_tools.diagnose.error_model.linear import Sensitivity
 from drd_tools.diagnose.error_model.nominal_path import follow
@@ -89,6 +89,17 @@ def test_what_the_reference_does_is_taken_off_and_no_mismatch() -> None:
     values, covariance = noise.fit_reference(y)
     assert values[0] == pytest.approx(1.5, abs=5.0 * covariance[0, 0] ** 0.5)
     assert np.sqrt(np.mean(whitened(y, noise).y ** 2)) < 1.3
+
+
+def test_long_rests_do_not_make_the_noise_in_motion_larger() -> None:
+    # 12 of 20 blocks stand, where a draw leaves a hundredth of the noise: less than data sheets and constant allow for.
+    q = np.where(np.arange(20) < 12, 0.0, np.linspace(1e-6, 4e-6, 20))
+    moves = q > 0.0
+    for seed in range(6):
+        draws = np.random.default_rng(seed).standard_normal((12, 20)) * np.sqrt(3.0 * q + 1e-10)
+        ratio = np.diag(_fast(draws, q))[moves] / (3.0 * q[moves])
+        # The mean over all blocks is right, those at rest being allowed more: of 20 blocks 8 move.
+        assert ratio == pytest.approx(np.full(moves.sum(), 8 / 20), abs=0.15)
 
 
 def test_nominal_recordings_have_the_noise_that_is_expected_of_them(drive: tuple[Evidence, Poses]) -> None:

@@ -21,7 +21,7 @@ BLOCKS_WANTED: Final = 480  # in all draws together: sigmas are then known to ab
 FEWEST_DRAWS: Final = 4
 MOST_DRAWS: Final = 12
 LAGS: Final = 24
-LEAST: Final = 0.3  # of the median sigma: no block counts for more than ten
+LEAST: Final = 0.3  # of the median sigma in motion: no block counts for more than ten
 
 
 class Expected:
@@ -115,7 +115,8 @@ def _fast(draws: Array, q: Array) -> Array:
     share, _ = nnls(np.column_stack([q, np.full(n, scale)]) * weight[:, None], variance * weight)
     sigma = np.sqrt(share[0] * q + share[1] * scale)
     # Wheels that stand are exact; trusted as such, they would outweigh all blocks in which something happens.
-    sigma = np.maximum(sigma, LEAST * float(np.median(sigma)))
+    moves = q > 0.0 if q.any() else np.ones(n, bool)
+    sigma = np.maximum(sigma, LEAST * float(np.median(sigma[moves])))
     sigma = np.maximum(sigma, 1e-3 * scale**0.5)
     u = draws / sigma
     lags = np.arange(min(LAGS, n))
