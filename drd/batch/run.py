@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from drd.batch import left_out
 from drd.batch.logs import EncoderLog, FogLog
 from drd.batch.samples import FIRST_NS, gyro_samples, resolution_m, wheel_samples, zero_of
 from drd.config.keys import Config
@@ -34,8 +35,8 @@ class Filtered:
     """The poses of two logs, and how they were made.
 
     `zero_ns`: the poses' time at which the logs' `time_s` is 0. `began_ns`: where the dead reckoning began, the pose
-    there being zero. `samples` and `counters` are by part and name. `notes`: sentences about wheels and gyro that
-    contradict each other.
+    there being zero. `samples` and `counters` are by part and name. `notes`: sentences about rows that were left
+    out, and about wheels and gyro that contradict each other.
     """
 
     poses: list[Pose]
@@ -72,13 +73,15 @@ def filter_logs(
     estimator = Estimator(config, calibration, count_m, removal, new_track=new_track, publish_on=publish_on)
     poses = run(estimator, gyro, wheels, watch)
     geometry = Geometry(config.robot.tread_m, count_m, config.fog.protocol != "none")
+    counters = {"fog": gyro_counters, "encoders": wheel_counters, "estimator": dict(estimator.counters)}
+    notes = sentences(judge(gyro, wheels, geometry)) if poses else []
     return Filtered(
         poses,
         zero_ns,
         began_ns,
         {"gyro": len(gyro), "wheels": len(wheels)},
-        {"fog": gyro_counters, "encoders": wheel_counters, "estimator": dict(estimator.counters)},
-        sentences(judge(gyro, wheels, geometry)) if poses else [],
+        counters,
+        [*left_out.sentences(encoders, config, counters), *notes],
     )
 
 

@@ -1,9 +1,11 @@
 """The filter for arrays: the poses of the replay, errors that name the column, and what it does not need."""
 
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -250,6 +252,33 @@ def test_the_example_needs_numpy_yaml_and_msgspec_only() -> None:
     end, true, bound = (line.split() for line in done.stdout.splitlines())
     error_m = math.hypot(*(float(end[k].rstrip(",")) - float(true[k + 1].rstrip(",")) for k in (2, 5)))
     assert 0.0 < error_m < float(bound[1])
+
+
+@pytest.mark.parametrize(("modulus", "fastest_m_s"), [(4096, None), (4096, 100.0)])
+def test_counters_that_start_again_are_told(
+    frames: tuple[Frame, Frame], modulus: int, fastest_m_s: float | None
+) -> None:
+    gyro, wheels = frames
+    robot = replace(ROBOT, max_speed_m_s=fastest_m_s)
+    wrapped = wheels | {name: wheels[name] % modulus for name in ("left_counts", "right_counts")}
+    assert drd.run_filter(gyro, wheels, robot).notes == ()
+    notes = drd.run_filter(gyro, wrapped, robot).notes
+    assert [n for n in notes if re.match(r"wheels: left_counts steps by more than half of its range \(rows: \d+\)", n)]
+    left_out = [n for n in notes if re.match(r"wheels: rows in which one is faster than 10 m/s were left out", n)]
+    # As a jump only where it is faster than the robot can be: 4096 counts of 4000 in 0.05 s are 12.9 m/s.
+    assert len(left_out) == (fastest_m_s is None)
+
+
+def test_what_is_left_out_is_told(frames: tuple[Frame, Frame]) -> None:
+    gyro, wheels = frames
+    kept = np.abs(wheels["time_s"] - np.median(wheels["time_s"])) > 2.0
+    peak = gyro["rate_deg_s"].copy()
+    peak[7] = 400.0
+    notes = drd.run_filter(gyro | {"rate_deg_s": peak}, {k: v[kept] for k, v in wheels.items()}, ROBOT).notes
+    assert notes[:2] == (
+        "wheels: the travel in gaps of more than 0.5 s was left out (1).",
+        "gyro: rows beyond its range of 100 deg/s were left out (1).",
+    )
 
 
 def test_what_drd_does_not_have_is_no_attribute() -> None:
