@@ -2,6 +2,7 @@
 
 import gzip
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from drd_tools.calibrate.noise.allan import N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.analysis import Origin, analyse, filter_noise
 from drd_tools.calibrate.noise.command import Drift
 from drd_tools.calibrate.noise.intervals import Interval
-from drd_tools.calibrate.noise.static_log import StaticLog, motion
+from drd_tools.calibrate.noise.static_log import StaticLog, motion, rounding_rad_s
 from drd_tools.calibrate.noise.text import duration, sentences, snippet
 
 ROBOT: dict[str, Any] = {
@@ -210,6 +211,19 @@ def test_the_live_display_tells_a_warm_up_from_a_steady_bias() -> None:
             if i < 150:
                 assert said.startswith("drift: known after")
         assert said.startswith(words)
+
+
+@pytest.mark.parametrize("bias_deg_h", [44.0, 86.0, 108.0])
+def test_a_bias_within_a_step_of_the_readings_is_as_unsure_as_the_step(bias_deg_h: float) -> None:
+    step = 180.0 * DEG_H
+    exact = static_log(bias_deg_h=bias_deg_h)
+    for coarse in (step, 0.25 * step):  # of the gyro's noise 11 and 3 times
+        found = analyse(replace(exact, rate_rad_s=coarse * np.round(exact.rate_rad_s / coarse)), 0.0, simulations=20)
+        assert abs(found.bias_rad_s - bias_deg_h * DEG_H) < 3.0 * found.bias_sigma_rad_s
+        assert found.start_sigma_rad_s > 0.2 * coarse
+    # Noise of half a step and more averages the rounding out.
+    fine = replace(exact, rate_rad_s=0.04 * step * np.round(exact.rate_rad_s / step / 0.04))
+    assert rounding_rad_s(fine) < 1e-3 * 0.04 * step
 
 
 @pytest.mark.recordings

@@ -13,7 +13,7 @@ from drd.config.schema import ConfigError
 from drd.units import RAD_PER_DEG, RAD_PER_S_PER_SQRT_S_PER_DEG_PER_H_PER_SQRT_H
 from drd_tools.calibrate.noise.allan import FLOOR, TERMS, B, Curve, Fit, K, N, Q, allan_curve, fit, shapes
 from drd_tools.calibrate.noise.intervals import SIMULATIONS, Interval, Simulator, intervals, shows_ramp
-from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog
+from drd_tools.calibrate.noise.static_log import SHORTEST_S, StaticLog, rounding_rad_s
 from drd_tools.calibrate.noise.warmup import Slope, WarmUp, fit_warm_up, left_out_s, temperature_slope
 
 MODEL: Final = (Q, N, B, K)
@@ -110,7 +110,7 @@ def analyse(
     slow = fit(shape, measured, curve.edf, FILTER)
     random_walk = intervals(curve, slow, simulator, (K,), on_step)[K]
     # The mean against the bias at the log's end: N^2/T is (28), K^2 T/3 of a random walk, and flicker's floor. (49)
-    sigma = math.sqrt(float(shapes(np.array([log.duration_s]))[0] @ found.squares))
+    sigma = math.hypot(math.sqrt(float(shapes(np.array([log.duration_s]))[0] @ found.squares)), rounding_rad_s(log))
     bias = float(log.rate_rad_s.mean())
     first = bias if warm_up is None else float(warm_up.at(np.zeros(1))[0])
     return GyroNoise(

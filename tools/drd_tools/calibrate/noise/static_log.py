@@ -33,6 +33,7 @@ SMALLEST_MOTION_DEG_S: Final = 0.02
 # Wandering beyond what the scatter from sample to sample explains; flicker and random walk stay far below in 1 s.
 EXCESS: Final = 5.0
 DRIFT_BLOCKS: Final = 61
+ROUNDS: Final = 50  # of a fixed point, which is then there to the digit
 
 
 @dataclass(frozen=True)
@@ -178,12 +179,32 @@ def motion(log: StaticLog) -> tuple[float, float, float] | None:
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(means, half, mode="reflect"), 2 * half + 1)
     off = np.abs(means - np.median(windows, axis=1))
     scatter = float(median_abs_deviation(np.diff(rate_deg_s), scale="normal")) / math.sqrt(2.0)
-    steps = np.abs(np.diff(np.unique(rate_deg_s)))
-    resolution = float(steps[steps > 1e-9].min(initial=np.inf))
-    expected = max(scatter, resolution if math.isfinite(resolution) else 0.0) / math.sqrt(size)
+    expected = max(scatter, _resolution(rate_deg_s)) / math.sqrt(size)
     sigma = min(max(1.4826 * float(np.median(off)), expected), EXCESS * expected)
     limit = max(MOTION_SIGMAS * sigma, SMALLEST_MOTION_DEG_S)
     late = np.flatnonzero(off > limit)
     if not len(late):
         return None
     return log.begins_s + float(late[0]) * size * log.interval_s, float(off[late[0]]), limit
+
+
+def rounding_rad_s(log: StaticLog) -> float:
+    """How far the mean of rounded readings may be off by that alone, rad/s, one standard deviation.
+
+    Noise of a variance v, in squares of a step, leaves the part exp(-2 pi^2 v) of it (Widrow's theorem), and makes the
+    readings scatter by v + 1/12, but for up to 1/6 of the same part: v is the least that may be so.
+    """
+    step = _resolution(log.rate_rad_s * DEG_PER_RAD) * RAD_PER_DEG
+    if step == 0.0:
+        return 0.0
+    scatter, part = float(np.var(log.rate_rad_s)) / step**2, 1.0
+    for _ in range(ROUNDS):
+        part = math.exp(-2.0 * math.pi**2 * max(scatter - 1.0 / 12.0 - part / 6.0, 0.0))
+    return step / math.sqrt(12.0) * part
+
+
+def _resolution(rate_deg_s: Array) -> float:
+    """The smallest step between readings, deg/s; 0 where there is none."""
+    steps = np.diff(np.unique(rate_deg_s))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if len(steps) else 0.0
