@@ -60,8 +60,8 @@ def two_and_unknown() -> Made:
     )  # fmt: skip
     unknown = _finding("unknown", "gyro", {}, "place", 21.4, 0.11, status="suspected")
     unknown["evidence"] |= {"family_wise_p": 0.031, "e_value": None}
-    diagnosis = _diagnosis("morning_run", "partly_explained", [slip, warmup, unknown], (0.16, 0.84))
-    diagnosis["recording"] = ["morning_run", "a very long name of the second run that was made after noon, 2024-05-13"]
+    second = "a very long name of the second run that was made after noon, 2024-05-13"
+    diagnosis = _diagnosis(f"morning_run, {second}", "partly_explained", [slip, warmup, unknown], (0.16, 0.84))
     pairs = [["gyro_warmup", name] for name in warmup["also_fits"]]
     diagnosis["next_drive"] = {
         "manoeuvre": "standing still, cooled; then a slalom", "minutes": 5.5, "nats": 7.5, "separates": pairs,
@@ -77,7 +77,7 @@ def two_and_unknown() -> Made:
         rng,
         [
             _recording("morning_run", sparse, _path(time_s, wrong, SPEED_M_S * (1.0 + 0.05 * wet)), corrected),
-            _recording(diagnosis["recording"][1], reference, _path(time_s, wrong), corrected),
+            _recording(second, reference, _path(time_s, wrong), corrected),
         ],
     )
     both = np.concatenate([times, times])
@@ -103,7 +103,7 @@ def two_and_unknown() -> Made:
     series["residual"] = _residual(rng, 1.9)
     series["held_out"] = [
         _held(name, quantity, unit, before, after)
-        for name, gain in (("morning_run", 1.0), (diagnosis["recording"][1], 1.6))
+        for name, gain in (("morning_run", 1.0), (second, 1.6))
         for quantity, unit, before, after in (
             ("position rms", "m", 2.2 * gain, 0.6),
             ("heading rms", "deg", 0.9, 0.95 * gain),

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import Final, Literal
 
-import numpy as np
-import numpy.typing as npt
 from msgspec import UNSET, Struct, UnsetType, field
 
-Array = npt.NDArray[np.float64]
+from drd import arrays
+
+Array = arrays.Array
 Ranges = Mapping[str, tuple[float, float]]  # low and high of each covariate, in its file's unit
 Figures = dict[str, float | None]  # of an evaluation, by name and unit
 Window = tuple[float, float]
@@ -243,7 +243,7 @@ class Result(Struct, frozen=True, kw_only=True):
     """
 
     schema: Literal[1] = 1
-    recording: str | list[str]
+    recording: str
     verdict: Verdict
     findings: tuple[Finding, ...]
     unexplained: Unexplained

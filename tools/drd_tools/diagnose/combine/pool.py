@@ -63,7 +63,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
     before = _side_by_side(results, [r.fit.train.before for r in results])
     after = _side_by_side(results, [r.fit.train.after for r in results])
     return Result(
-        recording=", ".join(map(name_of, results)),
+        recording=", ".join(r.recording for r in results),
         verdict=_verdict(results, findings, bool(common)),
         findings=tuple(findings),
         unexplained=Unexplained(
@@ -75,7 +75,7 @@ def combined(results: Sequence[Result], statistics: Sequence[SufficientStatistic
         not_observable=_unobservable(results, {*found, *detectable}),
         classes=[c for c in results[0].classes if all(c in other.classes for other in results)],
         fit=Fit(Train(before, after), results[0].fit.held_out),
-        scatter=tuple(replace(n, sentence=f"{name_of(r)}: {n.sentence}") for r in results for n in r.scatter),
+        scatter=tuple(replace(n, sentence=f"{r.recording}: {n.sentence}") for r in results for n in r.scatter),
         next_drive=next((r.next_drive for r in results if r.next_drive), None),
         reference=_reference_of_all(results) or UNSET,
     )
@@ -97,16 +97,11 @@ def _reference_of_all(results: Sequence[Result]) -> dict[str, Amount]:
     return {name: fault for name, fault in found.items() if abs(fault.value) > CLEARLY * fault.std}
 
 
-def name_of(result: Result) -> str:
-    """The recording's name, or those of several."""
-    return result.recording if isinstance(result.recording, str) else ", ".join(result.recording)
-
-
 def _grouped(results: Sequence[Result]) -> dict[str, list[_Said]]:
     groups: dict[str, list[_Said]] = {}
     for result in results:
         for finding in result.findings:
-            groups.setdefault(finding.effect, []).append(_Said(name_of(result), finding))
+            groups.setdefault(finding.effect, []).append(_Said(result.recording, finding))
     return groups
 
 
@@ -201,7 +196,7 @@ def _borne_out(
 ) -> Finding:
     """The finding; withdrawn to a suspicion where more recordings speak against it than show it. (89)"""
     shown_in = {recording for recording, _ in said}
-    others = [(r, own) for r, own in zip(results, statistics, strict=True) if name_of(r) not in shown_in]
+    others = [(r, own) for r, own in zip(results, statistics, strict=True) if r.recording not in shown_in]
     found = (own.log_bayes_factor(finding.effect, _prior(finding)) for _, own in others)
     if nats := [n for n in found if n is not None]:
         against = sum(n < 0.0 for n in nats) if sum(nats) < -math.log(STRONG_ODDS) else 0
@@ -280,7 +275,7 @@ def _ruled_out(results: Sequence[Result], found: set[str]) -> list[Because]:
     for result in results:
         for row in result.ruled_out:
             size = _size(result.detectable.get(row.effect))
-            said.setdefault(row.effect, []).append((size, f"{name_of(result)}: {row.because}"))
+            said.setdefault(row.effect, []).append((size, f"{result.recording}: {row.because}"))
     return [
         Because(name, min(texts, key=lambda t: t[0])[1])
         for name, texts in sorted(said.items())
@@ -295,7 +290,7 @@ def _unobservable(results: Sequence[Result], seen: set[str]) -> list[Because]:
 
 
 def _side_by_side(results: Sequence[Result], figures: Sequence[Figures]) -> Figures:
-    return {f"{name_of(r)}: {q}": v for r, own in zip(results, figures, strict=True) for q, v in own.items()}
+    return {f"{r.recording}: {q}": v for r, own in zip(results, figures, strict=True) for q, v in own.items()}
 
 
 def _most_sensitive(results: Sequence[Result]) -> dict[str, Smallest]:
