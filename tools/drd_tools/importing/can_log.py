@@ -17,7 +17,7 @@ from drd.encoders.stream import UNCOUNTED_RESOLUTION_M, EncoderStream
 from drd.samples import CanFrame, WheelSample
 from drd.units import NS_PER_S, S_PER_NS
 from drd_tools.importing.can_formats import messages
-from drd_tools.importing.streams import Origin, Source, Wheels, in_order
+from drd_tools.importing.streams import Origin, Source, Wheels
 from drd_tools.report.terminal import columns
 
 
@@ -75,7 +75,7 @@ class CanLog(Source):
         origin = Origin("can", f"{config.encoders.layout}, decoded with {self._file}", "the frames' own")
         told = ", ".join(f"{n} {value}" for n, value in stream.counters.items() if value)
         origin.notes.append(f"decoded as by the daemon: {told}")
-        return in_order(_travel(samples, stream.resolution_m, origin), origin)
+        return _travel(samples, stream.resolution_m, origin), origin
 
     def _config(self) -> tuple[Config, Path]:
         if self._file is None:

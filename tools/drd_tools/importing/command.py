@@ -20,7 +20,7 @@ from drd_tools.importing.examine import examine
 from drd_tools.importing.matching import Match, Turning, angle_of, match
 from drd_tools.importing.options import parser
 from drd_tools.importing.sources import open_source
-from drd_tools.importing.streams import Gyro, Origin, Reference, Wheels
+from drd_tools.importing.streams import GYRO_ANGLES, Gyro, Origin, Reference, Wheels, in_order
 from drd_tools.importing.text import summary
 from drd_tools.importing.text_table import TextTable
 from drd_tools.importing.write import MADE, SAID, nominal_of, prepare, write_robot, write_said
@@ -72,7 +72,8 @@ def read(chosen: argparse.Namespace, names: list[str]) -> Imported:
         source = open_source(path, chosen)
         if isinstance(source, TextTable):
             _ask_units(chosen, name)
-        values, origin = getattr(source, name)(getattr(chosen, name))
+        are_angles = name == "gyro" and chosen.gyro_unit in GYRO_ANGLES
+        values, origin = in_order(*getattr(source, name)(getattr(chosen, name)), are_angles=are_angles)
         shift = getattr(chosen, f"shift_{name}", 0.0)
         if isinstance(shift, float) and shift:
             values = _shifted(values, shift)

@@ -15,7 +15,7 @@ from drd.fog.protocol import FogProtocol
 from drd.samples import FogReading
 from drd.units import NS_PER_S
 from drd_tools.importing.can_formats import opened
-from drd_tools.importing.streams import Gyro, Origin, Source, in_order
+from drd_tools.importing.streams import Gyro, Origin, Source
 
 CHUNK: Final = 1 << 16
 # Counters of what was a packet before it was damaged; each took a beat.
@@ -78,7 +78,7 @@ class FogBytes(Source):
             beats = np.arange(1, beats[-1] + 1)
         time_ns = np.round(beats[valid] / fog.rate_hz * NS_PER_S).astype(np.int64)
         known = temperature_c[valid] if np.isfinite(temperature_c[valid]).all() else None
-        return in_order(Gyro(time_ns, value[valid][:, None], ("",), None, known), origin)
+        return Gyro(time_ns, value[valid][:, None], ("",), None, known), origin
 
 
 def _packets(protocol: FogProtocol, data: bytes) -> tuple[list[FogReading], npt.NDArray[np.int64]]:

@@ -36,7 +36,6 @@ class RosSource(Source):
     """A bag file, a bag's folder, or an MCAP file. Raises ConfigError.
 
     `joints`: names of the left and of the right ones. `pose`: take wheels from an odometry's poses, not its speeds.
-    `are_angles`: the gyro's values are angles since the message before.
     """
 
     def __init__(
@@ -47,10 +46,8 @@ class RosSource(Source):
         joints: tuple[str, str] | None,
         *,
         pose: bool,
-        are_angles: bool = False,
     ):
         self._bag, self._unit, self._joints, self._pose = Bag(path, stamps), wheel_unit, joints, pose
-        self._are_angles = are_angles
         self.path, self._where = path, str(path)
 
     def listing(self) -> list[str]:
@@ -68,13 +65,13 @@ class RosSource(Source):
         kind = self._bag.kind(topic, "--gyro")
         if path:
             time_ns, values, origin = self._bag.numbers(topic, self._picker(topic, path))
-            return in_order(Gyro(time_ns, values, ("",)), origin, are_angles=self._are_angles)
+            return Gyro(time_ns, values, ("",)), origin
         if kind not in VECTORS:
             raise ConfigError(self._where, f"--gyro {topic}", f"one of {', '.join(VECTORS)}, or TOPIC:FIELD", kind)
         vector = VECTORS[kind]
         if kind != IMU:
             time_ns, values, origin = self._bag.numbers(topic, lambda m: _xyz(getattr(m, vector)))
-            return in_order(Gyro(time_ns, values, ("x", "y", "z")), origin, are_angles=self._are_angles)
+            return Gyro(time_ns, values, ("x", "y", "z")), origin
         time_ns, picked, origin = self._bag.read(topic, _imu)
         values = np.array(picked)
         rates, force, covariance = values[:, :3], values[:, 3:6], values[:, 6]
@@ -82,8 +79,7 @@ class RosSource(Source):
             raise ConfigError(self._where, topic, "finite rates", "others")
         # The first covariance is -1 where a driver has no such sensor (sensor_msgs/Imu).
         has_force = bool((covariance != -1.0).all() and np.isfinite(force).all())
-        imu = Gyro(time_ns, rates, ("x", "y", "z"), force if has_force else None)
-        return in_order(imu, origin, are_angles=self._are_angles)
+        return Gyro(time_ns, rates, ("x", "y", "z"), force if has_force else None), origin
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """A topic of a known type, or LEFT,RIGHT of TOPIC:FIELD each."""
@@ -103,7 +99,7 @@ class RosSource(Source):
         forward, yaw = WHEEL_FIELDS[kind]
         time_ns, values, origin = self._bag.numbers(topic, lambda m: (field(m, forward), field(m, yaw)))
         origin.notes.append("speed and yaw rate of the robot, turned into wheel speeds with tread_m and radius_m")
-        return in_order(Wheels(time_ns, values[:, 0], values[:, 1], "twist"), origin)
+        return Wheels(time_ns, values[:, 0], values[:, 1], "twist"), origin
 
     def reference(self, name: str) -> tuple[Reference, Origin]:
         """A topic of poses."""
@@ -112,13 +108,13 @@ class RosSource(Source):
             why = " (a fix has no heading)" if kind == "sensor_msgs/msg/NavSatFix" else ""
             raise ConfigError(self._where, f"--reference {name}", f"one of {', '.join(REFERENCES)}", kind + why)
         time_ns, poses, origin = self._bag.numbers(name, lambda m: pose_of(m, kind))
-        return in_order(Reference(time_ns, *poses.T), origin)
+        return Reference(time_ns, *poses.T), origin
 
     def _from_poses(self, topic: str, kind: str) -> tuple[Wheels, Origin]:
         """Speed and yaw rate between an odometry's poses: the means over the intervals that end with the rows."""
         if kind != ODOMETRY:
             raise ConfigError(self._where, f"--wheels {topic}", f"{ODOMETRY} for --wheels-from pose", kind)
-        poses, origin = self.reference(topic)
+        poses, origin = in_order(*self.reference(topic))
         step_s = np.diff(poses.time_ns) / NS_PER_S
         turn = np.diff(np.unwrap(poses.heading_rad))
         middle = poses.heading_rad[:-1] + 0.5 * turn
@@ -136,7 +132,7 @@ class RosSource(Source):
         if not known.all():
             origin.notes.append(f"{int((~known).sum())} messages without these joints were left out")
         origin.notes.append(told)
-        return in_order(Wheels(time_ns[known], left[known], right[known], unit), origin)
+        return Wheels(time_ns[known], left[known], right[known], unit), origin
 
     def _two_fields(self, name: str) -> tuple[Wheels, Origin]:
         if name.count(",") != 1:
@@ -158,7 +154,7 @@ class RosSource(Source):
         if one != other:
             nearest, kept = _nearest(time_ns, other_ns, origin)
             time_ns, left, right = time_ns[kept], left[kept], right[nearest][kept]
-        return in_order(Wheels(time_ns, left, right, self._unit, modulus), origin)
+        return Wheels(time_ns, left, right, self._unit, modulus), origin
 
     def _picker(self, topic: str, path: str) -> Callable[[Any], tuple[float]]:
         def pick(message: Any) -> tuple[float]:

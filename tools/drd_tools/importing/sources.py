@@ -9,7 +9,7 @@ from drd_tools.importing.can_formats import begins, format_of, suffix_of
 from drd_tools.importing.can_log import CanLog
 from drd_tools.importing.fog_bytes import FogBytes
 from drd_tools.importing.ros import RosSource
-from drd_tools.importing.streams import GYRO_ANGLES, Source
+from drd_tools.importing.streams import Source
 from drd_tools.importing.text_table import TextTable
 
 BAG_SUFFIXES: Final = (".bag", ".db3", ".mcap")
@@ -26,7 +26,6 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
             got = "a recording folder already" if (path / "robot.yaml").exists() else "a folder without metadata.yaml"
             raise ConfigError(str(path), "", "a file, or the folder of a ROS 2 bag", got)
         suffix = BAG_SUFFIXES[0]
-    are_angles = chosen.gyro_unit in GYRO_ANGLES
     if suffix in BYTES_SUFFIXES:
         return FogBytes(path, chosen.config)
     if path.is_file() and (can_format := format_of(path)) is not None:
@@ -34,14 +33,13 @@ def open_source(path: Path, chosen: argparse.Namespace) -> Source:
     if suffix in BAG_SUFFIXES:
         _refuse_own(path)
         words = path, chosen.stamps, chosen.wheels_unit, chosen.joints
-        return RosSource(*words, pose=chosen.wheels_from == "pose", are_angles=are_angles)
+        return RosSource(*words, pose=chosen.wheels_from == "pose")
     return TextTable(
         path,
         chosen.time,
         chosen.time_unit,
         chosen.wheels_unit,
         degrees=chosen.heading_unit == "deg",
-        are_angles=are_angles,
         temperature=chosen.temperature,
     )
 

@@ -78,7 +78,9 @@ class Origin:
 
 
 class Source:
-    """An opened file. All of these raise ConfigError where the file does not hold what is asked for."""
+    """An opened file; rows are in its own order. All of these raise ConfigError where it does not hold what is asked
+    for.
+    """
 
     path: Path
 

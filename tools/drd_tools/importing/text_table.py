@@ -12,7 +12,7 @@ from drd.arrays import Array
 from drd.batch.samples import LATEST_S, stamps_ns
 from drd.config.schema import ConfigError
 from drd_tools.importing.can_formats import opened
-from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels, in_order
+from drd_tools.importing.streams import Gyro, Origin, Reference, Source, Times, Wheels
 from drd_tools.report.terminal import columns
 
 SHOWN: Final = 40
@@ -25,8 +25,7 @@ class TextTable(Source):
     """A file of rows. Columns have the header's names, or numbers from 1. Raises ConfigError.
 
     `time`: the column of times (None: the header's), `unit_s`: how long its unit is, `wheel_unit` and `degrees`: what
-    the wheels' columns and the heading are, `are_angles`: the gyro's are angles since the row before,
-    `temperature`: the gyro's, in degC.
+    the wheels' columns and the heading are, `temperature`: the gyro's, in degC.
     """
 
     def __init__(
@@ -37,11 +36,10 @@ class TextTable(Source):
         wheel_unit: str | None,
         *,
         degrees: bool,
-        are_angles: bool = False,
         temperature: str | None = None,
     ):
         self.path, self._unit_s, self._wheel_unit, self._degrees = path, unit_s, wheel_unit, degrees
-        self._are_angles, self._temperature = are_angles, temperature
+        self._temperature, self._time = temperature, time
         lines = [(k, line) for k, line in enumerate(_lines(path), 1) if line.strip() and not line.startswith("#")]
         if not lines:
             raise ConfigError(str(path), "", "a table of numbers", "an empty file")
@@ -55,7 +53,6 @@ class TextTable(Source):
             raise ConfigError(str(path), "", "rows under the header", "none")
         self._numbers, self._rows = [k for k, _ in lines], [self._cells(line) for _, line in lines]
         self._width = len(self.names) or len(self._rows[0])
-        self._time = time
         for number, row in zip(self._numbers, self._rows, strict=True):
             if self._separator is not None and len(row) != self._width:
                 raise ConfigError(f"{path}:{number}", "", f"{self._width} columns", str(len(row)))
@@ -82,8 +79,7 @@ class TextTable(Source):
         axes = ("x", "y", "z") if len(columns) == 3 else ("",)
         time_ns, origin = self._times(name)
         temperature_c = self.column(self._temperature, "--temperature") if self._temperature else None
-        values = Gyro(time_ns, np.stack(columns, axis=1), axes, None, temperature_c)
-        return in_order(values, origin, are_angles=self._are_angles)
+        return Gyro(time_ns, np.stack(columns, axis=1), axes, None, temperature_c), origin
 
     def wheels(self, name: str) -> tuple[Wheels, Origin]:
         """Two columns: left and right."""
@@ -91,7 +87,7 @@ class TextTable(Source):
         if self._wheel_unit is None:
             raise ConfigError("command line", "--wheels-unit", "what the two columns are", "nothing")
         time_ns, origin = self._times(name)
-        return in_order(Wheels(time_ns, left, right, self._wheel_unit), origin)
+        return Wheels(time_ns, left, right, self._wheel_unit), origin
 
     def reference(self, name: str) -> tuple[Reference, Origin]:
         """Three columns: x, y, heading."""
@@ -99,7 +95,7 @@ class TextTable(Source):
         time_ns, origin = self._times(name)
         heading = np.radians(heading) if self._degrees else heading
         origin.notes.append(f"heading in {'degrees' if self._degrees else 'radians'}")
-        return in_order(Reference(time_ns, x_m, y_m, heading), origin)
+        return Reference(time_ns, x_m, y_m, heading), origin
 
     def column(self, name: str, option: str) -> Array:
         """A column's numbers, shape (n,). Raises ConfigError with the line that has none."""
