@@ -7,6 +7,7 @@ import numpy as np
 
 from drd.arrays import Array
 from drd.monitor.findings import Z_90
+from drd_tools import robust
 from drd_tools.fleet.population import Population, Step
 from drd_tools.fleet.series import Integers, Log
 
@@ -69,7 +70,7 @@ def pooled(found: Score, jump: float) -> tuple[float, float, int]:
     # Two of three with a cause of their own must not speak for the third.
     is_alike = np.abs(size - middle) < np.maximum(0.5 * abs(middle), 2.0 * np.sqrt(variance))
     is_shared = bool(is_alike.sum() >= max(LEAST_GROUP, MOSTLY * many))
-    scale = 1.4826 * float(np.median(np.abs(size - middle)))
+    scale = robust.deviation(size)
     total = variance + max(0.0, scale**2 - float(np.median(variance)))
     size = np.clip(size, middle - CLIP * np.sqrt(total), middle + CLIP * np.sqrt(total))
     weight = 1.0 / total

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from drd.arrays import Array
+from drd_tools import robust
 from drd_tools.fleet.series import Integers, Log
 
 ROUNDS: Final = 12  # of EM; the deviations move by less than a tenth from then on
@@ -92,10 +93,10 @@ class Population:
 def first_guess(log: Log) -> Population:
     """Robust figures to set out from: medians."""
     robots = len(log.robots)
-    middle = np.array([np.median(log.value[log.rows(i)]) if np.any(log.robot == i) else np.nan for i in range(robots)])
-    mean = float(np.nanmedian(middle))
+    middle = np.array([np.median(log.value[log.rows(i)]) for i in range(robots) if np.any(log.robot == i)])
+    mean = float(np.median(middle))
     jump = log.constant.jump
-    spread = 1.4826 * float(np.nanmedian(np.abs(middle - mean))) if robots >= LEAST_ROBOTS else log.constant.spread
+    spread = robust.deviation(middle) if robots >= LEAST_ROBOTS else log.constant.spread
     low, high = float(log.day.min()), float(log.day.max())
     knots = np.linspace(low, max(high, low + 1.0), max(2, round((high - low) / KNOT_DAYS) + 1))
     none, nowhere = np.zeros(len(log.batches)), np.zeros(len(log.places))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drd.arrays import Array
+from drd_tools import robust
 
 Counts = npt.NDArray[np.int64]
 
@@ -16,7 +17,6 @@ MAX_SPREAD_C: Final = 2.0  # a dwell whose temperature moves further is cut: 0.0
 MIN_SAMPLES: Final = 10  # fewer do not tell their own scatter to better than a quarter
 SPIKE_SIGMA: Final = 5.0
 USUAL_STEPS_C: Final = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02, 0.01)
-SIGMA_PER_MAD: Final = 1.4826  # of a normal distribution
 
 
 @dataclass(frozen=True)
@@ -153,5 +153,5 @@ def _pieces(temperature_c: Array, first: int, last: int) -> Iterator[tuple[int, 
 def _without_spikes(rate_deg_s: Array, step_deg_s: float) -> npt.NDArray[np.bool_]:
     """True where a sample is no spike: within five robust standard deviations, and two steps, of the median."""
     deviation = np.abs(rate_deg_s - np.median(rate_deg_s))
-    scale = SIGMA_PER_MAD * float(np.median(deviation)) or float(deviation.mean())
+    scale = robust.deviation(deviation, 0.0) or float(deviation.mean())
     return deviation <= max(SPIKE_SIGMA * scale, 2.0 * step_deg_s)

@@ -13,6 +13,7 @@ from drd.arrays import Array
 from drd.batch.logs import RATE, RATE_AND_TEMPERATURE
 from drd.config.schema import ConfigError
 from drd.units import DEG_PER_RAD, RAD_PER_DEG
+from drd_tools import robust
 from drd_tools.recordings.folder import file_hash, read_table
 
 FILE_NAME: Final = "fog.csv"
@@ -180,7 +181,7 @@ def motion(log: StaticLog) -> tuple[float, float, float] | None:
     off = np.abs(means - np.median(windows, axis=1))
     scatter = float(median_abs_deviation(np.diff(rate_deg_s), scale="normal")) / math.sqrt(2.0)
     expected = max(scatter, _resolution(rate_deg_s)) / math.sqrt(size)
-    sigma = min(max(1.4826 * float(np.median(off)), expected), EXCESS * expected)
+    sigma = min(max(robust.deviation(off, 0.0), expected), EXCESS * expected)
     limit = max(MOTION_SIGMAS * sigma, SMALLEST_MOTION_DEG_S)
     late = np.flatnonzero(off > limit)
     if not len(late):

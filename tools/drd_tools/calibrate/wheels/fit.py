@@ -12,6 +12,7 @@ from drd.arrays import Array
 from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
+from drd_tools import robust
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, counted, residuals
 from drd_tools.calibrate.wheels.score import Scores, score
 
@@ -130,9 +131,9 @@ class _Part:
     def reweigh(self, r: Array) -> None:
         """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
         drive = self.drive
-        self.white_m = max(drive.position_sigma_m, 1.4826 * float(np.median(np.abs(r[:, :2]))))
+        self.white_m = max(drive.position_sigma_m, robust.deviation(r[:, :2], 0.0))
         # Where data contradict the model a heading is off by any number of turns; no noise is more than half of one.
-        white_rad = min(1.4826 * float(np.median(np.abs(r[:, 2]))), math.pi)
+        white_rad = min(robust.deviation(r[:, 2], 0.0), math.pi)
         self.white_rad = max(drive.heading_sigma_rad, white_rad)
         ratio = np.column_stack([np.hypot(r[:, 0], r[:, 1]) / self.white_m, np.abs(r[:, 2]) / self.white_rad])
         huber = np.minimum(1.0, HUBER / np.maximum(ratio, 1e-12))

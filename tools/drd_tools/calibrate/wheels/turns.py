@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from drd.arrays import Array
 from drd.batch.logs import FogLog
+from drd_tools import robust
 from drd_tools.calibrate.wheels.fit import HUBER
 from drd_tools.recordings.folder import Recording
 
@@ -75,7 +76,7 @@ class Turns:
 
     def reweigh(self, residual: Array) -> None:
         """Set the noise by the middle of the residuals, and Huber's weights against slip and jumps."""
-        self.sigma = max(LEAST_SIGMA_RAD, 1.4826 * float(np.median(np.abs(residual))))
+        self.sigma = max(LEAST_SIGMA_RAD, robust.deviation(residual, 0.0))
         self.weights = np.minimum(1.0, HUBER * self.sigma / np.maximum(np.abs(residual), 1e-12))
 
     @property

@@ -14,6 +14,7 @@ from scipy.special import bdtrc
 from drd.batch.logs import EncoderLog, FogLog
 from drd.effects.catalogue import showing
 from drd.effects.effect import Symptom
+from drd_tools import robust
 from drd_tools.diagnose.observe.events import Event, runs
 from drd_tools.diagnose.observe.evidence import LONGEST_FIX_S, Evidence
 from drd_tools.diagnose.observe.stops import BELIEVED_TREAD, Tread, stopped
@@ -32,7 +33,6 @@ PILED_UP: Final = 2.0  # times as many at the limit as in nine times the width b
 SPIKE_SIGMAS: Final = 5.0  # of slip, in one row: of 10^5 Gaussian rows none is further
 MEDIAN_ROWS: Final = 5  # odd; a spike of two rows is not in the median
 SURROUNDINGS_ROWS: Final = 9  # odd; wide enough to hold both flanks of a spike, narrow beside a change of speed
-DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
 FEWEST_FIXES: Final = 20  # fewer have no usual step that a jump could differ from
 JUMP_SIGMAS: Final = 7.0  # of one row: two of them, and a turn between, make six by chance
 TOLD_SIGMAS: Final = 10.0  # of a jump that is told: of 10^6 Gaussian rows one may have it, and 200 have seven
@@ -184,7 +184,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
             continue
         # Slip grows with the root of the distance.
         z = np.where(moving, (travel - usual) * np.sign(usual) / np.sqrt(np.abs(usual) + 1e-12), 0.0)
-        sigma = DEVIATION_PER_MAD * float(np.median(np.abs(z[moving] - np.median(z[moving]))))
+        sigma = robust.deviation(z[moving])
         if sigma <= 0.0:
             continue
         # A peak of the speed is no spike: it is near the median of its surroundings.

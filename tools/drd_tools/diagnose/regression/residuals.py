@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, ndtri, stdtrit
 
+from drd_tools import robust
 from drd_tools.diagnose.results import Array
 
 FEWEST_ROWS: Final = 50  # a deviation of fewer is known to 12 % or worse
-DEVIATION_PER_MAD: Final = 1.4826  # of a Gaussian
 ROWS_PER_PRIOR: Final = 30  # so many weigh as much as the belief that it is 1
 SPANS_S: Final = (0.5, 2.0, 5.0, 10.0)  # of real slip and real references, which hang together over seconds
 FEWEST_BLOCKS: Final = 20  # a deviation of fewer blocks is mostly scatter
@@ -23,16 +23,11 @@ HEAVY_NATS: Final = 50.0  # that tails must gain: simulated noise, which has non
 LEAST_MEDIAN: Final = 1e-9  # rows without noise
 
 
-def _robust(rows: Array) -> float:
-    """Deviation of rows by their median absolute deviation from the median."""
-    return DEVIATION_PER_MAD * float(np.median(np.abs(rows - np.median(rows))))
-
-
 def deviation(rows: Array) -> float:
     """Robust deviation of rows that should have 1, shrunk towards 1 where they are few."""
     if len(rows) < FEWEST_ROWS:
         return 1.0
-    found = _robust(rows)
+    found = robust.deviation(rows)
     weight = len(rows) / (len(rows) + ROWS_PER_PRIOR)
     return float(np.exp(weight * np.log(max(found, 0.05))))
 
@@ -83,7 +78,7 @@ def slow_deviation(rows: Array, every_s: float, drifts: bool = False) -> float:
         means = rows[: count * m].reshape(count, m).sum(axis=1) / m**0.5
         if drifts:
             means = np.diff(means) / 2.0**0.5
-        found = _robust(means)
+        found = robust.deviation(means)
         # The scatter of such an estimate must not pass for colour.
         worst = max(worst, found / (1.0 + 2.5 * 1.17 / (2.0 * count) ** 0.5))
     return worst if worst > LEAST_COLOUR else 1.0
