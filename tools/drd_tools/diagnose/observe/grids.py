@@ -44,6 +44,10 @@ class Grid(NamedTuple):
     bridged_rad2: Array
     missing_s: Array
 
+    def at(self, rows: slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "Grid":
+        """Some of its steps."""
+        return Grid._make(None if column is None else column[rows] for column in self)
+
 
 def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
     """Grid of the gyro's rows while there are wheels, several to a step where they are many."""
@@ -56,17 +60,16 @@ def gyro_grid(recording: Recording, fog: FogLog) -> Grid:
         got = f"{whole.max():g} s after {times[int(whole.argmax()) - 1]:.12g}"
         expected = f"rows at most {LONGEST_GAP_S:g} s apart"
         raise ConfigError(str(recording.folder / "fog.csv"), "time_s", expected, got)
-    steps = _with_holes_filled(fog, whole, typical)
-    end = steps.time_s
-    inside = slice(None) if log is None else (end >= log.time_s[0]) & (end <= log.time_s[-1] + 1e-9)
-    time_s, temperature_c, *sums = (column[inside] for column in steps if column is not None)
-    together = math.floor(STEP_S / typical + 1e-9)
-    if together > 1 and len(time_s):
-        first = np.arange(0, len(time_s), together)
-        last = np.append(first[1:], len(time_s)) - 1
-        sums = [np.add.reduceat(v, first) for v in sums]
-        time_s, temperature_c = time_s[last], temperature_c[last]
-    return Grid(*(column[:MOST_STEPS] for column in (time_s, temperature_c, *sums)))
+    rows = _with_holes_filled(fog, whole, typical)
+    if log is not None:
+        rows = rows.at((rows.time_s >= log.time_s[0]) & (rows.time_s <= log.time_s[-1] + 1e-9))
+    count, together = len(rows.time_s), math.floor(STEP_S / typical + 1e-9)
+    if together > 1 and count:
+        first = np.arange(0, count, together)
+        added = ("step_s", "gyro_rad", "bridged_rad2", "missing_s")
+        sums = {name: np.add.reduceat(getattr(rows, name), first) for name in added}
+        rows = rows.at(np.append(first[1:], count) - 1)._replace(**sums)
+    return rows.at(slice(MOST_STEPS))
 
 
 def _with_holes_filled(fog: FogLog, whole_s: Array, typical_s: float) -> Grid:
@@ -98,7 +101,7 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     since = (fix_s - (fix_s[0] if len(fix_s) else 0.0)) / STEP_S
     if not swings(np.ceil(since - WITHIN_SHARE) - since):
         first = float((fix_s[0] - begin_s) % STEP_S) if len(fix_s) else 0.0
-        time_s = np.arange(begin_s + first + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)[:MOST_STEPS]
+        time_s = np.arange(begin_s + first + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)
         return _gyroless(time_s, np.full(len(time_s), STEP_S))
     kept = [float(fix_s[0])]
     for at_s in fix_s[1:].tolist():
@@ -108,14 +111,13 @@ def even_grid(log: EncoderLog, reference: ReferenceLog | None) -> Grid:
     later = np.cumsum(count)[np.repeat(np.arange(len(count)), count)] - 1 - np.arange(count.sum())
     step_s = np.repeat(np.diff(kept) / count, count)
     after_s = np.arange(kept[-1] + STEP_S, end_s + 1e-6 * STEP_S, STEP_S)
-    time_s = np.concatenate([np.repeat(kept[1:], count) - later * step_s, after_s])[:MOST_STEPS]
-    step_s = np.concatenate([step_s, np.full(len(after_s), STEP_S)])[:MOST_STEPS]
-    return _gyroless(time_s, step_s)
+    time_s = np.concatenate([np.repeat(kept[1:], count) - later * step_s, after_s])
+    return _gyroless(time_s, np.concatenate([step_s, np.full(len(after_s), STEP_S)]))
 
 
 def _gyroless(time_s: Array, step_s: Array) -> Grid:
     zero = np.zeros(len(time_s))
-    return Grid(time_s, zero + np.nan, step_s, None, zero, zero)
+    return Grid(time_s, zero + np.nan, step_s, None, zero, zero).at(slice(MOST_STEPS))
 
 
 def swings(share: Array) -> bool:
