@@ -1,6 +1,5 @@
 """The path around which errors are linear: as near to the truth as fixes and sensors know it."""
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -9,9 +8,6 @@ from drd_tools.diagnose.error_model.linear import Linear
 from drd_tools.diagnose.error_model.path import Path, dead_reckon
 from drd_tools.diagnose.observe.evidence import Evidence
 
-# What is missing from the model is no noise, but it must not keep the path from following the fixes. So many
-# times the data sheets' deviations.
-INFLATION: Final = 10.0
 ROUNDS: Final = 2  # the second is around a path that the fixes have bent already
 
 
@@ -20,7 +16,7 @@ def follow(e: Evidence) -> Path:
     less than their data sheets say.
     """
     # A tread 70 % off makes half a turn too much in a few seconds without a gyro; no fix tells it from half too little.
-    turn = (e.right_m * e.robot.right - e.left_m * e.robot.left) / (e.tread_m * e.robot.tread)
+    turn = e.apart_m / (e.tread_m * e.robot.tread)
     if e.gyro_rad is not None:
         known = e.still & (e.time_s < e.time_s[0] + e.standstill_s)
         bias = float(e.gyro_rad[known].sum() / e.step_s[known].sum()) if known.any() else 0.0
@@ -36,13 +32,4 @@ def inflated_model(e: Evidence, path: Path, like: Linear | None = None) -> Linea
 
     With gains of another path the smoothed one is near the best, but no longer exact: compare by follow's alone.
     """
-    datasheet = e.datasheet
-    noise = replace(
-        datasheet,
-        walk_rad_per_sqrt_s=INFLATION * datasheet.walk_rad_per_sqrt_s,
-        bias_rad_s=INFLATION * datasheet.bias_rad_s,
-        slip_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
-        forward_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
-        lateral_m_per_sqrt_m=INFLATION * datasheet.slip_m_per_sqrt_m,
-    )
-    return Linear(e, path, noise, like=like)
+    return Linear(e, path, e.datasheet.inflated(), like=like)

@@ -27,7 +27,7 @@ WALK_DEG_PER_SQRT_H: Final = 0.1
 BIAS_DEG_S: Final = 0.02
 BIAS_WALK_DEG_H_PER_SQRT_H: Final = 5.0
 SLIP_M_PER_SQRT_M: Final = 0.003
-SLIPS: Final = 10.0  # times the data sheet's: what real wheels slip in the long run, at most
+INFLATION: Final = 10.0  # times the data sheets': what real wheels slip in the long run, at most
 LEAST: Final = 1e-2  # of the usual: no sensor is without noise, though a data sheet may say so
 LATERAL_SHARE: Final = 0.25  # of the slip: no data sheet gives it
 POSITION_SIGMA_M: Final = 0.02  # of a reference of unknown make
@@ -51,6 +51,18 @@ class Noise:
     heading_rad: float
     jitter_s: float = 0.0  # of the wheels' time from one change of speed to the next (25)
     ahead_m: float = 0.0  # of the reference's lever arm ahead (70)
+
+    def inflated(self) -> "Noise":
+        """Noise in place of what a model lacks: that must not keep a path from following the fixes."""
+        slip = INFLATION * self.slip_m_per_sqrt_m
+        return replace(
+            self,
+            walk_rad_per_sqrt_s=INFLATION * self.walk_rad_per_sqrt_s,
+            bias_rad_s=INFLATION * self.bias_rad_s,
+            slip_m_per_sqrt_m=slip,
+            forward_m_per_sqrt_m=slip,
+            lateral_m_per_sqrt_m=slip,
+        )
 
     def wheels(self, e: "Evidence") -> Array:
         """Variance of the wheels' turn in a step, the gyro's own included, (n,)."""
@@ -184,6 +196,11 @@ class Evidence:
         """Times at which the steps begin and end, (n + 1,)."""
         return np.concatenate([[self.time_s[0] - self.step_s[0]], self.time_s])
 
+    @property
+    def apart_m(self) -> Array:
+        """Travel of the right wheel less the left one's in each step, their radii as far as measured, (n,)."""
+        return self.right_m * self.robot.right - self.left_m * self.robot.left
+
     def earlier(self, increments: Array, delay_s: Array | float) -> Array:
         """Increments of a sum, (n,), as they are where its samples are stamped `delay_s` too late, at each edge."""
         if not np.any(delay_s):
@@ -230,14 +247,15 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
     """
     check_comparable(recording)
     grid, log, nominal = _grid(recording), recording.wheels, recording.nominal
-    time_s, step_s, temperature_c = grid.time_s, grid.step_s, grid.temperature_c
+    time_s, step_s = grid.time_s, grid.step_s
     edges = np.concatenate([[time_s[0] - step_s[0]], time_s])
     fix_step, fix_share, fix = grids.fixes(recording, edges, step_s)
+    zero = np.zeros(len(time_s))
     if log is None:
         assert grid.gyro_rad is not None
         tread_m, radius_m = 1.0, 1.0  # they stand for nothing
         left_m = right_m = grids.travel(recording.reference, edges)
-        lost_m2, still = np.zeros(len(time_s)), grids.still_by_gyro(grid, grid.gyro_rad, nominal.standstill_at_start_s)
+        lost_m2, still = zero, grids.still_by_gyro(grid, grid.gyro_rad, nominal.standstill_at_start_s)
     else:
         tread_m, radius_m = nominal.tread_m, nominal.wheel_radius_m
         left_m, right_m = (
@@ -246,45 +264,29 @@ def gather(recording: Recording, robot: Calibrated = NOMINAL, reference_lag_s: f
         lost_m2 = grids.lost_m2(log, edges, np.maximum(np.abs(left_m), np.abs(right_m)) / step_s)
         still = grids.still_by_wheels(left_m, right_m, step_s) & (lost_m2 == 0.0)
     travel_m = np.abs(left_m) + np.abs(right_m)
-    near_travel_m, datasheet = maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), datasheet_noise(nominal, log is not None)
-    turned_rad = _turned_by_wheels(left_m, right_m, edges, tread_m, robot)
-    slip_m2 = (SLIPS * datasheet.slip_m_per_sqrt_m) ** 2 * near_travel_m
-    wheels = None if log is None else (turned_rad, (slip_m2 + 2.0 * lost_m2) / tread_m**2)
-    gyro, inflation_rad2 = grids.without_holes(grid, wheels)
-    return Evidence(
-        name=recording.name,
-        time_s=time_s,
-        step_s=step_s,
-        gyro_rad=gyro,
-        left_m=left_m,
-        right_m=right_m,
-        temperature_c=temperature_c,
-        fix_step=fix_step,
-        fix_share=fix_share,
-        fix=fix,
-        tread_m=tread_m,
-        radius_m=radius_m,
-        standstill_s=nominal.standstill_at_start_s,
-        datasheet=datasheet,
-        travel_m=travel_m,
-        near_travel_m=near_travel_m,
-        still=still,
-        gyro_inflation_rad2=inflation_rad2,
-        left_inflation_m2=lost_m2,
-        right_inflation_m2=lost_m2.copy(),
-        jump_m2=np.zeros(len(time_s)),
-        jump_rad2=np.zeros(len(time_s)),
-        has_wheels=log is not None,
-        robot=robot,
+    e = Evidence(
+        name=recording.name, time_s=time_s, step_s=step_s, gyro_rad=grid.gyro_rad, left_m=left_m, right_m=right_m,
+        temperature_c=grid.temperature_c, fix_step=fix_step, fix_share=fix_share, fix=fix, tread_m=tread_m,
+        radius_m=radius_m, standstill_s=nominal.standstill_at_start_s,
+        datasheet=datasheet_noise(nominal, log is not None), travel_m=travel_m,
+        near_travel_m=maximum_filter1d(travel_m, 2 * NEIGHBOURS + 1), still=still,
+        gyro_inflation_rad2=grid.bridged_rad2, left_inflation_m2=lost_m2, right_inflation_m2=lost_m2.copy(),
+        jump_m2=zero.copy(), jump_rad2=zero.copy(), has_wheels=log is not None, robot=robot,
         reference_lag_s=reference_lag_s,
-    )
+    )  # fmt: skip
+    return _without_holes(e, grid)
 
 
-def _turned_by_wheels(left_m: Array, right_m: Array, edges_s: Array, tread_m: float, robot: Calibrated) -> Array:
-    """Turn in each step, rad, (n,), of wheels with their constants as far as measured, and as late as they are."""
-    apart_m = np.concatenate([[0.0], np.cumsum(right_m * robot.right - left_m * robot.left)])
-    turned_rad: Array = np.diff(np.interp(edges_s + robot.wheels_lag_s, edges_s, apart_m)) / (tread_m * robot.tread)
-    return turned_rad
+def _without_holes(e: Evidence, grid: grids.Grid) -> Evidence:
+    """The evidence with the turns of the wheels, as late as they are, where the gyro's rows are missing for long."""
+    wheels = None
+    if e.has_wheels:
+        apart_m = np.interp(e.edges_s + e.robot.wheels_lag_s, e.edges_s, np.concatenate([[0.0], np.cumsum(e.apart_m)]))
+        turn = np.diff(apart_m) / (e.tread_m * e.robot.tread)
+        slip_m2 = e.datasheet.inflated().slip_m_per_sqrt_m ** 2 * e.near_travel_m
+        wheels = turn, (slip_m2 + 2.0 * e.left_inflation_m2) / e.tread_m**2
+    gyro_rad, inflation_rad2 = grids.without_holes(grid, wheels)
+    return replace(e, gyro_rad=gyro_rad, gyro_inflation_rad2=inflation_rad2)
 
 
 def _grid(recording: Recording) -> grids.Grid:

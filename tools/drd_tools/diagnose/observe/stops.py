@@ -221,7 +221,7 @@ def _headings(e: Evidence, time_s: Array, tread_m: float, of_turn: float) -> _He
     if np.diff(at[first : last + 1]).max() < LONGEST_FIX_S:
         return _Headings(np.interp(times_s, at, e.fix[:, 2]), sigma)
     # Between sparse fixes the wheels tell the turns but that of the rest: it is what they leave of the whole.
-    wheels = np.concatenate([[0.0], np.cumsum(e.right_m * e.robot.right - e.left_m * e.robot.left)]) / tread_m
+    wheels = np.concatenate([[0.0], np.cumsum(e.apart_m)]) / tread_m
     edges_s = np.array([at[first], time_s[0], time_s[-1], at[last]])
     before, _, after = np.diff(np.interp(edges_s, e.edges_s, wheels))
     turn = math.remainder(e.fix[last, 2] - e.fix[first, 2] - before - after, math.tau)
