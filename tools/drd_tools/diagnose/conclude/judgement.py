@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.conclude.cause import Cause, sentence
 from drd_tools.diagnose.conclude.confirm import (
     LARGEST_NATS,
@@ -130,7 +131,7 @@ def _curve(splines: SplineTerms, found: Found, selected: Selected, rival: Curve 
 def judge_event(selected: Selected, event: Event, explains: float) -> Cause:
     """An effect that the readings show by logic."""
     e = math.exp(min(event.nats, LARGEST_NATS))
-    p = max(min(1.0, 31.0 / e), 1e-6)
+    p = max(min(1.0, len(catalogue()) / e), 1e-6)
     text = f"{selected.effect.sentence} Seen: {event.seen}."
     support = Support(float(event.nats), p, e)
     return Cause(

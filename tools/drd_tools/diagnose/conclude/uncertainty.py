@@ -22,7 +22,7 @@ from drd_tools.diagnose.results import Array
 from drd_tools.diagnose.select.library import is_plausible
 from drd_tools.diagnose.selected import Selected
 
-DISCREPANCY_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
+PASSING_SHARE: Final = 0.04  # of an effect's size: other shapes of its cause that pass for its parameters
 REACHES: Final = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # in the curvature's deviations
 FINE: Final = 2000  # points of a profile's integral: far finer than REACHES
 USUAL: Final = 3.0  # times the middle of a parameter's range, on a scale of ratios
@@ -39,9 +39,8 @@ def reported_estimates(
     scatters = [scatter(selected) for selected in fit.selection]
     fit = _widened(problem, fit, known)
     uncertain = response(problem, fit)
-    covariance = (
-        uncertain.covariance + DISCREPANCY_SHARE**2 * uncertain.discrepancy_shapes @ uncertain.discrepancy_shapes.T
-    )
+    shapes = uncertain.discrepancy_shapes
+    covariance = uncertain.covariance + PASSING_SHARE**2 * shapes @ shapes.T
     shrunken = shrunk(fit.selection, covariance, problem.per_parameter, known)
     selection, first = [], 0
     for i, selected in enumerate(fit.selection):
