@@ -123,8 +123,8 @@ def _together(windows: Windows, gyro: Curve | None, wheels: Curve, robot: Geomet
     """What both wheels and the gyro say together."""
     turns = _turns(windows, wheels, robot.tread_m)
     if gyro is None:
-        seen, evidence = _stated(turns, said)
-        return [_directions(seen, said, evidence, robot), _distance(turns, said)]
+        evidence = words.wheels_alone(turns.turn, turns.travel * turns.tread_m / 2.0)
+        return [_directions(_stated(turns, said), said, evidence, robot), _distance(turns, said)]
     if turns.turned_rad < ENOUGH_TURN_RAD and not _gyro_is_small(turns):
         return _hardly_turned(turns, said)
     fits = fit_senses(turns.turn, turns.travel, turns.gyro)
@@ -174,23 +174,19 @@ def _with_drive(seen: Seen, turns: _Turns, said: Statement) -> Seen:
     return replace(seen, wheel_travel=_sign(forward, said.drove))
 
 
-def _stated(turns: _Turns, said: Statement) -> tuple[Seen, str]:
+def _stated(turns: _Turns, said: Statement) -> Seen:
     """What the wheels alone show against what the user says."""
-    turn, travel = (float(np.abs(x).sum()) for x in (turns.turn, turns.travel))
     inverted: bool | None = None
-    both = bool(said.drove and said.turned)
-    is_enough = both or (bool(said.drove or said.turned) and max(turn, travel) > ENOUGH_TREADS)
-    if is_enough and not both:
+    if not (said.drove and said.turned):
+        turn, travel = (float(np.abs(x).sum()) for x in (turns.turn, turns.travel))
+        if not (said.drove or said.turned) or max(turn, travel) <= ENOUGH_TREADS:
+            return Seen()
         # Who says one of the two may have done the other, too: the said one must be all but missing.
         stated, other = (travel, turn) if said.drove else (turn, travel)
-        is_missing = stated < ENOUGH_TURN_RAD
-        inverted = is_missing if is_missing or stated > other else None
-    seen = Seen(one_inverted=inverted)
-    if is_enough:
-        turned = turns.travel if inverted else turns.turn
-        seen = replace(seen, wheel_turn=_sign(turned, said.turned) if turned.any() else None)
-        seen = _with_drive(seen, turns, said)
-    return seen, words.wheels_alone(turns.turn, turns.travel * turns.tread_m / 2.0)
+        inverted = True if stated < ENOUGH_TURN_RAD else False if stated > other else None
+    turned = turns.travel if inverted else turns.turn
+    wheel_turn = _sign(turned, said.turned) if turned.any() else None
+    return _with_drive(Seen(one_inverted=inverted, wheel_turn=wheel_turn), turns, said)
 
 
 def _directions(seen: Seen, said: Statement, evidence: str, robot: Geometry) -> Finding:
