@@ -74,11 +74,6 @@ class Lag:
         """Standard deviation of the next drive's lag."""
         return math.hypot(self.sigma_s, 0.0 if math.isnan(self.spread_s) else self.spread_s)
 
-    @property
-    def timing_s(self) -> float:
-        """Standard deviation of one reading's lag: sigma, spread, and where in its hold it was read."""
-        return math.hypot(self.next_s, self.hold_s / math.sqrt(12.0))
-
 
 class _Scores(NamedTuple):
     """Information on the lag in one recording, and the score of each block of rows, (b,).
@@ -147,17 +142,16 @@ def _result(against: str, parts: Sequence[Turns], scores: Sequence[_Scores], lag
 def held_s(recording: Recording) -> float:
     """Time for which the drive holds a wheel's speed, or its count: the median, and 0 where that is a single row."""
     log = recording.encoders
-    held_s = []
-    for speed in (log.left_rad_s, log.right_rad_s):
-        if speed is not None:
-            changes = np.flatnonzero(np.diff(speed) != 0.0) + 1
-            held_s.append(np.diff(log.time_s[changes])[speed[changes][:-1] != 0.0])  # a standstill is no hold
-    for counts in (log.left_counts, log.right_counts):
-        if counts is not None:
-            counted = np.diff(counts)
-            changes = np.flatnonzero(counted) + 1
-            held_s.append(np.diff(log.time_s[changes])[np.abs(counted[changes - 1])[1:] >= FEWEST_COUNTS])
-    times_s = np.concatenate([*held_s, np.zeros(0)])
+    are_counts = log.left_counts is not None
+    held_s = [np.zeros(0)]
+    for values in (log.left_counts, log.right_counts, log.left_rad_s, log.right_rad_s):
+        if values is not None:
+            steps = np.diff(values)
+            changes = np.flatnonzero(steps) + 1
+            # A standstill is no hold.
+            told = np.abs(steps[changes[1:] - 1]) >= FEWEST_COUNTS if are_counts else values[changes[:-1]] != 0.0
+            held_s.append(np.diff(log.time_s[changes])[told])
+    times_s = np.concatenate(held_s)
     times_s = times_s[times_s <= LONGEST_HOLD_S]
     hold_s = float(np.median(times_s)) if len(times_s) else 0.0
     return hold_s if hold_s > HELD_ROWS * float(np.median(np.diff(log.time_s))) else 0.0
