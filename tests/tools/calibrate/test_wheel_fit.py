@@ -12,8 +12,9 @@ from wheel_recordings import CIRCLE, RADIUS_M, SPIN, STRAIGHT, TOUR, TREAD_M, Le
 
 from drd.config.schema import ConfigError
 from drd_tools.calibrate.wheels.drive import Drive, Wheels, make_drive, odometry
-from drd_tools.calibrate.wheels.fit import _new_part, fit_wheels, with_turns
+from drd_tools.calibrate.wheels.fit import fit_wheels, new_part
 from drd_tools.calibrate.wheels.heldout import compare, leave_one_out
+from drd_tools.calibrate.wheels.whole_turns import with_turns
 from drd_tools.calibrate.wheels.words import held_out_warnings, not_determined, warnings
 from drd_tools.recordings.folder import read_recording
 
@@ -206,7 +207,7 @@ def test_what_is_held_at_its_nominal_is_part_of_the_others_sigma(tmp_path: Path)
 
 
 def test_headings_that_are_off_by_any_number_of_turns_have_weights_all_the_same(tmp_path: Path) -> None:
-    part = _new_part(drive(tmp_path / "a", TOUR, TRUTH))
+    part = new_part(drive(tmp_path / "a", TOUR, TRUTH))
     part.reweigh(np.tile([0.1, 0.1, 1e200], (len(part.weights), 1)))
     assert part.white_rad == math.pi
     assert np.isfinite(part.weights).all()

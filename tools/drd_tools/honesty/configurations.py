@@ -14,9 +14,10 @@ from drd.samples import Validity
 from drd.units import S_PER_NS
 from drd_tools.calibrate.wheels.drive import Mounting, make_drive
 from drd_tools.calibrate.wheels.file import write_snippet
-from drd_tools.calibrate.wheels.fit import fit_wheels, with_turns
+from drd_tools.calibrate.wheels.fit import fit_wheels
 from drd_tools.calibrate.wheels.found import find
 from drd_tools.calibrate.wheels.keys import sections
+from drd_tools.calibrate.wheels.whole_turns import with_turns
 from drd_tools.evaluate.replayed import poses_of
 from drd_tools.honesty.figures import Estimated, Figures
 from drd_tools.limit.drive import replayed_drive

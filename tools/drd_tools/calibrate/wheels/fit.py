@@ -13,7 +13,7 @@ from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
 from drd_tools import robust
-from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, counted, residuals
+from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
 from drd_tools.calibrate.wheels.score import Scores, score
 
 # Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
@@ -35,9 +35,6 @@ LEAST: Final = np.array([-0.9, -np.inf, -0.9, -np.inf, -np.inf, -np.inf])
 # Left over within the windows where whole turns were counted wrong; real skid steer leaves up to 0.17 rad, 0.13 m.
 LOST_RAD: Final = 0.25
 LOST_TREADS: Final = 0.25
-TOLD_NATS: Final = 5.0  # by which a count of turns must be likelier than others: 150 to 1
-SAME_TREAD: Final = 0.1  # counts of so little different treads differ in a row or two
-TREADS: Final = (1.0, *np.geomspace(0.5, 2.5, 24))  # over the nominal: so near that one of them sets out well
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation
@@ -107,7 +104,7 @@ def _mounting(drive: Drive, shared: Array, own: Array) -> Mounting:
 
 
 @dataclass
-class _Part:
+class Part:
     """One recording within the fit: its own unknowns, its weights and its share of the normal equations."""
 
     drive: Drive
@@ -150,12 +147,13 @@ class _Part:
         return len(self.drive.windows[0]) * (2.0 * math.log(self.white_m) + math.log(self.white_rad))
 
 
-def _new_part(drive: Drive) -> _Part:
+def new_part(drive: Drive) -> Part:
+    """A recording with the weights that its data sheets give, before any fit."""
     weights = np.tile([drive.position_sigma_m**-2, drive.heading_sigma_rad**-2], (len(drive.windows[0]), 1))
-    return _Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
+    return Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
 
 
-def _solve(parts: list[_Part], free: npt.NDArray[np.bool_], start: Array) -> tuple[Array, list[Scores]]:
+def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> tuple[Array, list[Scores]]:
     """Gauss-Newton with Huber's weights; wheels that are not `free` stay at 0, a mounting that is not at its start."""
     shared = start * (free | (np.arange(len(free)) >= WHEELS))
     scores: list[Scores] = []
@@ -187,18 +185,18 @@ def fit_wheels(
     at their nominal. Raises ConfigError where the drives are not of one robot.
     """
     check_one_robot(drives)
-    nominal, parts = drives[0].nominal, [_new_part(drive) for drive in drives]
-    free, shared = np.ones(len(NAMES), bool), _setting_out(drives)
+    nominal, parts = drives[0].nominal, [new_part(drive) for drive in drives]
+    free, shared = np.ones(len(NAMES), bool), setting_out(drives)
     if start is not None:
         shared[:3] = _relative(nominal, start.wheels)
         free[:3] = start.determined
     if mounted is not None:
         D = nominal.tread_m
         shared[3:], free[3:] = (mounted.forward_m / D, mounted.left_m / D, mounted.heading_rad), False
-    shared, scores = _solve(parts, free, shared)
+    shared, scores = solve(parts, free, shared)
     if is_lost := all(part.is_lost for part in parts):
         free[:WHEELS] = False
-        shared, scores = _solve(parts, free, shared)
+        shared, scores = solve(parts, free, shared)
     free_sigma = _sigmas(scores, free) if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
     while True:
@@ -206,41 +204,15 @@ def fit_wheels(
         if excess.max() <= 1.0:
             break
         free[int(excess.argmax())] = False
-        shared, scores = _solve(parts, free, shared)
+        shared, scores = solve(parts, free, shared)
     return _result(nominal, parts, shared, free, scores, free_sigma, is_lost)
 
 
-def _setting_out(drives: Sequence[Drive]) -> Array:
+def setting_out(drives: Sequence[Drive]) -> Array:
     """Unknowns from which a search sets out: the nominal ones, with the tread that turns were counted by."""
     unknowns = np.zeros(len(NAMES))
     unknowns[2] = drives[0].counted_by_m / drives[0].nominal.tread_m - 1.0
     return unknowns
-
-
-def with_turns(drives: Sequence[Drive]) -> list[Drive]:
-    """The drives of one robot with the whole turns between sparse rows counted by the tread that leaves least; by the
-    nominal one where another tread leaves as little. (53)
-    """
-    distinct: dict[bytes, list[Drive]] = {}
-    as_given = np.concatenate([drive.reference_heading_rad for drive in drives])
-    for tread in TREADS:
-        tried = [counted(drive, tread * drive.nominal.tread_m) for drive in drives]
-        more = np.concatenate([drive.reference_heading_rad for drive in tried]) - as_given
-        distinct.setdefault(np.round(more / math.tau).tobytes(), tried)
-    by_nominal, *others = distinct.values()
-    if not others:
-        return by_nominal
-    found = []
-    for tried in (by_nominal, *others):
-        parts = [_new_part(drive) for drive in tried]
-        try:
-            shared, _ = _solve(parts, np.ones(len(NAMES), bool), _setting_out(tried))
-        except np.linalg.LinAlgError:  # headings so far off that nothing is regular
-            continue
-        found.append((sum(part.cost for part in parts), 1.0 + float(shared[2]), tried))
-    least, tread, best = min(found, key=lambda f: f[0], default=(math.inf, 1.0, by_nominal))
-    rivals = (cost for cost, other, _ in found if abs(other / tread - 1.0) > SAME_TREAD)
-    return best if least < min(rivals, default=math.inf) - TOLD_NATS else by_nominal
 
 
 def _relative(nominal: Wheels, wheels: Wheels) -> Array:
@@ -287,7 +259,7 @@ def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> Array:
 
 def _result(
     nominal: Wheels,
-    parts: list[_Part],
+    parts: list[Part],
     shared: Array,
     free: npt.NDArray[np.bool_],
     scores: list[Scores],

@@ -9,11 +9,12 @@ from drd.units import DEG_PER_RAD
 from drd_tools.calibrate.wheels import words
 from drd_tools.calibrate.wheels.drive import Drive, make_drive
 from drd_tools.calibrate.wheels.file import provenance, write_snippet
-from drd_tools.calibrate.wheels.fit import WheelFit, check_one_robot, fit_wheels, with_turns
+from drd_tools.calibrate.wheels.fit import WheelFit, check_one_robot, fit_wheels
 from drd_tools.calibrate.wheels.found import Found, find
 from drd_tools.calibrate.wheels.keys import sections
 from drd_tools.calibrate.wheels.report import held_out_picture, paths_picture
 from drd_tools.calibrate.wheels.tables import held_out_table, value_tables
+from drd_tools.calibrate.wheels.whole_turns import with_turns
 from drd_tools.recordings.folder import Recording, read_recording
 from drd_tools.report.page import Page
 from drd_tools.report.terminal import print_table

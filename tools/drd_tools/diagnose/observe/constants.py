@@ -14,7 +14,8 @@ from drd.effects.catalogue import catalogue
 from drd.effects.effect import NOMINAL, Calibrated, Effect, Symptom, number
 from drd_tools.calibrate.wheels.by_gyro import fit_by_gyro
 from drd_tools.calibrate.wheels.drive import make_drive
-from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels, with_turns
+from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels
+from drd_tools.calibrate.wheels.whole_turns import with_turns
 from drd_tools.diagnose.observe.audit import Audit, audit
 from drd_tools.diagnose.observe.conventions import check_conventions
 from drd_tools.diagnose.observe.evidence import check_comparable, gather
