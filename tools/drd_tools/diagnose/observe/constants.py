@@ -17,8 +17,9 @@ from drd_tools.calibrate.wheels.drive import make_drive
 from drd_tools.calibrate.wheels.fit import PRIOR, fit_wheels
 from drd_tools.calibrate.wheels.whole_turns import with_turns
 from drd_tools.diagnose.observe.audit import Audit, audit
+from drd_tools.diagnose.observe.comparable import check_comparable
 from drd_tools.diagnose.observe.conventions import check_conventions
-from drd_tools.diagnose.observe.evidence import check_comparable, gather
+from drd_tools.diagnose.observe.evidence import gather
 from drd_tools.diagnose.observe.grids import is_dense
 from drd_tools.diagnose.observe.lags import SURE, Lags, find_lags
 from drd_tools.diagnose.observe.reads import as_read
