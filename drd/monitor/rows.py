@@ -14,8 +14,7 @@ from drd.units import NS_PER_S, S_PER_NS
 BLOCK_S: Final = 2.0
 ROW_S: Final = 0.1  # a wheel turns by less than two radians in it at 1.5 m/s, so that its ripple is seen
 LEAD_ROWS: Final = 12  # before a block, for delays and lags
-# Of a sensor that is waited for; more would be 40 s at 100 Hz, in which the other one is dead.
-PENDING: Final = 4096
+PENDING: Final = 1 << 16  # of a sensor: at 2000 Hz what comes while the other one is waited for, and some
 # A gyro sample so much later than the one before, in its intervals, was not the next one.
 GAP: Final = 1.5
 WAIT_S: Final = 20.0  # for a sensor, while the other one goes on

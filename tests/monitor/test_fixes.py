@@ -106,3 +106,14 @@ def test_a_pose_that_was_moved_or_a_reset_spoils_one_distance_only() -> None:
         fixes.rows(rows_of(still, ahead), np.zeros(22), 2 * k * 10**9)
     assert fixes.intervals == 3
     assert fixes.findings() == []
+
+
+def test_of_the_fastest_gyro_all_samples_wait_for_the_wheels() -> None:
+    monitor, rate_hz = Monitor(CONFIG), 2000
+    for k in range(1, 11 * rate_hz):
+        t_ns = BEGIN_NS + k * 500_000
+        monitor.gyro(GyroSample(t_ns, 0.0005, 0.0, 20.0))
+        if t_ns % STEP_NS == 0:
+            monitor.wheels(WheelSample(t_ns, 0.05, 0.05, 0.05, 0.0))
+    assert monitor.now_s == pytest.approx(10.0, abs=0.11)
+    assert monitor.distance_m == pytest.approx(10.0, abs=0.11)
