@@ -3,6 +3,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from bench.robot import SPEED_M_S
 from recorded_drive import CALIBRATION, Drive, drive, recordings
 
 from drd.config.schema import ConfigError
@@ -38,6 +39,24 @@ def test_the_replay_repeats_the_live_run_to_the_bit(tmp_path: Path) -> None:
     assert replayed.calibration == d.pipeline.calibration
     assert any(pose.validity.value == "degraded" for pose in replayed.poses)
     assert list(replayed.inputs) == [file.name]
+
+
+def test_the_monitor_of_a_replay_hears_of_the_poses_that_were_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Straight on, by wheels that are 3 % larger than configured; a reset begins the distances anew."""
+    monkeypatch.setattr("bench.robot.RATE_RAD_S", 0.0)
+    d = drive(tmp_path, calibration=False)
+
+    def between(tick: int) -> None:
+        if tick in (400, 1200):
+            d.pipeline.set_pose(tick * 50_000_000, 1.03 * 0.05 * SPEED_M_S * tick, 0.0, 0.0, 0.01, 0.01)
+
+    recorder = d.start()
+    d.run(70.0, between)
+    assert recorder.close(5.0)
+    (told,) = [note for note in replay_mcap(recordings(tmp_path)[0], monitors=True).notes if "monitor: " in note]
+    assert "Both wheels roll +3 % further than configured, by 1 distances" in told
 
 
 def test_a_run_in_several_parts_is_replayed_from_its_first(tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """What the monitor says of a replay, and whether that is what it said while the robot drove."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -14,9 +15,33 @@ from drd.monitor.monitor import Monitor
 from drd.monitor.wear import is_wear
 from drd.samples import GyroSample, WheelSample
 from drd.units import S_PER_NS
+from drd.wiring.samples import Samples
 
 TOPIC = "/findings"
 NOT_WATCHED = "monitor: it needs samples of gyro and wheels, and no model"
+
+
+class Fix(NamedTuple):
+    """A pose that was set, or a reset, whose `sigma_m` is inf; see Monitor.fix."""
+
+    t_ns: int
+    x_m: float
+    y_m: float
+    sigma_m: float
+
+
+class Kept(Samples):
+    """Keeps all that a monitor is given."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fixes: list[Fix] = []
+
+    def event(self, name: str, now_ns: int, **values: Any) -> None:
+        """A call of the pipeline that is no sample."""
+        if name in ("set_pose", "reset"):
+            pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
+            self.fixes.append(Fix(now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
 
 
 @dataclass
@@ -74,12 +99,13 @@ def monitored(
     config: Config,
     calibration: Calibration | None,
     live: Live | None = None,
+    fixes: Sequence[Fix] = (),
 ) -> Reported:
-    """Hand samples, each sensor's in order of time, to a monitor as the daemon does."""
+    """Hand samples, each sensor's in order of time, and poses that were set to a monitor as the daemon does."""
     live = live or Live()
     monitor, lists, now_s = Monitor(config, live.known), set[bytes](), 0.0
     corrected = [sample if calibration is None else calibration.correct(sample) for sample in gyro]
-    samples: list[Any] = sorted([*corrected, *wheels], key=lambda s: s.t_ns)
+    samples: list[Any] = sorted([*fixes, *corrected, *wheels], key=lambda s: s.t_ns)
     first = 0
     if live.began_ns is not None:  # the daemon had samples before its monitor was there
         first = next((i for i, s in enumerate(samples) if s.t_ns == live.began_ns), 0)
@@ -87,6 +113,8 @@ def monitored(
     for sample in samples[first:]:
         if isinstance(sample, GyroSample):
             monitor.gyro(sample)
+        elif isinstance(sample, Fix):
+            monitor.fix(*sample)
         else:
             monitor.wheels(sample)
         if monitor.now_s != now_s:

@@ -23,7 +23,6 @@ from drd.pipeline import LARGEST_COMMANDED, Pipeline
 from drd.recording.in_force import IN_FORCE
 from drd.recording.topics import POSE, RAW_CAN, RAW_EVENTS, RAW_FOG
 from drd.samples import CanFrame, Pose, Reason, Validity
-from drd.wiring.samples import Samples
 from drd.wiring.table import sentences
 from drd_tools.recordings.configuration import attached_configuration, config_in_force
 from drd_tools.recordings.folder import file_hash
@@ -53,7 +52,7 @@ def replay_mcap(
     run = open_run(file)
     parts, missing, zero_ns = run.parts, run.missing, run.started_ns
     changed = any(given is not None for given in (config, calibration, model))
-    replay, kept = _Replay(changed), Samples()
+    replay, kept = _Replay(changed), findings.Kept()
     with tempfile.TemporaryDirectory() as folder:
         in_force, base = config_in_force(parts[-1], Path(folder), config, calibration, model)
         name = file.stem if model is not None else None
@@ -85,13 +84,13 @@ def replay_mcap(
 
 
 def _monitored(
-    kept: Samples, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
+    kept: findings.Kept, config: Config, calibration: Calibration | None, live: findings.Live | None, zero_ns: int
 ) -> list[str]:
     """Sentences of the monitor, and whether it said so live."""
     is_watched = config.fog.protocol != "none" and config.model.file is None
     if not is_watched or not (kept.gyro_samples and kept.wheel_samples):
         return [findings.NOT_WATCHED]
-    told = findings.monitored(kept.gyro_samples, kept.wheel_samples, config, calibration, live)
+    told = findings.monitored(kept.gyro_samples, kept.wheel_samples, config, calibration, live, kept.fixes)
     same = told.comparison(live) if live is not None else ""
     return [*findings.sentences(told, zero_ns), *([same] if same else [])]
 
