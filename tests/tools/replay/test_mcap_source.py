@@ -15,6 +15,7 @@ from drd.units import NS_PER_S
 from drd_tools.recordings.mcap_file import open_mcap
 from drd_tools.replay.mcap_source import bits, replay_mcap
 from drd_tools.replay.result import digest
+from drd_tools.replay.summary import summary
 
 
 def recorded(folder: Path, recording: str = "flush_s: 0.1", seconds: float = 20.0) -> Drive:
@@ -41,9 +42,7 @@ def test_the_replay_repeats_the_live_run_to_the_bit(tmp_path: Path) -> None:
     assert list(replayed.inputs) == [file.name]
 
 
-def test_the_monitor_of_a_replay_hears_of_the_poses_that_were_set(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_poses_that_were_set_reach_the_monitor_and_are_no_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Straight on, by wheels that are 3 % larger than configured; a reset begins the distances anew."""
     monkeypatch.setattr("bench.robot.RATE_RAD_S", 0.0)
     d = drive(tmp_path, calibration=False)
@@ -55,8 +54,13 @@ def test_the_monitor_of_a_replay_hears_of_the_poses_that_were_set(
     recorder = d.start()
     d.run(70.0, between)
     assert recorder.close(5.0)
-    (told,) = [note for note in replay_mcap(recordings(tmp_path)[0], monitors=True).notes if "monitor: " in note]
+    replayed = replay_mcap(recordings(tmp_path)[0], monitors=True)
+    (told,) = [note for note in replayed.notes if "monitor: " in note]
     assert "Both wheels roll +3 % further than configured, by 1 distances" in told
+    # Where a pose is set the robot is elsewhere, but has not driven there.
+    assert len(replayed.set_ns) == 4
+    (told,) = [line for line in summary(replayed).splitlines() if line.startswith("path ")]
+    assert float(told.split()[1]) == pytest.approx(70.0 * SPEED_M_S, abs=0.5)
 
 
 def test_a_run_in_several_parts_is_replayed_from_its_first(tmp_path: Path) -> None:

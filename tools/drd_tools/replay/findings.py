@@ -18,6 +18,7 @@ from drd.units import S_PER_NS
 from drd.wiring.samples import Samples
 
 TOPIC = "/findings"
+FIXES = ("set_pose", "reset")  # events behind which the pose is another, without way
 NOT_WATCHED = "monitor: it needs samples of gyro and wheels, and no model"
 
 
@@ -39,7 +40,7 @@ class Kept(Samples):
 
     def event(self, name: str, now_ns: int, **values: Any) -> None:
         """A call of the pipeline that is no sample."""
-        if name in ("set_pose", "reset"):
+        if name in FIXES:
             pose = {"x_m": 0.0, "y_m": 0.0, "sigma_m": math.inf} | values
             self.fixes.append(Fix(now_ns, pose["x_m"], pose["y_m"], pose["sigma_m"]))
 

@@ -69,6 +69,7 @@ def replay_mcap(
         in_force,
         pipeline.calibration,
         zero_ns=zero_ns,
+        set_ns=replay.set_ns,
         samples={"gyro": counters["fog"].get("samples", 0), "wheels": counters["encoders"]["samples"]},
         counters=counters,
         inputs={part.path.name: file_hash(part.path) for part in parts} | _inputs(config, calibration, model),
@@ -105,9 +106,14 @@ class _Replay:
         self.live: list[Pose] = []
         self.findings = findings.Live()
         self.lost = 0
+        self.set_ns: list[int] = []
+        self._is_set = False
 
     def on_pose(self, pose: Pose, _: int) -> None:
         self.poses.append(pose)
+        if self._is_set:
+            self.set_ns.append(pose.t_ns)
+        self._is_set = False
 
     def run(self, pipeline: Pipeline, parts: Sequence[McapFile]) -> None:
         """Make the live run's calls."""
@@ -125,6 +131,7 @@ class _Replay:
                 raise ConfigError(where, "", "what drd writes there", repr(error)) from error
             if made is not None:
                 made()
+                self._is_set |= recorded.topic == RAW_EVENTS and recorded.value()["event"] in findings.FIXES
 
     def _as_changed(self, event: str, made: Callable[[], object] | None) -> Callable[[], object] | None:
         """Adapt an event whose meaning another configuration changes."""

@@ -43,7 +43,8 @@ class Replayed:
 
     `began_ns`: where the dead reckoning began, the pose there being zero by definition (None: not known).
     `zero_ns`: the poses' time at which the recording's `time_s` is 0. `samples` and `counters` are by part and name.
-    `inputs`: SHA-256 of each file that was read. `notes`: sentences for the reader of the summary.
+    `inputs`: SHA-256 of each file that was read. `notes`: sentences for the reader of the summary. `set_ns`: times of
+    the first pose after each that was set from outside, and after each reset.
     """
 
     source: Path
@@ -56,6 +57,7 @@ class Replayed:
     counters: dict[str, dict[str, int]] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    set_ns: list[int] = field(default_factory=list)
 
     @property
     def duration_s(self) -> float:

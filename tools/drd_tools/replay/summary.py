@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 
-from drd.units import DEG_PER_RAD
+from drd.units import DEG_PER_RAD, S_PER_NS
 from drd_tools.replay.reference import EndError
 from drd_tools.replay.result import ORIGIN, Replayed, Start, table
 
@@ -18,7 +18,9 @@ GOOD = ("poses", "accepted", "bias_measured", "frames", "samples", "bytes", "pac
 def summary(replayed: Replayed, start: Start = ORIGIN, error: EndError | None = None, taken_s: float = 0.0) -> str:
     """Aligned lines: what was read, what came out, and its digest. There must be poses."""
     rows, last, robot = table(replayed, start), replayed.poses[-1], replayed.config.robot
-    distance_m = float(np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2])).sum())
+    steps_m = np.hypot(np.diff(rows[:, 1]), np.diff(rows[:, 2]))
+    is_set = np.isin(rows[1:, 0], [(t_ns - replayed.zero_ns) * S_PER_NS for t_ns in replayed.set_ns])
+    distance_m = float(steps_m[~is_set].sum())
     _, x_m, y_m, heading_rad, xx, _, _, yy, _, hh, _, _ = rows[-1]
     sigmas = [math.sqrt(max(value, 0.0)) for value in (xx, yy, hh)]
     lines = {
