@@ -98,6 +98,26 @@ def test_several_poses_and_a_comparison(tmp_path: Path, capsys: pytest.CaptureFi
     assert (tmp_path / "both/compare.html").read_text().count("data:image/png") == 4
 
 
+def test_a_comparison_says_where_it_is_not_like_with_like(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses, reference = files(tmp_path)
+    ways = {
+        "short": ("--align", "first-metres", 3),
+        "long": ("--align", "first-metres", 30),
+        "late": ("--align", "first-metres", 3, "--reference-lag", 0.3),
+        "unsure": ("--align", "first-metres", 3, "--reference-sigma", 0.5, 5),
+    }
+    for name, options in ways.items():
+        assert run(capsys, poses, "--reference", reference, *options, "--output", tmp_path / name)[0] == 0
+    said = {
+        "long": "alignments differ (first-metres 3, first-metres 30)",
+        "late": "the reference's times were taken 0.00 to 0.30 s earlier",
+        "unsure": "the reference's standard deviations differ",
+    }
+    for name in said:
+        _, out, _ = run(capsys, "--compare", tmp_path / "short", tmp_path / name, "--output", tmp_path / "both")
+        assert [other for other, text in said.items() if text in out] == [name]
+
+
 def test_a_recording_is_replayed_with_its_nominal_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_drive(tmp_path / "tour", TOUR, Truth(left=1.01, right=1.01), 1)
     assert run(capsys, folder, "--output", tmp_path / "out")[0] == 0

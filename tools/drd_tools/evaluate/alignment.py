@@ -25,6 +25,11 @@ class Alignment:
     metres: float = 0.0
 
     @property
+    def short(self) -> str:
+        """The kind, with the metres where it has some."""
+        return f"{self.kind} {self.metres:g}" if self.metres else self.kind
+
+    @property
     def sentence(self) -> str:
         """Sentence on what was done, with its figures."""
         how = {

@@ -77,9 +77,15 @@ def notes(groups: Sequence[Sequence[Labelled]]) -> list[str]:
     found = [f"{len(shared)} of {len(groups)} references were used by more than one run."]
     for group in shared:
         name = group[0][1].reference
-        kinds = {run.alignment.kind for _, run in group}
+        kinds = {run.alignment.short for _, run in group}
         if len(kinds) > 1:
             found.append(f"{name}: alignments differ ({', '.join(sorted(kinds))}), so absolute errors do not compare.")
+        lags_s = {run.lag_taken_s for _, run in group}
+        if len(lags_s) > 1:
+            taken = f"{min(lags_s):.2f} to {max(lags_s):.2f} s earlier"
+            found.append(f"{name}: the reference's times were taken {taken}, which is part of what errors differ by.")
+        if len({(run.position_sigma_m, run.heading_sigma_deg) for _, run in group}) > 1:
+            found.append(f"{name}: the reference's standard deviations differ, so NEES does not compare.")
         rows = {run.rows for _, run in group}
         if len(rows) > 1:
             found.append(f"{name}: {min(rows)} to {max(rows)} rows of the reference were used, so times differ.")
