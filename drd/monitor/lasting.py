@@ -37,6 +37,10 @@ class LastingMonitor:
         """See Monitor."""
         self.monitor.fix(t_ns, x_m, y_m, sigma_m)
 
+    def clock(self, wall_zero_ns: int) -> None:
+        """The wall clock was set: the drive was on another day than it seemed."""
+        self._wall_zero_ns, self._due_s = wall_zero_ns, self.monitor.now_s
+
     def findings(self) -> list[Finding]:
         """All that is known by now, of this drive and of earlier ones."""
         if self._memory is not None and self.monitor.now_s >= self._due_s:

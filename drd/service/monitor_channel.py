@@ -14,9 +14,9 @@ from drd.monitor.memory import Day, Memory
 
 # One record: its kind, the time, four numbers. Of a gyro sample: interval, rate, temperature, nothing; of a wheel
 # sample: interval, left, right, lost; of a pose that was set: x, y, sigma, nothing. GAP: samples were dropped before
-# the next one.
+# the next one. CLOCK: the wall clock was set, to that time where the samples' clock is 0.
 RECORD: Final = struct.Struct("=Bq4d")
-GAP, GYRO, WHEELS, FIX = range(4)
+GAP, GYRO, WHEELS, FIX, CLOCK = range(5)
 # A batch is one packet, which the socket takes whole or not at all. A tenth of a second of a 1000 Hz gyro.
 BATCH_RECORDS: Final = 128
 LARGEST_PACKET_BYTES: Final = 1 << 16

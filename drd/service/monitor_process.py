@@ -21,7 +21,7 @@ from drd.monitor.applying import Applying
 from drd.monitor.lasting import LastingMonitor
 from drd.monitor.wear import is_wear
 from drd.samples import GyroSample, WheelSample
-from drd.service.monitor_channel import FIX, GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
+from drd.service.monitor_channel import CLOCK, FIX, GAP, GYRO, LARGEST_PACKET_BYTES, RECORD, Report, Setup
 from drd.units import S_PER_NS
 
 # Private memory, of which it has 60 MiB at the start and what Python and numpy take for a moment on top.
@@ -53,6 +53,8 @@ class Feed:
                 self._is_new = True
             elif kind == FIX:
                 self.monitor.fix(t_ns, a, b, c)
+            elif kind == CLOCK:
+                self._lasting.clock(t_ns)
             elif kind == GYRO:
                 self.samples += 1
                 if self._calibration is not None:

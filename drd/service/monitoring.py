@@ -16,10 +16,10 @@ from drd.estimation.basis import Basis
 from drd.estimation.calibration import Calibration
 from drd.pipeline import Observer
 from drd.samples import GyroSample, WheelSample
-from drd.service.monitor_channel import FIX, GYRO, WHEELS, Report, Setup
+from drd.service.monitor_channel import CLOCK, FIX, GYRO, WHEELS, Report, Setup
 from drd.service.monitor_child import Child, Ended
 from drd.state.memory_file import MemoryKeeper, digest_of, first_digest_of
-from drd.units import S_PER_NS
+from drd.units import NS_PER_S, S_PER_NS
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 PERIOD_S: Final = 0.1
 FIRST_PAUSE_S: Final = 1.0
 LONGEST_PAUSE_S: Final = 300.0
+# By so much the wall clock is set, not corrected: a robot without a clock of its own hears the time on the way.
+SET_NS: Final = 60 * NS_PER_S
 # One that has run so long has earned the short pause again.
 GOOD_S: Final = 60.0
 
@@ -53,7 +55,7 @@ class Monitoring(Observer):
         self._pause_s = FIRST_PAUSE_S
         self._state, self._reason = "off", ""
         self._told: set[str] = set()
-        self._dropped = self.restarts = 0
+        self._dropped = self.restarts = self._wall_zero_ns = 0
         self.is_enabled = False
 
     # ---- the pipeline's observer -------------------------------------------------------------------------------
@@ -166,8 +168,10 @@ class Monitoring(Observer):
 
     def _with_memory(self, setup: Setup) -> Setup:
         memory = self._keeper.memory(setup.basis, first_digest_of(setup.config, setup.calibration))
-        now_ns = time.monotonic_ns()
-        return msgspec.structs.replace(setup, memory=memory, wall_zero_ns=time.time_ns() - now_ns, began_ns=now_ns)
+        self._wall_zero_ns = _wall_zero_ns()
+        return msgspec.structs.replace(
+            setup, memory=memory, wall_zero_ns=self._wall_zero_ns, began_ns=time.monotonic_ns()
+        )
 
     async def _serve(self, process: Child) -> None:
         """Exchange samples and reports until another set-up is wanted. Raises Ended."""
@@ -185,7 +189,10 @@ class Monitoring(Observer):
         return await asyncio.to_thread(process.end, has_ended)
 
     def _exchange(self, process: Child) -> None:
-        """Hand samples over and take reports in."""
+        """Hand samples over, and the wall clock where it was set, and take reports in."""
+        if abs(_wall_zero_ns() - self._wall_zero_ns) > SET_NS:
+            self._wall_zero_ns = _wall_zero_ns()
+            process.put(CLOCK, (self._wall_zero_ns, 0.0, 0.0, 0.0))
         process.flush()
         while (report := process.report()) is not None:
             for note in report.notes:
@@ -218,3 +225,8 @@ class Monitoring(Observer):
         self._state, self._report = state, report
         if (state, report.findings, report.suspected) != before:
             self._on_change()
+
+
+def _wall_zero_ns() -> int:
+    """The wall clock where the samples' clock is 0."""
+    return time.time_ns() - time.monotonic_ns()

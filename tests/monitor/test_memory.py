@@ -120,6 +120,24 @@ def test_a_drive_that_tells_too_little_of_the_lag_is_no_day() -> None:
     assert monitor.day is None
 
 
+def test_a_drive_is_of_the_day_that_the_clock_tells_once_it_is_set() -> None:
+    """A robot without a clock of its own hears the time on the way: what is remembered of later days must stay."""
+    memory, ahead_ns = of_days(np.linspace(0.01, 0.002, 20)), 400 * DAY_NS
+    monitor = LastingMonitor(demo_config(), memory, FIRST_NS + 20 * DAY_NS - ahead_ns, 0)
+    days: list[Day] = []
+    for sample in emulated(5, 160.0):
+        feed(monitor, sample)
+        monitor.findings()
+        if monitor.day is not None and not days:
+            days.append(monitor.day)
+            monitor.clock(FIRST_NS + 20 * DAY_NS)
+    assert monitor.day is not None
+    days.append(monitor.day)
+    assert [round((day.wall_ns - FIRST_NS) / DAY_NS) for day in days] == [-380, 20]
+    assert [len(remember(memory, day).days) for day in days] == [1, 21]
+    assert LEAK in {finding.effect for finding in monitor.findings()}
+
+
 def test_a_drive_begins_with_what_is_known_and_sees_overnight_changes() -> None:
     config, drive = demo_config(), emulated(5, 150.0)
     monitors = [LastingMonitor(config, memory, FIRST_NS, 0) for memory in (Memory("a robot"), None)]

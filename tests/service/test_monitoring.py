@@ -33,6 +33,7 @@ from drd.samples import GyroSample, WheelSample
 from drd.service.monitor_channel import (
     ARGUMENTS,
     BATCH_RECORDS,
+    CLOCK,
     FIX,
     GAP,
     GYRO,
@@ -145,6 +146,22 @@ def test_a_reset_reaches_the_monitor_as_a_pose_of_which_nothing_is_known() -> No
         (FIX, (4, 1.0, 2.0, 0.1)),
         (FIX, (5, 0.0, 0.0, math.inf)),
     ]
+
+
+def test_a_wall_clock_that_is_set_on_the_way_reaches_the_monitor_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monitoring, process = Monitoring(lambda: None, MemoryKeeper(config_of()), lambda _: None), Mock()
+    process.report.return_value = None
+    wall_ns = 10**18
+    monkeypatch.setattr("drd.service.monitoring.time.time_ns", lambda: wall_ns)
+    monkeypatch.setattr("drd.service.monitoring.time.monotonic_ns", lambda: 10**12)
+    assert monitoring._with_memory(Setup(config_of(), None)).wall_zero_ns == wall_ns - 10**12
+    for step_ns in (0, 10**9, 10**17, 0):  # corrected by a second, set by three years
+        wall_ns += step_ns
+        monitoring._exchange(process)
+    process.put.assert_called_once_with(CLOCK, (wall_ns - 10**12, 0.0, 0.0, 0.0))
+    feed = Feed(Setup(config_of(), None))
+    feed.take(RECORD.pack(*process.put.call_args.args[:1], *process.put.call_args.args[1], 0.0))
+    assert feed._lasting._wall_zero_ns == wall_ns - 10**12
 
 
 def test_what_waits_of_an_old_monitor_at_a_reload_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
