@@ -90,11 +90,13 @@ def test_a_bad_configuration_ends_it_with_code_2_and_the_key(config: Path, capsy
     assert main(["emulate", str(config.with_name("absent.yaml"))]) == 2
 
 
-def test_a_truth_file_that_cannot_be_written_is_reported(
+def test_a_truth_file_that_cannot_be_written_is_reported_before_the_drive(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["emulate", str(config), "--seconds", "0.1", "--truth", str(tmp_path / "no/where.csv")]) == 1
-    assert "cannot write" in capsys.readouterr().err
+    assert main(["emulate", str(config), "--seconds", "0.1", "--truth", str(tmp_path / "no/where.csv")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "no/where.csv: expected a file to write to, got No such file or directory" in err
 
 
 def test_an_emulator_that_fails_ends_it_with_code_1(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:

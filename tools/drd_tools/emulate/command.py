@@ -4,7 +4,6 @@ import argparse
 import csv
 import math
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -12,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from drd.commands import command, number, whole
+from drd.commands import command, number, whole, writing
 from drd.config.file import load_config
 from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.simulate.missions import Drive, demo_drive, make_drive
@@ -28,7 +27,7 @@ examples:
   drd emulate mybot.yaml --path square --truth truth.csv
   ip link add dev vcan0 type vcan && ip link set vcan0 up && drd emulate mybot.yaml     encoders.channel: vcan0
 
-Exit code: 0 done, 1 a device failed meanwhile, 2 bad usage, or the devices cannot be made.
+Exit code: 0 done, 1 a device failed meanwhile, 2 bad usage, or the devices or FILE.csv cannot be made.
 """
 # How far the path goes where no --seconds ends it.
 DEMO_S = 600.0
@@ -37,6 +36,9 @@ DEMO_S = 600.0
 def main(argv: list[str]) -> int:
     """Run the command. Returns the exit code: 0, or 1 where the emulator failed. Raises ConfigError."""
     arguments = _parser().parse_args(argv)
+    if arguments.truth is not None:  # not found out at the end of a long drive
+        with writing(arguments.truth, "a file to write to"), arguments.truth.open("a"):
+            pass
     emulator = Emulator(
         load_config(arguments.config).value,
         arguments.config.parent,
@@ -51,11 +53,8 @@ def main(argv: list[str]) -> int:
         failed = _wait(emulator, stopped, arguments.seconds)
     print(", ".join(f"{name}={count}" for name, count in emulator.counters.items()), flush=True)
     if arguments.truth is not None:
-        try:
+        with writing(arguments.truth, "a file to write to"):
             write_truth(arguments.truth, emulator.truth)
-        except OSError as error:
-            print(f"drd emulate: cannot write {arguments.truth}: {error.strerror}", file=sys.stderr)
-            return 1
     return 1 if failed else 0
 
 
