@@ -58,25 +58,22 @@ class Segments:
             mine = [i for i, s in enumerate(self.all) if s.level == level]
             if len(mine) <= most:
                 return
-            self._merge(mine[0], pinned)
+            free = [i for i in mine[:-1] if not any(s.begin_s in pinned for s in self.all[i : i + 3])]
+            if level < len(COUNTS) - 1:
+                if mine[0] in free:
+                    self._merge(mine[0])
+                self.all[mine[0]].level += 1  # alone, it moves on
+            else:  # what is pinned stays, for as long as it is, beside as many as are kept anyway
+                for i in free[: len(mine) - most][::-1]:
+                    self._merge(i, FADES)
 
-    def _merge(self, i: int, pinned: set[float]) -> None:
-        first = self.all[i]
-        for one in self.all[i : i + 2]:
+    def _merge(self, i: int, fades: float = 1.0) -> None:
+        first, second = self.all[i], self.all.pop(i + 1)
+        for one in (first, second):
             if not one.is_white:  # blocks that become one can no longer be told apart
                 one.products, one.is_white = self._white(one.products), True
-        follows = i + 1 < len(self.all) and self.all[i + 1].level == first.level
-        if first.level == len(COUNTS) - 1 and follows:
-            second = self.all.pop(i + 1)
-            first.products, first.end_s = FADES * first.products + second.products, second.end_s
-            first.turning_m += second.turning_m
-        elif not follows or any(s.begin_s in pinned for s in self.all[i : i + 3]):
-            first.level += 1  # alone, it moves on
-        else:
-            second = self.all.pop(i + 1)
-            first.products = first.products + second.products
-            first.end_s, first.level = second.end_s, first.level + 1
-            first.turning_m += second.turning_m
+        first.products, first.end_s = fades * first.products + second.products, second.end_s
+        first.turning_m += second.turning_m
 
     def drop_since(self, begin_s: float) -> None:
         """Forget the sums since a time."""

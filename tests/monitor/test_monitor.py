@@ -278,6 +278,21 @@ def test_the_segments_beside_the_begin_of_what_was_found_stay_as_short_as_they_a
     assert len(segments.all) <= sum(COUNTS) + 3
 
 
+def test_of_what_was_found_hours_ago_begin_and_end_stay_until_it_is_taken_back() -> None:
+    segments, pinned = Segments(lambda products: products), {600.0, 720.0}
+    for k in range(10_000):
+        segments.add(2.0 * k, 2.0 * k + 2.0, float(k), np.ones((2, 2)), pinned if k > 320 else set())
+    assert pinned <= set(segments.begins_s)
+    kept = [s for s in segments.all if 600.0 <= s.begin_s < 720.0]
+    assert sum(float(s.products[0, 0]) for s in kept) == 60.0  # all blocks of the two minutes, none faded
+    most = sum(COUNTS) + 3 * len(pinned)
+    assert len(segments.all) <= most
+    for k in range(10_000, 12_000):
+        segments.add(2.0 * k, 2.0 * k + 2.0, float(k), np.ones((2, 2)), set())
+    assert len(segments.all) <= sum(COUNTS) + len(COUNTS)
+    assert not pinned & set(segments.begins_s)
+
+
 def learned(treads: Array) -> Scatter:
     """What is learned of blocks of 20 rows of white noise, in each of which the tread is off by so much."""
     random, scatter = np.random.default_rng(1), Scatter()
