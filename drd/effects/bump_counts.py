@@ -5,16 +5,16 @@ from drd.effects.motion import Motion
 
 
 class BumpCounts(Effect):
-    """Over stones and cracks the wheels travel further than the robot; this is the mean of it."""
+    """Stones and cracks make the wheels travel further than the robot; modelled by the mean excess."""
 
     id = "bump_counts"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel (1 + travel_per_m)"
     source = "Borenstein and Feng, UMBmark (1996): non-systematic errors; geometry of the longer path"
-    parameters = (Parameter("travel_per_m", "m/m", "mean added travel", 1e-5, 0.05, signed=False),)
+    parameters = (Parameter("travel_per_m", "m/m", "mean excess travel", 1e-5, 0.05, signed=False),)
     covariate = "speed"
-    needs_position = "it is the same in both wheels, so that it shows in the distance only"
-    manoeuvre = "the same way on rough and on smooth ground"
+    needs_position = "it is the same in both wheels and shows only in the distance"
+    manoeuvre = "the same path on rough and on smooth ground"
     lasting = False  # it belongs to the ground
 
     symptom = Symptom.JUMPED

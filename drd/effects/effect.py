@@ -363,5 +363,5 @@ def between_logs(low: float, high: float, share: float) -> float:
 
 
 SIDE = Parameter("side", "", "which wheel", linear=False, choices=SIDES)
-START = Parameter("t0", "s", "from when", 0.0, 1e6, signed=False, linear=False, moment=True)
-END = Parameter("t1", "s", "until when", 0.0, 1e6, signed=False, linear=False, moment=True)
+START = Parameter("t0", "s", "start of the interval", 0.0, 1e6, signed=False, linear=False, moment=True)
+END = Parameter("t1", "s", "end of the interval", 0.0, 1e6, signed=False, linear=False, moment=True)

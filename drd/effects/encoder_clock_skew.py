@@ -6,16 +6,16 @@ from drd.effects.motion import Motion
 
 
 class EncoderClockSkew(Effect):
-    """The encoders' clock runs slow, or fast, so that their stamps drift away from the gyro's."""
+    """The encoders' clock runs slow or fast, so that their time stamps drift away from the gyro's."""
 
     id = "encoder_clock_skew"
     acts_on = ActsOn.TIMING
     formula = "travel read at t = travel at t (1 + ppm / 10^6)"
     source = "definition of a clock's rate error"
-    parameters = (Parameter("ppm", "ppm", "what the clock runs slow", 1.0, 2000.0, 1e-6, linear=False),)
+    parameters = (Parameter("ppm", "ppm", "by how much the clock runs slow", 1.0, 2000.0, 1e-6, linear=False),)
     covariate = "time"
     begins = Begins.GROWING
-    manoeuvre = "a long drive with hard starts and stops to its end"
+    manoeuvre = "a long drive with hard starts and stops up to its end"
 
     def error(self, m: Motion, p: Values) -> Errors:
         slow = number(p, "ppm")

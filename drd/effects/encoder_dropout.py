@@ -21,7 +21,7 @@ from drd.effects.motion import Motion
 
 
 class EncoderDropout(Effect):
-    """For some time one counter stands still while its wheel turns; its travel is lost."""
+    """One counter stands still for a while although its wheel turns; that travel is lost."""
 
     id = "encoder_dropout"
     acts_on = ActsOn.READOUT
@@ -29,8 +29,8 @@ class EncoderDropout(Effect):
     source = "definition"
     parameters = (SIDE, START, END)
     covariate = "time"
-    manoeuvre = "none: look at cable and connector"
-    irreversible = "the travel is in no count; the gyro and the other wheel stand in for it"
+    manoeuvre = "none: check the cable and the connector"
+    irreversible = "the travel was never counted; the gyro and the other wheel replace it"
     remainder = 0.3
     lasting = False
     symptom = Symptom.STOPPED

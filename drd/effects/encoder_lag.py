@@ -5,17 +5,17 @@ from drd.effects.motion import Motion
 
 
 class EncoderLag(Effect):
-    """The drive filters the wheel speeds that it tells, so that they follow the wheels behind a first-order lag."""
+    """The drive low-pass filters the wheel speeds it reports, so that they follow the wheels with a first-order lag."""
 
     id = "encoder_lag"
     acts_on = ActsOn.TIMING
     formula = "tau dv/dt + v = wheel speed, for each wheel"
-    source = "first-order low-pass, as drives smooth the speeds that they tell; Warthog: README.md of this folder"
+    source = "first-order low-pass, as drives smooth the speeds they report; Warthog: README.md of this folder"
     parameters = (
         Parameter("tau", "s", "time constant", 0.005, 0.5, signed=False, linear=False, initial="wheel_lag_s"),
     )
     covariate = "acceleration"
-    manoeuvre = "hard starts and stops, turns that begin and end sharply; seldom told from encoder_latency"
+    manoeuvre = "hard starts and stops, turns that begin and end sharply; seldom distinguishable from encoder_latency"
     remainder = 0.3  # of the distance, in starts that take half a second: half the time constant over that time
     searched = False  # beside encoder_latency it splits one delay of a real drive into three
 

@@ -5,12 +5,12 @@ from drd.effects.motion import Motion
 
 
 class EncoderLatency(Effect):
-    """The encoders' samples are older than their stamps by a constant time."""
+    """The encoders' samples are older than their time stamps by a constant delay."""
 
     id = "encoder_latency"
     acts_on = ActsOn.TIMING
     formula = "travel read at t = travel at t - delay"
-    source = "definition; drives sum up, filter and send their counts in turns"
+    source = "definition; drives accumulate, filter and transmit their counts periodically"
     parameters = (
         Parameter(
             "delay", "s", "age of a sample at its stamp", 0.001, 0.5, signed=False, linear=False, initial="wheel_lag_s"

@@ -29,8 +29,8 @@ class EncoderMissedCounts(Effect):
     source = "limit frequency of a quadrature counter"
     parameters = (
         SIDE,
-        Parameter("fraction", "1", "share of the counts that is lost", 1e-4, 0.2, signed=False),
-        Parameter("speed", "m/s", "of the wheel, above which it happens", 0.05, 5.0, signed=False, linear=False),
+        Parameter("fraction", "1", "fraction of the counts that is lost", 1e-4, 0.2, signed=False),
+        Parameter("speed", "m/s", "wheel speed above which counts are lost", 0.05, 5.0, signed=False, linear=False),
     )
     covariate = "speed"
     manoeuvre = "straight lines at several speeds"

@@ -8,15 +8,15 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroBiasStep(Effect):
-    """At one moment the gyro's bias jumps and stays."""
+    """The gyro's bias jumps once and stays at its new value."""
 
     id = "gyro_bias_step"
     acts_on = ActsOn.GYRO
     formula = "e = b for t >= t0"
     source = "IEEE Std 952-1997, bias instability"
-    parameters = (Parameter("b", "deg/s", "size of the jump", 1e-4, 1.0, RAD_PER_DEG), replace(START, text="when"))
+    parameters = (Parameter("b", "deg/s", "size of the jump", 1e-4, 1.0, RAD_PER_DEG), replace(START, text="its time"))
     covariate = "time"
-    manoeuvre = "a standstill of a minute now and then"
+    manoeuvre = "standstills of a minute from time to time"
     lasting = False
     repeats = True
     recurs = False

@@ -6,15 +6,15 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroBiasTemperature(Effect):
-    """The gyro's bias follows its temperature, and so leaves the value that the standstill gave it."""
+    """The gyro's bias follows its temperature and so leaves the value measured at standstill."""
 
     id = "gyro_bias_temperature"
     acts_on = ActsOn.GYRO
-    formula = "e = b1 dT + b2 dT^2, dT = T less its mean in the standstill"
+    formula = "e = b1 dT + b2 dT^2, dT = T minus its mean at standstill"
     source = "(3); IEEE Std 952-1997, bias sensitivity to temperature"
     parameters = (
-        Parameter("b1", "deg/s/degC", "slope at the standstill's temperature", 1e-5, 0.05, RAD_PER_DEG),
-        Parameter("b2", "deg/s/degC^2", "its change with temperature", 1e-6, 0.005, RAD_PER_DEG),
+        Parameter("b1", "deg/s/degC", "linear coefficient at the standstill temperature", 1e-5, 0.05, RAD_PER_DEG),
+        Parameter("b2", "deg/s/degC^2", "quadratic coefficient", 1e-6, 0.005, RAD_PER_DEG),
     )
     covariate = "temperature"
     manoeuvre = "any drive while the temperature rises and falls, with standstills"

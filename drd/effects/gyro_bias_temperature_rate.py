@@ -6,15 +6,15 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroBiasTemperatureRate(Effect):
-    """While the gyro warms or cools, the gradient across its coil shifts the bias."""
+    """While the gyro warms or cools, the temperature gradient across its coil shifts the bias (Shupe effect)."""
 
     id = "gyro_bias_temperature_rate"
     acts_on = ActsOn.GYRO
-    formula = "e = b dT/dt, behind the coil's first-order lag"
+    formula = "e = b dT/dt, low-passed by the coil's first-order lag"
     source = "Shupe, Appl. Opt. 19 (1980) 654"
     parameters = (
-        Parameter("b", "deg/s per degC/s", "bias per rate of temperature", 1e-3, 1.0, RAD_PER_DEG),
-        Parameter("coil_lag_s", "s", "time constant of the coil", 5.0, 300.0, signed=False, linear=False),
+        Parameter("b", "deg/s per degC/s", "bias per rate of temperature change", 1e-3, 1.0, RAD_PER_DEG),
+        Parameter("coil_lag_s", "s", "thermal time constant of the coil", 5.0, 300.0, signed=False, linear=False),
     )
     covariate = "temperature_rate"
     manoeuvre = "any drive while the temperature rises and falls again"

@@ -7,7 +7,7 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroDeadband(Effect):
-    """The gyro reads zero while the rate, bias included, is below a threshold."""
+    """The gyro has a dead band: it reads zero while the rate, bias included, is below a threshold."""
 
     id = "gyro_deadband"
     acts_on = ActsOn.READOUT
@@ -15,8 +15,8 @@ class GyroDeadband(Effect):
     source = "IEEE Std 528-2001, dead band"
     parameters = (Parameter("band", "deg/s", "threshold", 1e-3, 2.0, RAD_PER_DEG, signed=False, linear=False),)
     covariate = "yaw_rate"
-    manoeuvre = "creeping turns of long duration, both ways"
-    irreversible = "below the threshold every rate reads zero"
+    manoeuvre = "long, very slow turns, both ways"
+    irreversible = "all rates below the threshold read zero"
     remainder = 1.0
     symptom = Symptom.MUTED
 

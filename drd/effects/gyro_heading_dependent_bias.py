@@ -8,7 +8,7 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroHeadingDependentBias(Effect):
-    """The bias depends on the heading, through the Earth's magnetic field in the coil, or its turning on a slope."""
+    """The gyro's bias depends on the heading, through the Earth's magnetic field or, on a slope, Earth rotation."""
 
     id = "gyro_heading_dependent_bias"
     acts_on = ActsOn.GYRO
@@ -16,7 +16,7 @@ class GyroHeadingDependentBias(Effect):
     source = "Lefevre, The Fiber-Optic Gyroscope (2014): Faraday effect; Earth rate: geometry"
     parameters = (
         Parameter("b", "deg/s", "amplitude", 1e-4, 0.1, RAD_PER_DEG, signed=False),
-        Parameter("phase", "rad", "heading at which it reads most", 0.0, 2.0 * pi, signed=False, linear=False),
+        Parameter("phase", "rad", "heading at which the bias is largest", 0.0, 2.0 * pi, signed=False, linear=False),
     )
     covariate = "heading"
     manoeuvre = "long straight lines, or standstills, in many headings"

@@ -5,7 +5,7 @@ from drd.effects.motion import Motion
 
 
 class GyroLag(Effect):
-    """The gyro follows a change of rate behind a first-order lag, as a sensor of low bandwidth does."""
+    """The gyro follows changes of rate with a first-order lag, as a sensor of low bandwidth does."""
 
     id = "gyro_lag"
     acts_on = ActsOn.TIMING

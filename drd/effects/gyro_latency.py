@@ -5,12 +5,12 @@ from drd.effects.motion import Motion
 
 
 class GyroLatency(Effect):
-    """The gyro's samples are older than their stamps by a constant time."""
+    """The gyro's samples are older than their time stamps by a constant delay."""
 
     id = "gyro_latency"
     acts_on = ActsOn.TIMING
     formula = "w_g(t) = w(t - delay)"
-    source = "protocols of the sensor: filter, line, adapter"
+    source = "sensor protocols: filter, serial line, adapter"
     parameters = (Parameter("delay", "s", "age of a sample at its stamp", 0.001, 0.3, signed=False, linear=False),)
     covariate = "acceleration"
     manoeuvre = "turns that begin and end sharply; a closed loop hides it"

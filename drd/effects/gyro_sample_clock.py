@@ -5,7 +5,7 @@ from drd.effects.motion import Motion
 
 
 class GyroSampleClock(Effect):
-    """Samples that are stamped by counting them run ahead of time, or fall behind, since their rate is not nominal."""
+    """The gyro's sample rate is not nominal, so that time stamps made by counting samples run ahead or fall behind."""
 
     id = "gyro_sample_clock"
     acts_on = ActsOn.TIMING
@@ -13,12 +13,12 @@ class GyroSampleClock(Effect):
     source = "definition of a clock's rate; KVH DSP-3000: 2 to 3 % from unit to unit"
     parameters = (
         Parameter(
-            "ratio", "1", "rate of samples, actual to nominal", 0.95, 1.05, signed=False, linear=False, neutral=1.0
+            "ratio", "1", "actual sample rate over the nominal one", 0.95, 1.05, signed=False, linear=False, neutral=1.0
         ),
     )
     covariate = "time"
     begins = Begins.GROWING
-    manoeuvre = "a long drive with sharp turns, with the times at which samples arrive"
+    manoeuvre = "a long drive with sharp turns, with recorded arrival times"
 
     def error(self, m: Motion, p: Values) -> Errors:
         older_s = m.time_s * (1.0 - 1.0 / number(p, "ratio"))

@@ -7,7 +7,7 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroSaturation(Effect):
-    """Beyond a limit the gyro's reading stays at the limit: part of each fast turn is missing."""
+    """The gyro saturates: its reading stays at a limit, so that part of each faster turn is lost."""
 
     id = "gyro_saturation"
     acts_on = ActsOn.READOUT
@@ -18,7 +18,7 @@ class GyroSaturation(Effect):
     )
     covariate = "yaw_rate"
     manoeuvre = "the fastest turns"
-    irreversible = "beyond the limit every rate reads the same"
+    irreversible = "all rates beyond the limit read the same"
     remainder = 1.0
     symptom = Symptom.CLIPPED
     searched = False

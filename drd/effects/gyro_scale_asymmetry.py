@@ -5,13 +5,13 @@ from drd.effects.motion import Motion
 
 
 class GyroScaleAsymmetry(Effect):
-    """The gyro reads left turns too large and right turns too small, or the other way round."""
+    """The gyro's scale factor differs between left and right turns: one reads too large, the other too small."""
 
     id = "gyro_scale_asymmetry"
     acts_on = ActsOn.GYRO
     formula = "e = k |w|"
     source = "IEEE Std 952-1997, scale factor asymmetry"
-    parameters = (Parameter("k", "1", "relative error of the scale in left turns, -k in right ones", 1e-5, 0.02),)
+    parameters = (Parameter("k", "1", "relative scale-factor error in left turns; -k in right turns", 1e-5, 0.02),)
     covariate = "yaw_rate"
     manoeuvre = "as many turns to the left as to the right"
 

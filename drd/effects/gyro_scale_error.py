@@ -5,7 +5,7 @@ from drd.effects.motion import Motion
 
 
 class GyroScaleError(Effect):
-    """The gyro reads every turn too large or too small by one factor."""
+    """The gyro's scale factor is off: every turn reads too large or too small by the same factor."""
 
     id = "gyro_scale_error"
     acts_on = ActsOn.GYRO
@@ -14,7 +14,7 @@ class GyroScaleError(Effect):
     parameters = (Parameter("k", "1", "relative error of the scale factor", 1e-5, 0.05, initial="gyro_scale"),)
     covariate = "yaw_rate"
     proportional = True
-    manoeuvre = "many turns the same way"
+    manoeuvre = "many turns in the same direction"
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "k") * m.rate_rad_s)

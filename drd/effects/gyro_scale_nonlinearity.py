@@ -9,7 +9,7 @@ MOST_SHARE = 0.15  # of the rate: three times the largest plausible error of a s
 
 
 class GyroScaleNonlinearity(Effect):
-    """The gyro's scale factor depends on the rate: fast turns are read differently from slow ones."""
+    """The gyro's scale factor depends on the rate: fast turns read differently from slow ones."""
 
     id = "gyro_scale_nonlinearity"
     acts_on = ActsOn.GYRO
@@ -21,7 +21,7 @@ class GyroScaleNonlinearity(Effect):
         Parameter(
             "largest_rate",
             "deg/s",
-            "where a2 and a3 hold",
+            "rate at which a2 and a3 are stated",
             1.0,
             400.0,
             RAD_PER_DEG,

@@ -6,15 +6,15 @@ from drd.effects.motion import Motion
 
 
 class GyroScaleTemperature(Effect):
-    """The gyro's scale factor follows its temperature: the same turn reads differently warm and cold."""
+    """The gyro's scale factor depends on its temperature: the same turn reads differently warm and cold."""
 
     id = "gyro_scale_temperature"
     acts_on = ActsOn.GYRO
     formula = "e = k (T - T0) w"
     source = "(5); Lefevre, The Fiber-Optic Gyroscope (2014): the light source's wavelength"
     parameters = (
-        Parameter("k", "1/degC", "relative change of the scale", 1e-6, 5e-3),
-        Parameter("T0", "degC", "where the scale is right", -40.0, 85.0, linear=False, fixed=True),
+        Parameter("k", "1/degC", "relative change of the scale factor", 1e-6, 5e-3),
+        Parameter("T0", "degC", "temperature of zero error", -40.0, 85.0, linear=False, fixed=True),
     )
     covariate = "temperature"
     manoeuvre = "turns at several temperatures"

@@ -6,12 +6,12 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroVibrationBias(Effect):
-    """The faster the robot drives, the more its vibration shifts the gyro's bias."""
+    """Vibration shifts the gyro's bias, in proportion to the speed squared."""
 
     id = "gyro_vibration_bias"
     acts_on = ActsOn.GYRO
     formula = "e = k v^2"
-    source = "IEEE Std 952-1997, vibration rectification; the acceleration grows with speed"
+    source = "IEEE Std 952-1997, vibration rectification; vibration grows with speed"
     parameters = (Parameter("k", "deg/s/(m/s)^2", "bias per speed squared", 1e-5, 0.3, RAD_PER_DEG),)
     covariate = "speed"
     manoeuvre = "long straight lines at several speeds"

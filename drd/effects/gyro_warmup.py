@@ -6,20 +6,20 @@ from drd.units import RAD_PER_DEG
 
 
 class GyroWarmup(Effect):
-    """After power-on the gyro's bias settles, as its own heat spreads."""
+    """The gyro's bias settles after power-on, as the gyro warms itself up."""
 
     id = "gyro_warmup"
     acts_on = ActsOn.GYRO
     formula = "e = b exp(-t / tau), t since power-on"
-    source = "first-order heating of a body by its own losses; IEEE Std 528-2001, warm-up time"
+    source = "first-order self-heating; IEEE Std 528-2001, warm-up time"
     parameters = (
-        Parameter("b", "deg/s", "at power-on", 1e-4, 1.0, RAD_PER_DEG),
+        Parameter("b", "deg/s", "bias at power-on", 1e-4, 1.0, RAD_PER_DEG),
         Parameter("tau", "s", "time constant", 10.0, 3000.0, signed=False, linear=False),
     )
     covariate = "time"
     begins = Begins.POWER_ON
-    manoeuvre = "a drive from power-on, cold, of at least three time constants, with standstills"
-    advice = "Begin at power-on, with the gyro cold."
+    manoeuvre = "a drive from a cold power-on, at least three time constants long, with standstills"
+    advice = "Start at power-on, with the gyro cold."
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(gyro_rad_s=number(p, "b") * np.exp(-m.time_s / number(p, "tau")))

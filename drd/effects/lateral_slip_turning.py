@@ -5,17 +5,17 @@ from drd.effects.motion import Motion
 
 
 class LateralSlipTurning(Effect):
-    """In turns the body slides outward, in proportion to the lateral acceleration."""
+    """The body slides outward in turns, in proportion to its lateral acceleration."""
 
     id = "lateral_slip_turning"
     acts_on = ActsOn.BODY
     formula = "v_y = -k v w"
-    source = "tyre slip angle in proportion to lateral force (linear tyre model)"
+    source = "tyre slip angle proportional to lateral force (linear tyre model)"
     parameters = (
-        Parameter("k", "s", "sideways speed per lateral acceleration", 1e-4, 0.2, signed=False, initial="slip_s"),
+        Parameter("k", "s", "lateral speed per lateral acceleration", 1e-4, 0.2, signed=False, initial="slip_s"),
     )
     covariate = "lateral_acceleration"
-    needs_position = "no sensor of the robot tells its motion to the side"
+    needs_position = "no sensor on the robot measures its lateral motion"
     manoeuvre = "a slalom at speed, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

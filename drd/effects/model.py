@@ -104,12 +104,12 @@ class Model:
             is_other_run = recording is None or (found_in is not None and recording not in _names(found_in))
             if not effect.lasting and is_other_run:
                 where = f" (here: {found_in})" if found_in else ""
-                notes.append(f"{effect.id} is left alone: it holds only in the run in which it was found{where}")
+                notes.append(f"{effect.id} is not applied: it holds only in the run in which it was found{where}")
                 continue
             if not effect.lasting and found_in is None:
                 notes.append(f"{effect.id} holds only in the run in which it was found: is it this one?")
             if effect.irreversible:
-                notes.append(f"{effect.id} cannot be taken off: {effect.irreversible}")
+                notes.append(f"{effect.id} cannot be corrected: {effect.irreversible}")
             kept.append(term)
         return tuple(kept), notes
 

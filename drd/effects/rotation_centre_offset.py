@@ -5,18 +5,18 @@ from drd.effects.motion import Motion
 
 
 class RotationCentreOffset(Effect):
-    """The robot turns about a point behind its reported centre (or, negative, ahead of it), which so moves sideways."""
+    """The reported centre is ahead of the centre of rotation (if negative, behind) and so moves sideways in turns."""
 
     id = "rotation_centre_offset"
     acts_on = ActsOn.BODY
     formula = "v_y = a w"
     source = "kinematics of a rigid body; Mandow et al., IROS 2007: instantaneous centres of rotation"
-    parameters = (Parameter("a", "m", "how far the reported centre is ahead of the turn's", 1e-4, 1.0),)
+    parameters = (Parameter("a", "m", "distance of the reported centre ahead of the centre of rotation", 1e-4, 1.0),)
     covariate = "yaw_rate"
     proportional = True
-    needs_position = "no sensor of the robot tells its motion to the side"
-    manoeuvre = "turns on the spot, with a position reference; a lengthwise lever arm of the reference looks the same"
-    caveat = "A reference that is mounted so much ahead of the believed point looks the same."
+    needs_position = "no sensor on the robot measures its lateral motion"
+    manoeuvre = "turns on the spot, with a position reference; a longitudinal lever arm of the reference looks the same"
+    caveat = "A reference mounted that far ahead of its assumed position looks the same."
 
     def error(self, m: Motion, p: Values) -> Errors:
         return Errors(lateral_m_s=number(p, "a") * m.rate_rad_s)

@@ -10,11 +10,11 @@ class SlipAcceleration(Effect):
     id = "slip_acceleration"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel + k a |travel|"
-    source = "slip in proportion to drive force (linear tyre model)"
+    source = "slip proportional to drive force (linear tyre model)"
     parameters = (Parameter("k", "s^2/m", "slip per acceleration", 1e-4, 0.2, signed=False),)
     covariate = "acceleration"
-    needs_position = "it is the same in both wheels, so that it shows in the distance only"
-    manoeuvre = "hard starts and soft stops, with a position reference: over a whole start and stop it cancels"
+    needs_position = "it is the same in both wheels and shows only in the distance"
+    manoeuvre = "hard starts and soft stops, with a position reference: it cancels over a complete start and stop"
 
     def error(self, m: Motion, p: Values) -> Errors:
         slip = number(p, "k") * m.acceleration_m_s2

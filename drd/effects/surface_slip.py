@@ -31,7 +31,7 @@ class SurfaceSlip(Effect):
         Parameter("right", "1", "slip of the right wheel", 1e-4, 0.5, signed=False),
     )
     covariate = "time"
-    manoeuvre = "the same ground again, and others"
+    manoeuvre = "the same ground again, and other ground"
     remainder = 0.1  # the samples in which it begins and ends
     lasting = False
     repeats = True

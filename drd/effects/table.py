@@ -5,14 +5,14 @@ from drd.effects.effect import END, Effect, Parameter
 
 HEAD = """# Physical effects
 
-Made from the modules of this folder by `python -m drd.effects`; do not edit. An effect is one module: its formula
+Generated from the modules of this folder by `python -m drd.effects`; do not edit. An effect is one module: its formula
 serves simulator, compensation and diagnosis.
 
-Signs are those of REP-103: a left turn is positive, forward is positive, to the left is positive. e is what a sensor
-reads too much, w the yaw rate, v the forward speed, T the gyro's temperature, D the tread; `-+` is - for the left and +
-for the right wheel. Ranges are of sizes; ± is written where either sign may come. What removal leaves is a share of the
-effect, on samples at 10 and 20 Hz. Effects act in the order of the table, each on what the ones before it left: first
-body and wheels, then gyro, then timing, then readout.
+Signs are those of REP-103: a left turn is positive, forward is positive, to the left is positive. e is the
+error of a reading, w the yaw rate, v the forward speed, T the gyro's temperature, D the tread; `-+` is - for the left
+and + for the right wheel. Ranges are of magnitudes; ± marks parameters of either sign. The residual after correction is
+a share of the effect, for samples at 10 and 20 Hz. Effects act in the order of the table, each on the result of those
+before it: first body and wheels, then gyro, timing and readout.
 
 """
 COLUMNS = (
@@ -23,9 +23,9 @@ COLUMNS = (
     "source",
     "parameters",
     "covariate",
-    "manoeuvre that shows it",
-    "what removal leaves",
-    "the same in the next run",
+    "manoeuvre that excites it",
+    "residual after correction",
+    "unchanged in the next run",
 )
 
 

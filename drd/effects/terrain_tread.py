@@ -20,17 +20,17 @@ from drd.effects.motion import Motion
 
 
 class TerrainTread(Effect):
-    """In an interval on other ground a skid-steer robot has another effective tread and another forward gain."""
+    """During an interval on different ground, a skid-steer robot's effective tread and forward gain change."""
 
     id = "terrain_tread"
     acts_on = ActsOn.WHEELS
     formula = "reading = (1 + gain) v -+ (1 + tread) D w / 2 for t0 <= t < t1"
-    source = "Mandow et al., IROS 2007: instantaneous centres of rotation per ground"
+    source = "Mandow et al., IROS 2007: instantaneous centres of rotation for each type of ground"
     parameters = (
         START,
         END,
         Parameter("tread", "1", "relative change of the effective tread", 1e-3, 0.5),
-        Parameter("gain", "1", "what the wheels read too much straight ahead", 1e-4, 0.3),
+        Parameter("gain", "1", "relative over-reading of the wheels straight ahead", 1e-4, 0.3),
     )
     covariate = "place"
     manoeuvre = "turns on the spot and straight lines on each ground, with a position or heading reference"

@@ -1,11 +1,11 @@
-"""The effective tread is not the one believed."""
+"""The effective tread is not the nominal one."""
 
 from drd.effects.effect import ActsOn, Calibrated, Effect, Errors, Parameter, Values, apart, np, number
 from drd.effects.motion import Motion
 
 
 class TreadError(Effect):
-    """The robot turns about wheels that stand, in effect, further apart or nearer than believed."""
+    """The effective tread (track width) differs from its nominal value."""
 
     id = "tread_error"
     acts_on = ActsOn.WHEELS

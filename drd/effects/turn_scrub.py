@@ -12,7 +12,7 @@ class TurnScrub(Effect):
     acts_on = ActsOn.WHEELS
     formula = "reading = v -+ (1 + k f) D w / 2, f = c / (1 + c), c = |w / v| in 1/m"
     source = "Wang et al., Sensors 15 (2015) 9681: the tread depends on the path's radius; f: the simplest such form"
-    parameters = (Parameter("k", "1", "growth of the tread on the spot", 1e-3, 0.5, signed=False),)
+    parameters = (Parameter("k", "1", "relative growth of the tread on the spot", 1e-3, 0.5, signed=False),)
     covariate = "curvature"
     manoeuvre = "turns on the spot, tight and wide, both ways"
 

@@ -18,16 +18,16 @@ from drd.effects.motion import Motion
 
 
 class TyreDeflation(Effect):
-    """One wheel's radius shrinks through the run, so that it reads more and more."""
+    """One wheel's radius shrinks steadily during the run, so that the wheel reads more and more."""
 
     id = "tyre_deflation"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel (1 + total t / end of the run)"
     source = "geometry; a small leak at nearly constant pressure loses air steadily"
-    parameters = (SIDE, Parameter("total", "1", "share of the radius lost at the end", 1e-4, 0.1, signed=False))
+    parameters = (SIDE, Parameter("total", "1", "fraction of the radius lost by the end", 1e-4, 0.1, signed=False))
     covariate = "time"
     begins = Begins.GROWING
-    manoeuvre = "long straight lines from begin to end of the run"
+    manoeuvre = "long straight lines from the beginning to the end of the run"
     lasting = False
 
     def error(self, m: Motion, p: Values) -> Errors:

@@ -5,20 +5,20 @@ from drd.effects.motion import Motion
 
 
 class WheelEccentricity(Effect):
-    """One wheel reads too much in one half of each turn and too little in the other."""
+    """One wheel is eccentric: it reads too much in one half of each revolution and too little in the other."""
 
     id = "wheel_eccentricity"
     acts_on = ActsOn.WHEELS
-    formula = "reading = travel (1 + e cos(angle + phase)), angle of the wheel since the start"
-    source = "geometry: a wheel whose axle is e radii off its centre"
+    formula = "reading = travel (1 + e cos(angle + phase)), with the wheel's angle since the start"
+    source = "geometry: a wheel whose axle is off centre by e radii"
     parameters = (
         SIDE,
         Parameter("e", "1", "amplitude", 1e-4, 0.05, signed=False),
-        Parameter("phase", "rad", "of the ripple at the start", 0.0, 6.2832, signed=False, linear=False),
+        Parameter("phase", "rad", "phase of the ripple at the start", 0.0, 6.2832, signed=False, linear=False),
     )
     covariate = "wheel_phase"
     uneven = True
-    manoeuvre = "slow straight lines, sampled several times in a turn of the wheel"
+    manoeuvre = "slow straight lines, sampled several times per wheel revolution"
     remainder = 0.1  # the ripple within one sample; at most one radian of the wheel in it
     lasting = False  # a counter that is not absolute starts anywhere
 

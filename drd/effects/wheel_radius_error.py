@@ -1,19 +1,19 @@
-"""The wheels' radii are not those believed."""
+"""The wheels' radii are not the nominal ones."""
 
 from drd.effects.effect import ActsOn, Calibrated, Effect, Errors, Parameter, Values, np, number
 from drd.effects.motion import Motion
 
 
 class WheelRadiusError(Effect):
-    """Each wheel's radius is its own, not the one believed: a larger wheel reads too little."""
+    """The wheels' effective radii differ from their nominal values: a larger wheel reads too little."""
 
     id = "wheel_radius_error"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel (1 - left), travel (1 - right)"
     source = "Borenstein and Feng, UMBmark (1996): E_d"
     parameters = (
-        Parameter("left", "1", "what the left radius is larger than believed", 1e-5, 0.1, initial="wheel_scale"),
-        Parameter("right", "1", "what the right radius is larger than believed", 1e-5, 0.1, initial="wheel_scale"),
+        Parameter("left", "1", "relative excess of the left radius over nominal", 1e-5, 0.1, initial="wheel_scale"),
+        Parameter("right", "1", "relative excess of the right radius over nominal", 1e-5, 0.1, initial="wheel_scale"),
     )
     covariate = "speed"
     proportional = True

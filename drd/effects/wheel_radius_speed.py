@@ -5,15 +5,15 @@ from drd.effects.motion import Motion
 
 
 class WheelRadiusSpeed(Effect):
-    """Tyres grow with speed, so that fast metres turn the wheels less than slow ones."""
+    """Tyres grow with speed, so that the wheels turn less per metre at high speed than at low speed."""
 
     id = "wheel_radius_speed"
     acts_on = ActsOn.WHEELS
     formula = "reading = travel (1 - k v^2)"
-    source = "a tyre's centrifugal load is in proportion to v^2"
-    parameters = (Parameter("k", "(m/s)^-2", "relative growth per speed squared", 1e-5, 0.02),)
+    source = "the centrifugal load on a tyre is proportional to v^2"
+    parameters = (Parameter("k", "(m/s)^-2", "relative growth of the radius per speed squared", 1e-5, 0.02),)
     covariate = "speed"
-    needs_position = "it is the same in both wheels, so that it shows in the distance only"
+    needs_position = "it is the same in both wheels and shows only in the distance"
     manoeuvre = "straight lines at several speeds, with a position reference"
 
     def error(self, m: Motion, p: Values) -> Errors:

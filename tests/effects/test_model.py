@@ -223,9 +223,7 @@ def test_what_does_not_last_holds_only_where_it_was_found() -> None:
 
 def test_what_cannot_be_taken_off_is_said() -> None:
     model = make_model([{"effect": "gyro_saturation", "parameters": {"limit": 40}}])
-    assert model.holds_in(None)[1] == [
-        "gyro_saturation cannot be taken off: beyond the limit every rate reads the same"
-    ]
+    assert model.holds_in(None)[1] == ["gyro_saturation cannot be corrected: all rates beyond the limit read the same"]
 
 
 # ---- estimator -------------------------------------------------------------------------------------------------
@@ -342,7 +340,7 @@ def test_effects_come_off_in_a_replay_and_the_summary_says_what_does_not(tour: R
     true, blind, found = (replay_folder(r) for r in (tour, wrong, with_model(wrong, file)))
     heading = [r.poses[-1].heading_rad for r in (true, blind, found)]
     assert abs(heading[2] - heading[0]) < 0.01 * abs(heading[1] - heading[0])
-    assert any("gyro_deadband cannot be taken off" in note for note in found.notes)
+    assert any("gyro_deadband cannot be corrected" in note for note in found.notes)
     assert str(file) in found.inputs
 
 
@@ -401,7 +399,7 @@ def test_the_daemon_loads_the_same_file_and_says_what_it_leaves_alone(
     assert pipeline.model is not None
     assert len(pipeline.model.terms) == 3
     assert len(pipeline.model_notes) == 2
-    assert "gyro_bias_step is left alone" in caplog.text
+    assert "gyro_bias_step is not applied" in caplog.text
     assert files_in_force(loaded, tmp_path)[MODEL] == (tmp_path / "m.yaml").read_bytes()
 
 
