@@ -99,7 +99,7 @@ class Teller:
         alike = [(n, k.probabilities[n]) for n in self.alike(k)]
         out = tuple(n for n, x in found.nats.items() if x < own - class_nats(own) - RULED_OUT_NATS)
         channels = {catalogue()[n].channel for n in (h.id, *(n for n, _ in alike)) if n in catalogue()}
-        text = h.effect.sentence if h.effect is not None else f"Something that is in no catalogue acts on {h.text}."
+        text = h.effect.sentence if h.effect is not None else f"Something outside the catalogue acts on {h.text}."
         return Finding(
             effect=h.id,
             text=text,

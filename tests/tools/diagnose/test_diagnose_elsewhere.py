@@ -102,8 +102,8 @@ def test_the_model_leaves_out_what_is_refused_and_the_finding_says_so(
     assert [t.effect.id for t in load_model(tmp_path / "model.yaml").terms] == ["tread_error"]
     assert [t.effect.id for t in proof.model.terms] == ["tread_error"]
     assert [f.status for f in proof.findings] == [Status.CONFIRMED, Status.SUSPECTED]
-    assert "bear it out" in in_words(proof.findings[0])
-    assert "speak against it, and it is not in the model" in in_words(proof.findings[1])
+    assert "recordings support it" in in_words(proof.findings[0])
+    assert "contradict it, so it is not in the model" in in_words(proof.findings[1])
     (position,) = [bar for bar in proof.bars if (bar.name, bar.quantity) == (other.name, "position rms")]
     assert position.before is not None
     assert position.after is not None

@@ -27,7 +27,7 @@ def test_what_is_too_long_is_cut_and_said(monkeypatch: pytest.MonkeyPatch) -> No
     e = gather(recording)
     assert len(e.time_s) == 300
     assert np.median(e.step_s) == pytest.approx(0.1)
-    assert cut_off(recording, e) == "only the first 0 of 2 minutes were looked at"
+    assert cut_off(recording, e) == "only the first 0 of 2 minutes were analysed"
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_name_in_one_recording_that_others_would_show_is_withdrawn(tmp_path: P
     one, two = seeing(tmp_path, 0.002), seeing(tmp_path, 0.003)
     (finding,) = together(alone, one, two).findings
     assert finding.status is Status.SUSPECTED
-    assert "2 others would show it" in finding.sentence
+    assert "2 others should show it" in finding.sentence
 
 
 def test_a_name_stays_where_the_others_could_not_show_it_or_one_bears_it_out(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_a_name_in_some_recordings_that_more_others_would_show_is_withdrawn(tmp_
     blind, without = seeing(tmp_path, 0.02), seeing(tmp_path, 0.002)
     (finding,) = together(*shown, without, without, without).findings
     assert finding.status is Status.SUSPECTED
-    assert "3 others would show it" in finding.sentence
+    assert "3 others should show it" in finding.sentence
     assert [f.status for f in together(*shown, without, without, blind).findings] == [Status.CONFIRMED]
     (finding,) = combined([*shown, *[blind] * 3], [EMPTY, EMPTY, *[knowing(0.0, 0.004)] * 3]).findings
     assert finding.status is Status.SUSPECTED
@@ -134,7 +134,7 @@ def test_constants_that_agree_within_their_intervals_do_not_contradict(tmp_path:
     (finding,) = together(one, two).findings
     assert "contradict" not in finding.sentence
     assert finding.parameters["k"].value == pytest.approx(0.035)
-    assert "All together: k = 0.035 +- 0.015." in finding.sentence  # ((0.01^2 + T^2) / 2)^0.5, T^2 = 3.5e-4
+    assert "Combined: k = 0.035 +- 0.015." in finding.sentence  # ((0.01^2 + T^2) / 2)^0.5, T^2 = 3.5e-4
 
 
 def test_faults_of_the_reference_that_most_recordings_show_are_told_with_their_scatter(tmp_path: Path) -> None:

@@ -47,9 +47,9 @@ def test_the_report_tells_which_recording_leaves_its_bound(tmp_path: Path) -> No
     others = replace(d.fit.held_out, after={"friday": LEFT, "saturday": INSIDE})
     d = replace(d, fit=replace(d.fit, train=train, held_out=others))
     text = lead(d, s)[-1]
-    assert "40 % of the poses of monday leave their own 99 % bound" in text
-    assert "40 % of the poses of friday leave" in text
+    assert "40 % of the poses of monday lie outside their own 99 % bound" in text
+    assert "40 % of the poses of friday lie outside" in text
     assert "tuesday" not in text
     assert "saturday" not in text
     one = replace(d, fit=replace(d.fit, train=Train(d.fit.train.before, LEFT)))
-    assert "40 % of the poses leave their own 99 % bound" in lead(one, s)[-1].lower()
+    assert "40 % of the poses lie outside their own 99 % bound" in lead(one, s)[-1].lower()

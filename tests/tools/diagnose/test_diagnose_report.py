@@ -55,21 +55,21 @@ def test_one_finding_reads_from_verdict_to_next_drive(tmp_path: Path) -> None:
         "Diagnosis of case_001: explained",
         "Path",
         "gyro_scale_error",
-        "What is left",
-        "On unseen data",
-        "What this recording cannot tell apart",
-        "What was ruled out, and why",
-        "Smallest sizes that would have been seen",
+        "Residual",
+        "Validation on unseen data",
+        "Effects that this recording cannot distinguish",
+        "Effects ruled out, and why",
+        "Smallest detectable effects",
         "What to drive next",
     ]
     for text in (
         "leaves out one effect: gyro_scale_error (k = 0.01200 ± 0.00030).",
-        "This is confirmed; a recording in which nothing is missing would bring such a finding in 0.1 % of cases.",
-        "It explains 93 % of the mismatch and leaves 7 %; the end of the path is still 12 cm off; "
-        "on unseen data the position rms goes from 1.31 to 0.14 m.",
+        "This is confirmed; if nothing were missing, such a finding would occur in 0.1 % of recordings.",
+        "It explains 93 % of the mismatch and leaves 7 %; the path still ends 12 cm off; "
+        "on unseen data the position rms falls from 1.31 to 0.14 m.",
         catalogue()["gyro_scale_error"].sentence,
         "wheel_radius_error, bump_counts",
-        "Turns on the spot, both ways, for 3 minutes, which would tell tread_error from turn_scrub.",
+        "Turns on the spot, both ways, for 3 minutes, to distinguish tread_error from turn_scrub.",
         "no counter stood still while the other turned",
     ):
         assert text in page.text
@@ -87,15 +87,15 @@ def test_several_findings_of_two_recordings(tmp_path: Path) -> None:
     assert page.headings[0] == "Diagnosis of morning_run and 1 more: partly explained"
     assert page.headings[2:5] == ["1. surface_slip", "2. gyro_warmup", "3. unknown"]
     for text in (
-        "gyro_warmup (or gyro_bias_temperature or gyro_bias_temperature_rate, which fits as well)",
-        "something that is in no catalogue acts on the gyro and goes with place",
+        "gyro_warmup (or gyro_bias_temperature or gyro_bias_temperature_rate, which fits equally well)",
+        "something outside the catalogue acts on the gyro and depends on place",
         "surface_slip is supported, gyro_warmup is confirmed and the unknown one is suspected",
-        "in 3.1 % of cases at most",
+        "would occur in at most 3.1 % of recordings",
         "301 to 359 s",
         "30 s of standing still; then two manoeuvres.",
         "gyro_warmup or gyro_bias_temperature_rate",
-        "the 2 that it is for",
-        "What the nominal model does not explain, by place",
+        "all 2 together",
+        "Mismatch with the nominal model, by place",
     ):
         assert text in page.text
 
@@ -108,7 +108,7 @@ def test_of_many_held_out_recordings_a_table_has_the_numbers(tmp_path: Path, cou
     series["held_out"] = [{**row, "name": f"run_{i}", "after": after[i]} for i in range(count)]
     page, files = report(tmp_path, (diagnosis, series))
     assert "held_out.png" in files
-    assert (f"on {count} recordings" in page.text) == is_table
+    assert (f"({count} recordings)" in page.text) == is_table
     for text in ("run_0positionrmsm1.25-", "run_1positionrmsm1.250.75", "run_9positionrmsm1.259"):
         assert (text in "".join(page.text.split())) == is_table
 
@@ -120,8 +120,8 @@ def test_nothing_missing_without_reference(tmp_path: Path) -> None:
     for text in (
         "Over 12 minutes and 468 m the recording agrees with the nominal model",
         "Without a reference",
-        "There is no model to prove",
-        "No question is open",
+        "There is no model to validate",
+        "There is no open question",
     ):
         assert text in page.text
     assert "e-value" not in page.text
@@ -129,9 +129,9 @@ def test_nothing_missing_without_reference(tmp_path: Path) -> None:
 
 def test_an_unknown_cause_without_curve_or_proof(tmp_path: Path) -> None:
     page, files = report(tmp_path, diagnosis_files.only_unknown())
-    assert page.headings[0].endswith("a cause that is in no catalogue")
+    assert page.headings[0].endswith("a cause outside the catalogue")
     assert "held_out.png" not in files
-    assert "acts on the wheels and goes with no variable that was tried." in page.text
+    assert "acts on the wheels and depends on none of the variables tried." in page.text
     assert "No other recording was given" in page.text
 
 
@@ -165,7 +165,7 @@ def test_all_numbers_may_be_missing(tmp_path: Path) -> None:
     for row in series["held_out"]:
         row["after"] = None
     page, _ = report(tmp_path, (diagnosis, series))
-    assert "How much of the mismatch that explains is not known." in page.text
+    assert "How much of the mismatch this explains is not known." in page.text
     assert "side = left, k = 0.1, j = not known" in page.text
 
 
@@ -197,7 +197,7 @@ def test_what_was_ruled_out_begins_where_a_finding_acts(tmp_path: Path) -> None:
 def test_what_only_an_implausible_size_would_show_is_marked(tmp_path: Path) -> None:
     result, _ = load(diagnosis_files.write(tmp_path, diagnosis_files.nothing_missing()))
     rows = {row[0]: row for row in detectable_rows(result)}
-    assert rows["wheel_eccentricity"][-1] == rows["gyro_saturation"][-1] == "would not be seen here"
+    assert rows["wheel_eccentricity"][-1] == rows["gyro_saturation"][-1] == "not detectable here"
     assert rows["gyro_scale_error"][-1] == ""
     assert [row for row in catalogue() if row in rows] == list(rows)
 

@@ -37,7 +37,7 @@ def test_noise_that_is_everywhere_the_same_goes_with_nothing(seed: int) -> None:
     found = wheels(scatter_of(p, left, DEFAULT)[0])
     assert found.ratio == pytest.approx(5.0)
     assert (found.covariate, found.window, found.levels) == (None, None, ())
-    assert found.sentence.startswith("the wheels scatter 5 times as much as stated")
+    assert found.sentence.startswith("the wheel noise is 5 times the stated value")
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -49,7 +49,7 @@ def test_noise_of_turning_is_told_as_such(seed: int) -> None:
     assert (found.nats or 0.0) > 10.0
     assert max(found.levels, key=lambda row: row.ratio) is found.levels[-1]
     assert found.levels[-1].ratio > 2.5 * found.levels[0].ratio
-    assert "most" in found.sentence
+    assert "largest" in found.sentence
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -61,7 +61,7 @@ def test_noise_of_a_while_is_told_with_its_time(seed: int) -> None:
     assert found.window == pytest.approx((60.0, 85.0), abs=6.0)
     assert (found.window_ratio or 0.0) > 2.0 * found.ratio
     assert found.window is not None
-    assert f"more from {found.window[0]:.0f} to {found.window[1]:.0f} s" in found.sentence
+    assert f"larger from {found.window[0]:.0f} to {found.window[1]:.0f} s" in found.sentence
 
 
 def test_noise_as_stated_is_no_finding() -> None:
@@ -88,5 +88,5 @@ def test_the_files_and_the_page_tell_it(tmp_path: Path) -> None:
     assert files.load(folder)[0].scatter == result.scatter
     write_report(folder)
     page = (folder / "report.html").read_text()
-    assert "The wheels scatter" in page
+    assert "The wheel noise is" in page
     assert (folder / "scatter_slip.png").exists()

@@ -79,7 +79,7 @@ def test_a_curve_has_the_nearest_name_in_the_model_where_another_drive_gains_by_
 
         (said,) = validate(file, turned, terms, findings, [prepared(case.again())]).findings
         assert asked[-1] == surrogate.effect
-        assert ("stands in for it" in in_words(said)) == (said.surrogate is not None) == (sign > 0.0)
+        assert ("in its place" in in_words(said)) == (said.surrogate is not None) == (sign > 0.0)
         return load_model(file)
 
     (kept,) = made(1.0).terms

@@ -170,7 +170,7 @@ def test_a_gyro_that_scatters_is_told_as_such_where_there_are_no_wheels(seed: in
     (told,), _ = analysis.scatter()
     assert told.channel == "gyro"
     assert 4.0 < told.ratio < 20.0  # tried in steps of a factor of 1.8
-    assert told.sentence.startswith("the gyro scatters ")
+    assert told.sentence.startswith("the gyro noise is ")
 
 
 def test_the_lag_between_fixes_is_as_sure_as_it_says() -> None:

@@ -21,19 +21,18 @@ from drd_tools.recordings.daemon_log import read
 from drd_tools.recordings.folder import Recording
 
 DESCRIPTION = """\
-Find the physics that the nominal model (robot.yaml) leaves out: which effect of the catalogue it is and how sure, what
-else it could be, and whether taking it off helps on data that it was not fitted to. Says "nothing" and "unknown" where
-that is the truth.
+Find the physics that the nominal model (robot.yaml) leaves out: which effects of the catalogue, with what certainty,
+which alternatives fit equally well, and whether correcting for them helps on data not used in the fit. Reports
+"nothing" or "unknown" where that is the answer.
 
-RECORDING is a recording folder, or a file that the daemon recorded (FILE.mcap; a reference may lie beside it as
-FILE.reference.csv: time_s since the daemon's start, as drd replay counts it, or since 1970; x_m, y_m, heading_deg).
-The reference may be full, sparse, start and end only, or absent; gyro or encoders may be absent too, if two of the
-three are there. Without encoders only the gyro's heading is judged. Of absent sensors nothing is said.
+RECORDING is a recording folder or a file recorded by the daemon (FILE.mcap, optionally with a reference next to it in
+FILE.reference.csv: time_s since the daemon's start, as in drd replay, or since 1970; x_m, y_m, heading_deg). The
+reference may be full, sparse, start and end only, or absent. Two of gyro, encoders and reference are enough; nothing is
+concluded about an absent sensor, and without encoders only the gyro's heading is examined.
 
-The output folder gets diagnosis.json, model.yaml (for drd replay --model, the daemon and the simulator) and
-report.html.
-Several recordings get a folder each, and what they say together. What is longer than 20 minutes is looked at in
-parts, as if they were recordings of their own.
+The output folder receives diagnosis.json, model.yaml (for drd replay --model, the daemon and the simulator) and
+report.html; with several recordings, one such folder for each and the combined result. Recordings longer than 20
+minutes are diagnosed in parts, as if each were a recording of its own.
 """
 EXAMPLES = """\
 examples:
@@ -41,7 +40,7 @@ examples:
   drd diagnose monday/ tuesday/ --held-out friday/ --output out/week
   drd diagnose mybot-20260314T071500Z-1f0c9a55-0001.mcap --output out/morning
   drd replay friday/ --model out/week/model.yaml --output poses.csv
-  drd diagnose --draw out/week                              (only the report again)
+  drd diagnose --draw out/week                              (redraw the report only)
 
 Exit code: 0 done, whether or not something was found; 2 bad usage or input.
 """
@@ -52,11 +51,11 @@ def main(argv: list[str]) -> int:
     parser = command("drd diagnose", DESCRIPTION, EXAMPLES)
     add, cores = parser.add_argument, os.cpu_count() or 1
     add("recordings", nargs="*", type=Path, metavar="RECORDING", help="folders or .mcap files")
-    add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="to prove it on")
-    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings at a time (default: {cores})")
+    add("--held-out", nargs="+", type=Path, default=[], metavar="RECORDING", help="recordings to validate the model on")
+    add("--jobs", type=whole(1), default=cores, metavar="N", help=f"recordings in parallel (default: {cores})")
     add = parser.add_mutually_exclusive_group(required=True).add_argument
     add("--output", type=Path, metavar="DIR", help="folder for the results")
-    add("--draw", type=Path, metavar="DIR", help="only draw the report of results that DIR holds")
+    add("--draw", type=Path, metavar="DIR", help="only redraw the report of the results in DIR")
     chosen = parser.parse_args(argv)
     if chosen.draw is not None:
         print(", ".join(map(str, write_report(chosen.draw))))
@@ -91,7 +90,7 @@ WORDS = {
     Verdict.NOTHING: "nothing is missing: the nominal model explains the recording up to its noise",
     Verdict.EXPLAINED: "explained",
     Verdict.PARTLY: "partly explained",
-    Verdict.UNKNOWN: "something is missing that is in no catalogue",
+    Verdict.UNKNOWN: "something outside the catalogue is missing",
 }
 
 
@@ -105,16 +104,16 @@ def _tell(diagnosis: Diagnosis, files: Sequence[Path]) -> None:
     for noise in result.scatter[:MOST_IN_WORDS]:
         print(f"  noise: {noise.sentence}")
     if (more := len(result.scatter) - MOST_IN_WORDS) > 0:
-        print(f"  noise: the report has {more} more like these")
+        print(f"  noise: the report lists {more} more")
     for fault in reference_faults(result):
         print(f"  reference: {fault}")
     if result.next_drive:
         print(f"  {result.next_drive.sentence}".rstrip())
     if result.cut:
-        print(f"  {result.cut}: cut a longer recording, and diagnose its parts")
+        print(f"  {result.cut}: split the recording and diagnose its parts")
     reasons, every = Counter(row.because for row in result.unobservable), catalogue().values()
     for because, count in reasons.items():
-        print(f"  nothing can be said of {count} of the {sum(e.is_diagnosed for e in every)} effects: {because}")
+        print(f"  {count} of the {sum(e.is_diagnosed for e in every)} effects are not observable: {because}")
     for note in diagnosis.notes:
         print(f"  {note}")
     print("  files: " + ", ".join(str(f) for f in files[:3]))

@@ -175,19 +175,19 @@ def _sentence(segments: Sequence[Segment], stand_s: float, best: Plan, asked: Se
     parts = [
         f"{s.manoeuvre}, {'once' if s.laps == 1 else f'{s.laps} times'} ({s.minutes:.1f} minutes)" for s in segments
     ]
-    plan = "; then ".join([f"{stand_s:.0f} s of standing still", *parts] if stand_s else parts)
+    plan = "; then ".join([f"{stand_s:.0f} s standing still", *parts] if stand_s else parts)
     if not told:
         pairs = "; ".join(" from ".join(s.names) for s in untold)
-        text = f"None of the drives that were simulated, up to {LONGEST_S / 60.0:.0f} minutes long, tells {pairs}"
+        text = f"None of the simulated drives, up to {LONGEST_S / 60.0:.0f} minutes long, distinguishes {pairs}"
         if max(best.probabilities) < HOPELESS:
-            return f"{text}: in all of them these look alike."
-        return f"{text} with a probability of {ENOUGH:g}; the best is: {plan}. It tells {_paired(untold)}."
-    text = f"{plan[0].upper()}{plan[1:]}: {best.seconds / 60.0:.1f} minutes, which would tell {_paired(told)}"
-    text += f", all of them with a probability of {best.probability:.2f}." if len(told) > 1 else "."
+            return f"{text}: they look alike in all of them."
+        return f"{text} with a probability of {ENOUGH:g}; the best is: {plan}. It distinguishes {_paired(untold)}."
+    text = f"{plan[0].upper()}{plan[1:]}: {best.seconds / 60.0:.1f} minutes, to distinguish {_paired(told)}"
+    text += f", all of them together with a probability of {best.probability:.2f}." if len(told) > 1 else "."
     names = {name for s in told for name in s.names}
     advice = (effect.advice for effect in catalogue().values() if effect.id in names and effect.advice)
     text += "".join(f" {a.format(from_s=INTERVAL_FROM_S)}" for a in dict.fromkeys(advice))
-    return text + (f" It does not tell {_paired(untold)}." if untold else "")
+    return text + (f" It does not distinguish {_paired(untold)}." if untold else "")
 
 
 def _paired(questions: Sequence[Settled]) -> str:

@@ -43,7 +43,7 @@ def borne_out(conclusion: Conclusion, expected: Sequence[Expected]) -> Conclusio
 def _supported(cause: Cause, expected: Expected) -> Cause:
     assert cause.selected is not None
     others = (
-        f"{expected.others} other recordings show it; that this one does is {expected.odds:.0f} times as likely as not."
+        f"{expected.others} other recordings show it; the odds that it is in this one too are {expected.odds:.0f} to 1."
     )
     nothing = 1.0 / (1.0 + expected.odds)
     return replace(

@@ -131,10 +131,10 @@ def _with_share(finding: Finding, results: Sequence[Result]) -> Finding:
     shown = [[f for f in r.findings if _stands_for(f, {finding.effect})] for r in results]
     count = sum(map(bool, shown))
     if not count:
-        text = f"{finding.sentence} No recording shows it alone; all {len(results)} together do."
+        text = f"{finding.sentence} No single recording shows it, but all {len(results)} together do."
         return replace(finding, sentence=text)
     explains = sum(f.explains or 0.0 for own in shown for f in own) / len(results)
-    text = f"{finding.sentence} By themselves {count} of {len(results)} recordings show it, or what may stand for it."
+    text = f"{finding.sentence} Individually, {count} of {len(results)} recordings show it or an alternative to it."
     return replace(finding, explains=explains, sentence=text)
 
 
@@ -176,7 +176,7 @@ def _of_all(parameters: Mapping[str, Amount], said: Sequence[_Said]) -> str:
     shown = [
         f"{n} = {rounded(a.value, a.std)} {a.unit}".removesuffix(" 1") for n, a in parameters.items() if a.std > 0.0
     ]
-    return f" All together: {', '.join(shown)}." if len(said) > 1 and shown else ""
+    return f" Combined: {', '.join(shown)}." if len(said) > 1 and shown else ""
 
 
 def _apart(said: Sequence[_Said]) -> str:
@@ -204,7 +204,7 @@ def _borne_out(
         against = sum(would_show(r, finding) for r, _ in others)
     if against <= len(said):  # one alone may be the one that is wrong
         return finding
-    text = f"{finding.sentence} {against} others would show it and do not: it is withdrawn."
+    text = f"{finding.sentence} {against} others should show it but do not, so it is withdrawn."
     return replace(finding, status=Status.SUSPECTED, sentence=text)
 
 

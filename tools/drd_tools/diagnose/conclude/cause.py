@@ -88,7 +88,7 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
     share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
     text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
-        text += f" This recording cannot tell it from {', '.join(also_fits)}."
+        text += f" This recording cannot distinguish it from {', '.join(also_fits)}."
     return f"{text} {selected.effect.caveat}".rstrip()
 
 

@@ -85,8 +85,8 @@ class Identifiability:
                 continue
             factor = 1.0 / q.si if effect.linear() else float(candidate.shape[name]) / q.si
             text = (
-                f"{name} = {value * factor:.3g} +- {abs(sigma * factor):.2g} {q.unit}, worth "
-                f"{nats:.1f} nats where {candidate.penalty:.0f} are asked for"
+                f"{name} = {value * factor:.3g} +- {abs(sigma * factor):.2g}{'' if q.unit == '1' else f' {q.unit}'}: "
+                f"gain of {nats:.1f} nats, {candidate.penalty:.0f} required"
             )
             if effect.id not in said or gain > said[effect.id][0]:
                 said[effect.id] = (gain, text)
@@ -99,18 +99,18 @@ def not_observable(e: Evidence, seen: Collection[str], found: Collection[str] = 
     """
     no_wheels = "the recording has no wheel encoders"
     missing = {"gyro": "the recording has no gyro", "wheels": no_wheels, "body": no_wheels}
-    silent, beside = [], "beside what was found " if found else ""
+    silent, beside = [], " beside the effects found" if found else ""
     for name, effect in catalogue().items():
         if effect.channel not in e.channels:
             silent.append(Because(name, missing[effect.channel]))
         elif effect.needs_wheels and not e.has_wheels:
             silent.append(Because(name, effect.needs_wheels))
         elif is_absent(e, effect):
-            lags = "the reference's own lag, and how that changes," if len(e.fix) else "how lags change by themselves"
-            silent.append(Because(name, f"beside {lags} nothing shows it"))
+            lags = "the reference's own, varying lag" if len(e.fix) else "ordinary changes of the lags"
+            silent.append(Because(name, f"not distinguishable from {lags}"))
         elif name not in seen and name not in found and effect.searched:
-            because = f"{beside}nothing in this drive{' and its reference' if len(e.fix) else ''} shows it"
+            because = f"nothing in this drive{' or its reference' if len(e.fix) else ''} would show it{beside}"
             if effect.covariate in ("speed", "acceleration") and not e.travel_m.any():
-                because = "without a dense reference or wheels its speed is not known: its error may pass for another's"
+                because = "the speed is not known without wheels or a dense reference: it may pass for another effect"
             silent.append(Because(name, because))
     return silent

@@ -132,7 +132,7 @@ def judge_event(selected: Selected, event: Event, explains: float) -> Cause:
     """An effect that the readings show by logic."""
     e = math.exp(min(event.nats, LARGEST_NATS))
     p = max(min(1.0, len(catalogue()) / e), 1e-6)
-    text = f"{selected.effect.sentence} Seen: {event.seen}."
+    text = f"{selected.effect.sentence} Observed: {event.seen}."
     support = Support(float(event.nats), p, e)
     return Cause(
         selected=selected,
@@ -163,7 +163,7 @@ def judge_curve(
         else f"at {curve.knots[peak]:.3g} {curve.covariate_unit}"
     )
     text = (
-        f"Something that is in no catalogue acts on the {curve.channel} and depends on "
+        f"Something outside the catalogue acts on the {curve.channel} and depends on "
         f"{curve.covariate.replace('_', ' ')}: "
         f"{curve.value[peak]:+.3g} +- {curve.sigma[peak]:.2g} {curve.unit} {where}."
     )
@@ -184,9 +184,9 @@ def judge_curve(
 def judge_ripple(ripple: Ripple) -> Cause:
     """A periodic error of a wheel, without a name."""
     text = (
-        f"Something that is in no catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
-        f"{ripple.sigma_order:.2g} times in a turn of it, as a gear does: the wheel reads up to "
-        f"{100.0 * ripple.amplitude:.2g} +- {100.0 * ripple.sigma:.1g} % too much, and too little."
+        f"Something outside the catalogue acts on the {ripple.side} wheel and repeats {ripple.order:.4g} +- "
+        f"{ripple.sigma_order:.2g} times per revolution, as a gear does: the wheel reads up to "
+        f"{100.0 * ripple.amplitude:.2g} +- {100.0 * ripple.sigma:.1g} % too much or too little."
     )
     return Cause(
         selected=None,

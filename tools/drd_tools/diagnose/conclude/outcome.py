@@ -66,7 +66,7 @@ def terms_of(conclusion: Conclusion) -> list[Term]:
         if beside and SCALE.name in selected.values and selected.effect.absorbed(selected.values, 0.0) is None:
             (q,) = beside.parameters
             amount = Amount(selected.number(SCALE.name) / q.si, selected.sigma(SCALE.name) / q.si, q.unit)
-            why = f"the straight line beside {selected.id}"
+            why = f"linear term fitted together with {selected.id}"
             made.append(Term(effect=beside.id, parameters={q.name: amount}, provenance={"why": why}))
     return made
 

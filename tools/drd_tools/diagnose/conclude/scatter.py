@@ -37,10 +37,10 @@ SLOWEST_M_S: Final = 0.05  # slower has no curvature
 SHOWN_SHARE: Final = 1e-3  # of the largest edge of a bin: what is less is 0
 ROBOT: Final = ("slip", "gyro")  # whose noise may be physics; the reference's is its own fault
 WHO: Final = {
-    "slip": "the wheels scatter",
-    "gyro": "the gyro scatters",
-    "position": "the reference's positions scatter",
-    "heading": "the reference's headings scatter",
+    "slip": "the wheel noise",
+    "gyro": "the gyro noise",
+    "position": "the reference position noise",
+    "heading": "the reference heading noise",
 }
 STATED_BY: Final = {
     "slip": "slip_noise_m_per_sqrt_m",
@@ -48,12 +48,13 @@ STATED_BY: Final = {
     "position": "reference_position_sigma_m",
     "heading": "reference_heading_sigma_deg",
 }
-UNSTATED: Final = " (robot.yaml states none: as is usual)"
+STATED: Final = "the stated value"
+UNSTATED: Final = "the usual value (robot.yaml states none)"
 WHERE: Final = {
     "speed": ("at speeds of", "m/s"),
-    "turn_rate": ("where the robot turns at", "deg/s"),
-    "curvature": ("in curves of", "1/m"),
-    "acceleration": ("where it speeds up or slows down at", "m/s^2"),
+    "turn_rate": ("at yaw rates of", "deg/s"),
+    "curvature": ("at curvatures of", "1/m"),
+    "acceleration": ("at accelerations of", "m/s^2"),
     "place": ("around", "m"),
 }
 
@@ -101,7 +102,7 @@ def scatter_of(problem: Problem, left: Array, nominal: Robot) -> tuple[list[Scat
         is_stated = getattr(sheet, STATED_BY[rows.channel]) is not None
         at_rest = " at rest" if rows.channel == "gyro" and problem.evidence.has_wheels else ""
         who = WHO[rows.channel] + at_rest
-        one = _scatter(rows.channel, ratio, blocks, law, who, "" if is_stated else UNSTATED)
+        one = _scatter(rows.channel, ratio, blocks, law, who, STATED if is_stated else UNSTATED)
         told.append(_with_jitter(one, problem.noise.jitter_s) if rows.channel == "slip" else one)
         size = ratio * np.exp(0.5 * (blocks.level - blocks.level.mean())) if len(blocks.level) else blocks.level
         courses.append(Spread(rows.channel, 0.5 * (blocks.begin_s + blocks.end_s), size))
@@ -246,7 +247,7 @@ def _interval(rest: Array) -> tuple[int, int, float] | None:
     return (begin, end, nats) if nats > LEAST_NATS else None
 
 
-def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, who: str, unstated: str) -> Scatter:
+def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, who: str, stated: str) -> Scatter:
     level = blocks.level - blocks.level.mean() if len(blocks.level) else blocks.level
     levels: tuple[Level, ...] = ()
     rest = level
@@ -275,7 +276,7 @@ def _scatter(channel: str, ratio: float, blocks: _Blocks, law: _Law | None, who:
         window=window,
         window_ratio=window_ratio,
         window_nats=None if found is None else found[2],
-        sentence=f"{who} {ratio:.2g} times as much as stated{unstated}" + _located(law, levels, window, window_ratio),
+        sentence=f"{who} is {ratio:.2g} times {stated}" + _located(law, levels, window, window_ratio),
     )
 
 
@@ -284,8 +285,8 @@ def _with_jitter(scatter: Scatter, jitter_s: float) -> Scatter:
     if not jitter_s:
         return scatter
     text = (
-        f"{scatter.sentence}; most where their speeds change: their time is off by {jitter_s:.2g} s from one change to "
-        "the next, as where a drive holds its speeds"
+        f"{scatter.sentence}, largest where the speeds change, like a timing jitter of {jitter_s:.2g} s between changes"
+        ", as from a motor drive that holds its speeds"
     )
     return msgspec.structs.replace(scatter, jitter_s=jitter_s, sentence=text)
 
@@ -296,8 +297,8 @@ def _located(law: _Law | None, levels: Sequence[Level], window: Window | None, w
     if law is not None:
         where, unit = WHERE[law.covariate]
         most, least = (choose(levels, key=lambda row: row.ratio) for choose in (max, min))
-        text += f", most {where} {most.at} {unit} ({most.ratio:.2g} times; {least.ratio:.2g} times at {least.at})"
+        text += f", largest {where} {most.at} {unit} ({most.ratio:.2g} times; {least.ratio:.2g} times at {least.at})"
     if window is not None:
-        text += f", {'and ' if law is not None else ''}more from {window[0]:.0f} to {window[1]:.0f} s"
+        text += f", {'and ' if law is not None else ''}larger from {window[0]:.0f} to {window[1]:.0f} s"
         text += f" ({window_ratio:.2g} times)"
     return text

@@ -167,7 +167,7 @@ def _clipping(e: Evidence, inflation: Array, at: npt.NDArray[np.bool_], limit: f
         inflation[first:last] = np.inf if e.has_wheels else limit**2 * step_s.sum() * step_s
     effect = showing(Symptom.CLIPPED)
     nats = count * float(np.log(2.0 * max(1.0, 20.0 * count / (below + 1.0))))
-    seen = f"{count} readings stand at the limit, {below} just below it"
+    seen = f"{count} readings are at the limit, {below} just below it"
     return Event(Selected(effect, effect.shown(size=limit), ()), _spans(e.time_s, e.step_s, at), nats, seen)
 
 
@@ -207,7 +207,7 @@ def bumps(log: EncoderLog, e: Evidence, left: Array, right: Array) -> list[Event
     effect = showing(Symptom.JUMPED)
     selected = Selected(effect, effect.shown(size=added / distance), effect.linear())
     nats = (more - less) * float(np.log(2.0))
-    seen = f"{more} sudden jumps of a counter ahead, {less} back"
+    seen = f"{more} sudden forward jumps of a counter, {less} backward"
     return [Event(selected, ((float(e.time_s[0]), float(e.time_s[-1])),), nats, seen)]
 
 

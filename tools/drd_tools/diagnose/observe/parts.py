@@ -75,7 +75,7 @@ def cut_off(recording: Recording, e: Evidence) -> str | None:
     if end_s - e.time_s[-1] < CUT_S:
         return None
     seen_min, whole_min = (e.time_s[-1] - begin_s) / 60.0, (end_s - begin_s) / 60.0
-    return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were looked at"
+    return f"only the first {seen_min:.0f} of {whole_min:.0f} minutes were analysed"
 
 
 def _longest_s(recording: Recording) -> float:

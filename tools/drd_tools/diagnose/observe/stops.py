@@ -76,7 +76,7 @@ def stopped(recording: Recording, e: Evidence, left: Array, right: Array, tread:
         effect = showing(Symptom.STOPPED)
         selected = Selected(effect, effect.shown(side, stop.t0, stop.t1), ())
         rest_s = stop.t1 - stop.t0
-        seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel went {stop.missed_m:.2f} m"
+        seen = f"the {side} counter stood still for {rest_s:.2f} s while its wheel travelled {stop.missed_m:.2f} m"
         events.append(Event(selected, ((stop.t0, stop.t1),), stop.nats, seen))
     return events
 

@@ -26,7 +26,7 @@ def write_report(folder: Path) -> list[Path]:
         old.unlink(missing_ok=True)  # of an earlier diagnosis
     page = Page(title(d, [r.name for r in s.recordings]), lead(d, s))
     if d.cut:
-        page.text(f"Of this recording, {d.cut}.")
+        page.text(f"Incomplete: {d.cut}.")
     drawn: list[Path] = []
     _findings_table(page, d, s)
     _paths(page, d, s, folder, drawn)
@@ -62,8 +62,8 @@ def _paths(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) ->
     page.picture(
         drawn[-1],
         "Dead reckoning with the nominal model"
-        + (", and with the findings taken off." if corrected else ".")
-        + (" The ring is the start, dots are the ends.")
+        + (", and corrected for the findings." if corrected else ".")
+        + (" Ring: start; dots: ends.")
         + (f" The first {pictures.MOST_PATHS} recordings; {hidden} more are in series.json." if hidden > 0 else ""),
     )
 
@@ -85,19 +85,19 @@ def _findings(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path])
 
 
 def _residual(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
-    page.heading("What is left")
+    page.heading("Residual")
     has_findings = bool(d.findings)
     residual = s.residual
     if residual.time_s.size:
         drawn.append(folder / "residual.png")
         pictures.residual_picture(drawn[-1], residual, has_findings)
         before, after = map(report_text.rms, (residual.before, residual.after))
-        figures = "" if before is None or after is None else f" All blocks together: {before:.2f}." if not has_findings else f" All blocks together: {before:.2f} before, {after:.2f} after."  # fmt: skip  # noqa: E501
-        page.picture(drawn[-1], f"Rms of the whitened data in blocks; noise alone gives 1.{figures}")
+        figures = "" if before is None or after is None else f" All blocks: {before:.2f}." if not has_findings else f" All blocks: {before:.2f} before, {after:.2f} after."  # fmt: skip  # noqa: E501
+        page.picture(drawn[-1], f"Rms of the whitened residual, by block; noise alone gives 1.{figures}")
     else:
-        page.text("The recording is too short for blocks.")
+        page.text("The recording is too short to be divided into blocks.")
     if rows := report_text.fit_rows(d):
-        page.table(report_text.FIT_HEADER, rows, "The data that were fitted, by drd's own estimate", text_columns=(1,))
+        page.table(report_text.FIT_HEADER, rows, "drd's own estimate on the fitted data", text_columns=(1,))
     if sentence := report_text.noise_sentence(s):
         page.text(sentence)
     _scatter(page, d, s, folder, drawn)
@@ -110,17 +110,17 @@ def _scatter(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) 
         if spread.time_s.size:
             drawn.append(folder / f"scatter_{noise.channel}.png")
             pictures.scatter_picture(drawn[-1], noise, spread)
-            page.picture(drawn[-1], f"Noise of the {report_text.CHANNELS[noise.channel]}, over what is stated.")
+            page.picture(drawn[-1], f"Noise of the {report_text.CHANNELS[noise.channel]}, relative to the stated one.")
 
 
 def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path]) -> None:
-    page.heading("On unseen data")
+    page.heading("Validation on unseen data")
     if not s.held_out:
         page.text(
-            "There is no model to prove: nothing was found."
+            "There is no model to validate: nothing was found."
             if not d.findings
-            else "No other recording was given to prove it on (--held-out). What blocks of this one say that had no "
-            "part in the fit is in the e-value above."
+            else "No other recording was given for validation (--held-out). The e-value above is from blocks of this "
+            "recording that were not used in the fit."
         )
         return
     drawn.append(folder / "held_out.png")
@@ -128,23 +128,23 @@ def _held_out(page: Page, d: Result, s: Series, folder: Path, drawn: list[Path])
     names = list(dict.fromkeys(row.name for row in s.held_out))
     many = len(names) > pictures.MOST_BARRED
     source = f"{len(names)} recordings" if many else report_text.listed(names)
-    page.picture(drawn[-1], f"Before and after, on {source}: data that had no part in the fit.")
+    page.picture(drawn[-1], f"Before and after ({source}): data that were not used in the fit.")
     if many:
         page.table(report_text.HELD_OUT_HEADER, report_text.held_out_rows(s.held_out), text_columns=(1, 2))
 
 
 def _classes(page: Page, d: Result) -> None:
-    page.heading("What this recording cannot tell apart")
+    page.heading("Effects that this recording cannot distinguish")
     if not d.classes:
-        page.text("Every effect that would show in it looks different from every other.")
+        page.text("All effects that would be visible in it can be distinguished from each other.")
         return
-    page.text("Within each line, the recording looks the same whichever of them is there:")
+    page.text("The effects on each line would look the same in this recording:")
     rows = [(str(k), ", ".join(names)) for k, names in enumerate(d.classes, 1)]
     page.table(("class", "effects"), rows, text_columns=(1,))
 
 
 def _ruled_out(page: Page, d: Result) -> None:
-    page.heading("What was ruled out, and why")
+    page.heading("Effects ruled out, and why")
     if d.ruled_out:
         page.table(report_text.RULED_OUT_HEADER, report_text.ruled_out_rows(d), text_columns=(1, 2))
     else:
@@ -152,19 +152,19 @@ def _ruled_out(page: Page, d: Result) -> None:
 
 
 def _detectable(page: Page, d: Result) -> None:
-    page.heading("Smallest sizes that would have been seen")
+    page.heading("Smallest detectable effects")
     if not d.detectable:
-        page.text("They were not computed.")
+        page.text("Not computed.")
         return
-    page.text("An effect smaller than this may be there all the same. Beside it, the sizes that occur in practice.")
+    page.text("A smaller effect may still be present. The plausible range is what occurs in practice.")
     page.table(report_text.DETECTABLE_HEADER, report_text.detectable_rows(d), text_columns=(1, 3, 5))
 
 
 def _not_observable(page: Page, d: Result) -> None:
     rows = [(r.effect, r.because) for r in d.unobservable]
     if rows:
-        page.heading("What this recording says nothing of")
-        page.table(("effect", "because"), rows, text_columns=(1,))
+        page.heading("Effects not observable in this recording")
+        page.table(("effect", "reason"), rows, text_columns=(1,))
 
 
 def _next_drive(page: Page, d: Result) -> None:

@@ -65,7 +65,7 @@ def _path(axes: Any, path: Paths, windows: Windows) -> None:
     for k, (start_s, end_s) in enumerate(windows):
         inside = (best.time_s >= start_s) & (best.time_s <= end_s)
         style: Any = {"color": ORANGE, "linewidth": 9, "alpha": 0.45, "solid_capstyle": "round", "zorder": 2.5}
-        axes.plot(best.x_m[inside], best.y_m[inside], label="" if k else "where a finding acts", **style)
+        axes.plot(best.x_m[inside], best.y_m[inside], label="" if k else "interval of a finding", **style)
     if best.x_m.size:
         ring: Any = {"color": "none", "markeredgecolor": INK, "markeredgewidth": 1.5, "markersize": 13}
         axes.plot(best.x_m[0], best.y_m[0], "o", label="start", zorder=7, **ring)
@@ -79,7 +79,7 @@ def _distance(axes: Any, path: Paths, windows: Windows) -> None:
     reference = path.reference
     if reference is None or not reference.time_s.size or not path.nominal.time_s.size:
         axes.set_axis_off()
-        why = "no wheels, so no path of its own" if reference and reference.time_s.size else "no reference"
+        why = "no wheels, hence no path" if reference and reference.time_s.size else "no reference"
         axes.text(0.5, 0.5, why, color=GREY, ha="center", transform=axes.transAxes)
         return
     looks: dict[str, Any] = {
@@ -127,7 +127,7 @@ def _evidence(axes: Any, evidence: Gain, windows: Windows) -> None:
     axes.plot(time_s, evidence.nats, color=BLUE, linewidth=1.8)
     _shade(axes, () if seams else windows)
     _seams(axes, seams)
-    axes.set_ylabel("gain so far / nats")
+    axes.set_ylabel("cumulative gain / nats")
     tidy(axes, "Evidence over time", 6)
 
 
@@ -181,7 +181,7 @@ def residual_picture(file: Path, residual: Residual, has_findings: bool = True) 
         _seams(axes, seams)
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel("rms / sigmas of noise")
-        tidy(axes, "Residual, block by block", 7)
+        tidy(axes, "Whitened residual by block", 7)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
@@ -203,7 +203,7 @@ def scatter_picture(file: Path, noise: Scatter, spread: Spread) -> None:
         for axes in panels:
             axes.axhline(1.0, color=INK, linewidth=1.0)
             axes.set_ylim(bottom=0.0)
-            axes.set_ylabel("times as stated")
+            axes.set_ylabel("ratio to stated noise")
 
 
 def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
@@ -229,8 +229,8 @@ def held_out_picture(file: Path, rows: Sequence[Bar]) -> None:
         axes.axvline(1.0, color=GREY, linewidth=0.8, dashes=(4, 2))
         axes.set_xlim(0.0, LONGEST_BAR + 0.25)
         axes.set_ylim(places[-1] + 0.6, -0.6)
-        axes.set_xlabel("share of what it was before")
-        tidy(axes, "On data that the fit has not seen", 6)
+        axes.set_xlabel("ratio to the value before")
+        tidy(axes, "On data not used in the fit", 6)
         axes.set_yticks(places, [named_quantity(row.quantity, row.unit)[0] for row in ordered])
         axes.tick_params(axis="y", length=0)
         axes.grid(visible=False, axis="y")
@@ -255,8 +255,8 @@ def _dots_picture(file: Path, rows: Sequence[Bar]) -> None:
         axes.axvline(1.0, color=GREY, linewidth=0.8, dashes=(4, 2))
         axes.set_xlim(0.0, LONGEST_BAR + 0.25)
         axes.set_ylim(len(kinds) - 0.4, -0.6)
-        axes.set_xlabel("share of what it was before")
-        tidy(axes, "On data that the fit has not seen: a dot for each recording", 6)
+        axes.set_xlabel("ratio to the value before")
+        tidy(axes, "On data not used in the fit: one dot per recording", 6)
         axes.set_yticks(range(len(kinds)), [named_quantity(*kind)[0] for kind in kinds])
         axes.grid(visible=False, axis="y")
         keys = dict(zip(*axes.get_legend_handles_labels()[::-1], strict=True))
@@ -290,7 +290,7 @@ def _seams(axes: Any, seams: Sequence[float]) -> None:
     for seam_s in seams:
         axes.axvline(seam_s, color=GREY, linewidth=1.0, dashes=(2, 2))
     axes.margins(x=0.01)
-    axes.set_xlabel("time, recordings one after the other / s" if seams else "time / s")
+    axes.set_xlabel("time, recordings concatenated / s" if seams else "time / s")
 
 
 def _shade(axes: Any, windows: Windows) -> None:

@@ -1,4 +1,4 @@
-"""The tables of a diagnosis, from what diagnosis.json and series.json hold, and its numbers as humans write them."""
+"""Tables and sentences of a diagnosis, from diagnosis.json and series.json, with its numbers as humans write them."""
 
 import math
 from collections.abc import Iterable
@@ -10,9 +10,9 @@ from drd.effects.catalogue import catalogue
 from drd_tools.diagnose.results import Array, Finding, HeldOut, NextDrive, Result
 from drd_tools.diagnose.series import Bar, Gain, Mismatch, Series
 
-WHAT_HEADER: Final = ("found", "what it is", "parameters (± 1 sigma)")
+WHAT_HEADER: Final = ("finding", "description", "parameters (± 1 sigma)")
 EVIDENCE_HEADER: Final = (
-    "found",
+    "finding",
     "acts on",
     "when",
     "status",
@@ -20,23 +20,24 @@ EVIDENCE_HEADER: Final = (
     "p",
     "e-value",
     "explains",
-    "fits as well",
+    "alternatives",
 )
 EVIDENCE_TEXT: Final = (1, 2, 3, 8)
 LEGEND: Final = (
-    "Gain: the logarithm of the likelihood ratio of the data, with the effect over without, all others fitted anew. p: "
-    "how often a recording in which nothing is missing would bring any such finding. e-value: how many times likelier "
-    "the data that the search had not seen are with the effect than without. Explains: its share of the mismatch, by "
-    "squared detectability. Suspected: chance might bring it too, or held-out recordings speak against it; supported: "
-    "chance would not; confirmed: data that it was not fitted to bear it out."
+    "Gain: log-likelihood ratio of the data, with over without the effect, all other effects refitted. p: probability "
+    "that a recording in which nothing is missing yields a finding this strong, for any effect (family-wise). e-value: "
+    "likelihood ratio, with over without the effect, on data that the search did not use. Explains: share of the "
+    "mismatch, by squared detectability. Alternatives: effects that fit equally well, with their probability. "
+    "Suspected: may be due to chance, or is contradicted by held-out recordings; supported: unlikely to be due to "
+    "chance; confirmed: also borne out by data that were not used in the fit."
 )
 SPEAKS: Final = {
-    "for": "The held-out recordings bear it out",
-    "against": "The held-out recordings speak against it, and it is not in the model",
-    "neither": "The held-out recordings say little of it",
+    "for": "The held-out recordings support it",
+    "against": "The held-out recordings contradict it, so it is not in the model",
+    "neither": "The held-out recordings are inconclusive about it",
 }
 RULED_OUT_HEADER: Final = ("effect", "acts on", "why")
-DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest", "unit", "plausible sizes", "note")
+DETECTABLE_HEADER: Final = ("effect", "acts on", "smallest detectable", "unit", "plausible range", "note")
 FIT_HEADER: Final = ("quantity", "unit", "before", "after")
 HELD_OUT_HEADER: Final = ("recording", *FIT_HEADER)
 MOST: Final = 1e100  # a larger e-value is shown as more than this
@@ -44,21 +45,21 @@ UNITS: Final = ("m", "deg", "percent", "s")
 CHANNELS: Final = {
     "slip": "wheels",
     "gyro": "gyro at rest",
-    "position": "reference's positions",
-    "heading": "reference's headings",
+    "position": "reference positions",
+    "heading": "reference headings",
 }
 FAULTS: Final = {
-    "lag": "the reference is late by {}, which was taken off",
-    "drift": "the reference's clock and the wheels' drift apart by {}, and nothing tells which of them does",
-    "ahead": "the reference sits {} ahead of the robot's centre",
-    "left": "the reference sits {} to the left of the robot's centre",
-    "heading": "the reference's heading is {} off the robot's",
-    "smoothing": "the reference is smoothed, by {} of a mean over 0.6 s",
-    "jumps": "jumps of the reference's position: {}",
-    "delay": "the wheels are {} later than the reference, and nothing tells which of them is off",
+    "lag": "the reference lags by {} (corrected)",
+    "drift": "the clocks of the reference and of the wheels drift apart by {} (which of the two drifts is unknown)",
+    "ahead": "the reference is mounted {} ahead of the robot's centre",
+    "left": "the reference is mounted {} to the left of the robot's centre",
+    "heading": "the reference heading is offset from the robot's by {}",
+    "smoothing": "the reference is smoothed: weight {} on a moving average of 0.6 s",
+    "jumps": "jumps in the reference position: {}",
+    "delay": "the wheels lag the reference by {} (which of the two is off is unknown)",
 }
-SEGMENT_HEADER: Final = ("manoeuvre", "times", "minutes")
-SETTLED_HEADER: Final = ("question", "probability that it is settled", "nats expected")
+SEGMENT_HEADER: Final = ("manoeuvre", "repetitions", "minutes")
+SETTLED_HEADER: Final = ("question", "probability of an answer", "expected evidence / nats")
 FIXED: Final = "(not\N{NO-BREAK SPACE}fitted)"
 WHOLE: Final = 0.95  # of the recording: from here on a window is all of it
 
@@ -96,7 +97,7 @@ def _likely(f: Finding, name: str) -> str:
 def what_it_is(f: Finding) -> str:
     """The catalogue's sentence."""
     effect = catalogue().get(f.effect)
-    return effect.sentence if effect else "None of the effects of the catalogue."
+    return effect.sentence if effect else "None of the effects in the catalogue."
 
 
 def channel(f: Finding) -> str:
@@ -153,7 +154,7 @@ def detectable_rows(d: Result) -> list[tuple[str, ...]]:
         fitting = [p for p in known.parameters if p.unit == unit and p.high > 0.0] if known else []
         low, high = (fitting[0].low, fitting[0].high) if fitting else (0.0, math.inf)
         is_undetectable = size is None or size > high
-        note = "would not be seen here" if is_undetectable else ""
+        note = "not detectable here" if is_undetectable else ""
         span = f"{short_number(low)} to {short_number(high)}" if fitting else "-"
         smallest = "-" if size is None else short_number(size)
         rows.append((effect, _acts_on(effect), smallest, "relative" if unit == "1" else pretty(unit), span, note))
@@ -166,14 +167,14 @@ def in_words(finding: Finding) -> str:
     if isinstance(said := finding.held_out, HeldOut):
         text += f" {SPEAKS[said.speaks]} ({said.nats:+.1f} nats)."
     if near:
-        text += f" In the model {near.effect} stands in for it: every held-out recording gains by that."
+        text += f" The model uses {near.effect} in its place, which improves every held-out recording."
     return text
 
 
 def noise_sentence(s: Series) -> str:
-    """Sentence on how the noise compares with its data sheet."""
+    """Sentence on how the noise compares with its datasheet."""
     parts = [f"{name.replace('_', ' ')} {size:.2f}" for name, size in s.noise.items() if size is not None]
-    return f"Noise as fitted, in units of its data sheet: {', '.join(parts)}." if parts else ""
+    return f"Fitted noise, relative to its datasheet: {', '.join(parts)}." if parts else ""
 
 
 def scatter_sentences(d: Result) -> list[str]:
@@ -194,11 +195,11 @@ def next_drive_sentences(d: Result) -> list[str]:
     """Sentences on the next drive, and what it is for."""
     drive = d.next_drive
     if drive is None:
-        return ["No question is open that another drive would settle."]
+        return ["There is no open question that another drive would answer."]
     if drive.sentence:
         return [drive.sentence]
     pairs = listed(listed(group, "from") for group in drive.separates)
-    tells = f", which would tell {pairs}" if pairs else ""
+    tells = f", to distinguish {pairs}" if pairs else ""
     manoeuvre = drive.manoeuvre
     return [f"{manoeuvre[0].upper()}{manoeuvre[1:]}, for {drive.minutes:.3g} minutes{tells}."]
 
@@ -213,7 +214,7 @@ def settled_rows(drive: NextDrive) -> list[tuple[str, str, str]]:
     """Rows under SETTLED_HEADER: each open question, and all that the drive is for."""
     rows = [(listed(q.names, "or"), f"{q.probability:.2f}", f"{q.nats:.1f}") for q in drive.questions]
     if len(drive.separates) > 1 and drive.probability is not None:
-        rows.append((f"the {len(drive.separates)} that it is for", f"{drive.probability:.2f}", "-"))
+        rows.append((f"all {len(drive.separates)} together", f"{drive.probability:.2f}", "-"))
     return rows
 
 
@@ -221,16 +222,16 @@ def picture_caption(curve: Mismatch | None, evidence: Gain, is_shaded: bool) -> 
     """Caption of a finding's picture."""
     parts = []
     if curve is not None and curve.y.size:
-        parts.append("What the nominal model does not explain, by place: the paler, the less sure; grey, the path.")
+        parts.append("Mismatch with the nominal model, by place. Paler is less certain; the path is grey.")
     elif curve is not None:
-        fitted = ", and the effect as fitted" if curve.fit_x.size else ", as a smooth curve"
-        parts.append(f"What the nominal model does not explain, against what it goes with{fitted}.")
+        fitted = ", with the fitted effect" if curve.fit_x.size else ", as a smooth curve"
+        parts.append(f"Mismatch with the nominal model against its covariate{fitted}.")
     if evidence.time_s.size:
         parts.append(
-            "How the evidence adds up, all other effects held as they are: where it rises, the data speak for it."
+            "Cumulative evidence, with all other effects held fixed: where it rises, the data support the effect."
         )
     if is_shaded:
-        parts.append("Shaded: when it acts.")
+        parts.append("Shaded: when the effect acts.")
     return " ".join(parts)
 
 

@@ -26,7 +26,7 @@ TITLES: Final = {
     Verdict.NOTHING: "nothing is missing",
     Verdict.EXPLAINED: "explained",
     Verdict.PARTLY: "partly explained",
-    Verdict.UNKNOWN: "a cause that is in no catalogue",
+    Verdict.UNKNOWN: "a cause outside the catalogue",
 }
 
 
@@ -48,20 +48,20 @@ def _nothing(d: Result, s: Series) -> list[str]:
     metres = sum(r.path_m for r in s.recordings)
     drive = f"{length_s / 60.0:.3g} minutes and {metres:.4g} m"
     if d.verdict is Verdict.NOTHING:
-        first = f"Over {drive} the recording agrees with the nominal model: no effect beyond what noise alone brings."
+        first = f"Over {drive} the recording agrees with the nominal model: no effect stands out from the noise."
     else:
-        first = f"Over {drive} something is left that the noise does not bring, but nothing could be named."
+        first = f"Over {drive} the mismatch exceeds the noise, but no cause could be identified."
     size = rms(s.residual.before)
-    second = "" if size is None else f"Its residual is {size:.3g} times what the noise alone gives."
+    second = "" if size is None else f"Its residual is {size:.3g} times that of noise alone."
     if noise := "; ".join(_noise(d) + reference_faults(d)):
         second = f"{noise[0].upper()}{noise[1:]}."
     if all(r.path.reference is None for r in s.recordings):
         third = (
-            "Without a reference the sensors could only be judged against each other: an error of the path that both "
-            "gyro and wheels share is not excluded."
+            "Without a reference, the sensors could only be compared with each other: a path error common to gyro and "
+            "wheels cannot be excluded."
         )
     else:
-        third = "How small an error may be and still have been seen is listed below, effect by effect."
+        third = "The smallest error that would have been detected is listed below for each effect."
     return [sentence for sentence in (first, second, third) if sentence]
 
 
@@ -75,26 +75,26 @@ def _what(findings: Sequence[Finding]) -> str:
     if unknown:
         channels = listed(dict.fromkeys(channel(f) for f in unknown))
         covariates = listed(dict.fromkeys(f.covariate.replace("_", " ") for f in unknown if f.covariate))
-        goes_with = f"goes with {covariates}" if covariates else "goes with no variable that was tried"
-        parts.append(f"something that is in no catalogue acts on the {channels} and {goes_with}")
+        goes_with = f"depends on {covariates}" if covariates else "depends on none of the variables tried"
+        parts.append(f"something outside the catalogue acts on the {channels} and {goes_with}")
     if more > 0:
-        parts.append(f"the table has {more} more")
-    text = "; besides, ".join(parts)
+        parts.append(f"the table lists {more} more")
+    text = "; in addition, ".join(parts)
     return f"{text[0].upper()}{text[1:]}."
 
 
 def _named(f: Finding, with_values: bool) -> str:
     values = [value for value in parameters(f) if FIXED not in value] if with_values else []
     shown = f" ({', '.join(values)})" if values else ""
-    rivals = f" (or {listed(f.also_fits, 'or')}, which fits as well)" if f.also_fits else ""
+    rivals = f" (or {listed(f.also_fits, 'or')}, which fits equally well)" if f.also_fits else ""
     return f"{f.effect}{shown}{rivals}"
 
 
 def _how_sure(findings: Sequence[Finding]) -> str:
     worst = max((f.evidence.family_wise_p for f in findings if f.evidence.family_wise_p is not None), default=None)  # fmt: skip  # noqa: E501
     chance = "" if worst is None else (
-        f"; a recording in which nothing is missing would bring such a finding in {percent(worst)} of cases"
-        + (" at most" if len(findings) > 1 else "")
+        "; if nothing were missing, such a finding would occur in "
+        f"{'at most ' if len(findings) > 1 else ''}{percent(worst)} of recordings"
     )  # fmt: skip
     if len({f.status for f in findings}) == 1:
         who = "This is" if len(findings) == 1 else "Both are" if len(findings) == 2 else "All of them are"
@@ -111,24 +111,22 @@ def _what_is_left(d: Result, s: Series) -> str:
     parts = [_share(d)] if _share(d) else []
     end_m = d.unexplained.end_error_m
     if end_m is not None:
-        parts.append(
-            f"the end of the path is {'still ' if any(f.is_named for f in d.findings) else ''}{length(end_m)} off"
-        )
+        parts.append(f"the path {'still ' if any(f.is_named for f in d.findings) else ''}ends {length(end_m)} off")
     parts += _outside(d)
     for row in s.held_out:
         if row.before is None or row.after is None:
             continue
         name, unit = named_quantity(row.quantity, row.unit)
-        goes = "goes" if row.after < row.before else "does not fall: it goes"
+        goes = "falls" if row.after < row.before else "does not fall: it goes"
         parts.append(f"on unseen data the {name} {goes} from {row.before:.3g} to {row.after:.3g} {unit}".rstrip())
         break
     parts += _noise(d) + reference_faults(d)
-    text = "; ".join(parts) or "how much of the mismatch that explains is not known"
+    text = "; ".join(parts) or "how much of the mismatch this explains is not known"
     return f"{text[0].upper()}{text[1:]}."
 
 
 def _outside(d: Result) -> list[str]:
-    """Words for poses that leave their own bound, in the recordings of the fit and in others."""
+    """Words for poses outside their own bound, in the recordings of the fit and in others."""
     own = {
         q.removesuffix(OUTSIDE).rstrip(": "): {OUTSIDE: v} for q, v in d.fit.train.after.items() if q.endswith(OUTSIDE)
     }
@@ -137,13 +135,13 @@ def _outside(d: Result) -> list[str]:
     for name, figures in [*own.items(), *others.items()]:
         if not is_predicted(figures):
             share = percent(0.01 * (figures[OUTSIDE] or 0.0))
-            found.append(f"{share} of the poses{f' of {name}' if name else ''} leave their own 99 % bound")
+            found.append(f"{share} of the poses{f' of {name}' if name else ''} lie outside their own 99 % bound")
     return found[:MOST_IN_WORDS]
 
 
 def _noise(d: Result) -> list[str]:
     """Words for noise that is much larger than stated, of the sensors: it may be physics, too."""
-    return [f"{noise.sentence}, which the model takes for noise" for noise in d.scatter if noise.channel in ROBOT]
+    return [f"{noise.sentence} (taken for noise, may be physics)" for noise in d.scatter if noise.channel in ROBOT]
 
 
 def _share(d: Result) -> str:
@@ -153,12 +151,12 @@ def _share(d: Result) -> str:
         who, ending = ("It explains", "s") if len(findings) == 1 else ("Together they explain", "")
         left = max(0.0, 1.0 - sum(shares))
         if left < ALL:
-            return f"{who} all of the mismatch that the noise does not"
+            return f"{who} all of the mismatch beyond the noise"
         return f"{who} {percent(1.0 - left)} of the mismatch and leave{ending} {percent(left)}"
     findings = findings[:MOST_IN_WORDS]
     known = [(f, percent(f.explains)) for f in findings if f.explains is not None]
     if len(findings) == 1:
-        return f"it makes up {known[0][1]} of the mismatch" if known else ""
+        return f"it accounts for {known[0][1]} of the mismatch" if known else ""
     return f"shares of the mismatch: {listed([f'{_name(f)} {share}' for f, share in known])}" if known else ""
 
 

@@ -22,7 +22,7 @@ from drd_tools.recordings.folder import Recording
 
 NEARER: Final = ("position_rms_m", "heading_rms_deg")
 BORNE_OUT: Final = {Status.SUSPECTED: Status.SUPPORTED, Status.SUPPORTED: Status.CONFIRMED}
-SURROGATE: Final = "stands in for a curve without a name, to which it comes nearest"
+SURROGATE: Final = "stands in for an unidentified curve, being the effect nearest to it"
 
 
 class Validated(NamedTuple):
