@@ -15,14 +15,14 @@ from drd.pipeline import Pipeline
 LIVE_OPTIONS: Final = ("seconds", "drove", "turned", "distance")
 DEFAULT_S: Final = 60.0
 DESCRIPTION: Final = """\
-Check a configuration and all files that it names, without opening a device. Prints each key in force with its value,
+Check a configuration and all files named in it, without opening a device. Prints each key in force with its value,
 unit and origin.
 
-With --live, open the configured ports instead (stop the daemon first) and watch what gyro and encoders report while
-you push or drive the robot. Nothing is published or recorded. Printed is, with the evidence, what is wrong: the
-gyro's sign against the wheels', swapped sides, a side that counts backwards, a dead encoder, wrong counts per
-revolution, late or repeated values; and what could not be determined, with the manoeuvre that would. Some faults look
-alike in the samples: say what you do, and they are told apart.
+With --live, open the configured ports instead (stop the daemon first) and monitor gyro and encoders while you push or
+drive the robot. Nothing is published or recorded. Faults are printed with their evidence: gyro and wheels of opposite
+sign, swapped sides, a side that counts backwards, a dead encoder, wrong counts per revolution, late or repeated values;
+so is anything that could not be determined, with the manoeuvre that would determine it. Some faults look alike in the
+samples: state how the robot moved (--drove, --turned, --distance) to distinguish them.
 """
 EPILOG: Final = """\
 examples:
@@ -77,12 +77,12 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = command("drd check", DESCRIPTION, EPILOG, [config_argument()])
     add = parser.add_argument
-    add("--explain", action="store_true", help="print what each key means, too")
-    add("--live", action="store_true", help="watch gyro and encoders, and judge how they are wired")
-    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help=f"how long to watch (default {DEFAULT_S:g})")
-    add("--drove", choices=("forward", "backward"), help="you say: where it goes straight, it goes so")
-    add("--turned", choices=("left", "right"), help="you say: it turns mostly to this side")
-    add("--distance", type=number(0.1, 1e5), metavar="M", help="you say: the whole way that it goes, net, m")
+    add("--explain", action="store_true", help="also print what each key means")
+    add("--live", action="store_true", help="monitor gyro and encoders and check their wiring")
+    add("--seconds", type=number(1.0, 86_400.0), metavar="S", help=f"duration, s (default {DEFAULT_S:g})")
+    add("--drove", choices=("forward", "backward"), help="your statement: direction of the straight driving")
+    add("--turned", choices=("left", "right"), help="your statement: direction of most turns")
+    add("--distance", type=number(0.1, 1e5), metavar="M", help="your statement: net distance driven, m")
     return parser
 
 

@@ -35,36 +35,35 @@ LOCK: Final = "robot.lock"
 SHIPPED: Final = "shipped"
 
 DESCRIPTION: Final = """\
-Install drd as a service of systemd: `drd@NAME` runs with /etc/drd/NAME.yaml, in a sandbox, under a watchdog, and
-starts with the robot. Needs root, unless --root says otherwise. Nothing is started or enabled: the commands for that
-are printed.
+Install drd as a systemd service: `drd@NAME` runs with /etc/drd/NAME.yaml in a sandbox under a watchdog and starts at
+boot. Needs root, except with --root. Nothing is started or enabled: the commands for that are printed.
 
 Files (under --root):
-  /etc/systemd/system/drd@.service    the unit; ExecStart is the drd that you call, in whatever environment it lives
+  /etc/systemd/system/drd@.service    the unit; ExecStart is the drd that you call, from its own Python environment
   /etc/udev/rules.d/99-drd.rules      stable names for the gyro's and the CAN adapter's serial ports, to be edited
-  /etc/drd/NAME.yaml                  an example configuration (--example), where there is none yet
-  /etc/drd/.installed.json            what was written, for --uninstall
+  /etc/drd/NAME.yaml                  an example configuration (--example), if there is none yet
+  /etc/drd/.installed.json            the files installed, for --uninstall
 with --realtime
   /etc/systemd/system/drd@.service.d/realtime.conf    priority, locked memory
 with --slcan
   /etc/systemd/system/drd@.service.d/slcan.conf       no CAN sockets: the CAN adapters of all instances are serial ports
 with --tls
   /etc/systemd/system/drd@.service.d/tls.conf         hands the private key /etc/drd/tls/robot.key to the service
-  /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; its head says how
+  /etc/drd/NAME-tls.json5                             certificates and access control, to be edited; see its header
 with --log-refused
   /etc/systemd/system.conf.d/drd-log-refused.conf     refused system calls go into the kernel's log,
                                                       for `drd refused`; then systemctl daemon-reexec
 
---lock FILE first brings the packages of drd's environment to the versions of a lock file, by
-`pip install --require-hashes`: a package whose content is not what was locked is refused, and then nothing is written.
-`--lock shipped` takes the one that comes with this drd (Linux on x86_64 and aarch64); `make lock` makes another.
+--lock FILE first installs the package versions of a lock file into drd's environment with
+`pip install --require-hashes`: a package whose hash differs is refused, and then nothing is written. `--lock shipped`
+uses the lock file that comes with this drd (Linux on x86_64 and aarch64); `make lock` makes a new one.
 
-Calling it again changes nothing; calling it with another version of drd brings the files up to date. A configuration
-that is there is never touched. Another file that you have changed is not either: the new version is written beside it
-as FILE.new. Put settings of your own into a drop-in (`systemctl edit drd@NAME`), and there is nothing to merge.
+Running it again changes nothing; running it with another version of drd updates the files. An existing configuration is
+never touched, and neither is any other file that you have changed: its new version is written next to it as FILE.new.
+Put your own settings into a drop-in (`systemctl edit drd@NAME`), so that there is nothing to merge.
 
 --uninstall stops and disables all instances and removes what was installed. Configurations, files that you have
-changed and state (the pose that was kept, recordings) stay and are listed; --purge removes those, too.
+changed and state (the stored pose, recordings) are kept and listed; --purge removes them as well.
 """
 EPILOG: Final = """\
 examples:
@@ -74,7 +73,7 @@ examples:
   drd install-service mybot --root build/package --program /usr/bin/drd
   sudo /opt/drd/bin/drd install-service --uninstall
 
-Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage, or packages not as locked.
+Exit code: 0 done, 1 a file could not be written or removed, 2 bad usage, or packages that differ from the lock file.
 """
 
 
@@ -109,19 +108,19 @@ def _parser() -> argparse.ArgumentParser:
     add("name", nargs="?", type=_instance, metavar="NAME", help="name of the instance and of its configuration")
     text = "which example becomes /etc/drd/NAME.yaml where there is none (default: %(default)s)"
     add("--example", choices=EXAMPLES, default=EXAMPLES[0], help=text)
-    add("--realtime", action="store_true", help="install the drop-in for real-time scheduling, too")
-    text = "install the drop-in that takes CAN sockets away, for serial CAN adapters, too"
+    add("--realtime", action="store_true", help="also install the drop-in for real-time scheduling")
+    text = "also install the drop-in that denies CAN sockets, for serial CAN adapters"
     add("--slcan", action="store_true", help=text)
-    add("--tls", action="store_true", help="install the drop-in and Zenoh's configuration for certificates, too")
-    text = "have systemd log the system calls that sandboxes refuse, for `drd refused`"
+    add("--tls", action="store_true", help="also install the drop-in and the Zenoh configuration for certificates")
+    text = "make systemd log the system calls that sandboxes refuse, for `drd refused`"
     add("--log-refused", action="store_true", help=text)
-    add("--program", metavar="FILE", help="what ExecStart runs (default: the drd of this Python environment)")
-    text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: that of this drd)"
+    add("--program", metavar="FILE", help="program for ExecStart (default: the drd of this Python environment)")
+    text = f"install the packages of this lock file first, hashes checked ({SHIPPED!r}: the one of this drd)"
     add("--lock", metavar="FILE", help=text)
-    add("--root", default="/", metavar="DIR", help="install into this folder, as packages are built (default: /)")
-    text = "stop and disable drd@*, remove what was installed, keep what is yours"
+    add("--root", default="/", metavar="DIR", help="install below this folder, e.g. to build a package (default: /)")
+    text = "stop and disable drd@*, remove what was installed, keep your files"
     add("--uninstall", action="store_true", help=text)
-    text = "with --uninstall: remove installed configurations, changed files and state (recordings!), too"
+    text = "with --uninstall: also remove installed configurations, changed files and state (recordings!)"
     add("--purge", action="store_true", help=text)
     return parser
 

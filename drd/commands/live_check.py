@@ -22,14 +22,14 @@ from drd.wiring.table import table
 BEAT_S: Final = 0.05
 SHOWN_EVERY: Final = 4
 WHAT_TO_DO: Final = """\
-Watching for {seconds:g} s; Ctrl-C ends it, and what there is gets judged. Please
-  1. let the robot stand for some seconds,
-  2. push or drive it straight ahead, two metres or more (--drove forward, --distance METRES),
-  3. turn it to the left by half a turn or more, on the spot or in a curve (--turned left),
-  4. drive on for ten seconds or more in curves to both sides.
-Any order will do, and whatever you leave out stays undetermined. With the options in brackets say what you do: they
-tell apart what the sensors alone cannot. They are held against the whole drive, net: with --distance turn on the spot,
-with --turned to that side only, and leave 4 to a check without them."""
+Watching for {seconds:g} s; Ctrl-C ends early and evaluates what has been seen. Please
+  1. let the robot stand for a few seconds,
+  2. push or drive it straight ahead for two metres or more (--drove forward, --distance METRES),
+  3. turn it left by half a turn or more, on the spot or in a curve (--turned left),
+  4. drive in curves to both sides for ten seconds or more.
+Any order will do; whatever you leave out stays undetermined. The options in brackets state what you do and resolve
+what the sensors alone cannot. They apply to the whole drive, net: with --distance, turn on the spot only; with
+--turned, turn to that side only; and leave step 4 to a check without them."""
 
 
 def live_check(config: Config, base: Path, seconds: float, said: Statement) -> int:

@@ -18,11 +18,11 @@ LINE: Final = re.compile(
     r"comm=\"([^\"]*)\" .* arch=([0-9a-f]+) syscall=(\d+) "
 )
 DESCRIPTION: Final = """\
-Show the system calls that the sandbox of drd@.service refused since the machine was booted, by name. Needs root, and
-`drd install-service NAME --log-refused` before: otherwise a call is refused and nobody writes it down.
+Show the system calls that the sandbox of drd@.service has refused since boot, by name. Needs root, and `drd
+install-service NAME --log-refused` beforehand: otherwise refused calls are not logged.
 
-A call that is refused once while libraries are loaded is no trouble: they try what they can do without. Another one
-that should be allowed belongs into a drop-in (systemctl edit drd@NAME): SystemCallFilter=NAME.
+A call refused once while libraries are being loaded is harmless: they try features that they can do without. To allow
+any other, add SystemCallFilter=NAME to a drop-in (systemctl edit drd@NAME).
 """
 EPILOG: Final = """\
 examples:

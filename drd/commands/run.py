@@ -21,21 +21,21 @@ log = logging.getLogger("drd")
 EXIT_DEADLINE_S: Final = 8.0
 
 DESCRIPTION: Final = """\
-Run the daemon: read the gyro and the wheel encoders that CONFIG names, estimate the pose, and publish it over Zenoh. A
-device that is missing, is pulled or falls silent ends nothing: the pose says so, and the device is opened again.
+Run the daemon: read the gyro and the wheel encoders named in CONFIG, estimate the pose, and publish it over Zenoh. If a
+device is missing, unplugged or silent, the daemon keeps running, reports it with the pose, and reopens the device.
 
-It runs in the foreground and logs to standard error; under systemd (drd install-service) it says when it is ready, what
-its state is, and feeds the watchdog. SIGINT (Ctrl-C) and SIGTERM end it; SIGHUP (systemctl reload) has it read CONFIG
-again, and a CONFIG that is wrong then leaves the old one in force.
+It runs in the foreground and logs to standard error; under systemd (drd install-service) it also reports readiness and
+status and feeds the watchdog. SIGINT (Ctrl-C) and SIGTERM end it; SIGHUP (systemctl reload) makes it reload CONFIG; if
+the new CONFIG is invalid, the old one stays in force.
 """
 EPILOG: Final = """\
 examples:
   drd check mybot.yaml && drd run mybot.yaml
-  drd watch                                    in another terminal: the pose, live
+  drd watch                                    in another terminal: the live pose
   drd run /etc/drd/mybot.yaml 2> drd.log
 
-Every key of CONFIG is explained in the example configurations, and by `drd check --explain CONFIG`.
-Exit code: 0 ended by a signal, 1 failed, 2 CONFIG or a file that it names cannot be used.
+Every key of CONFIG is explained in the example configurations and by `drd check --explain CONFIG`.
+Exit code: 0 ended by a signal, 1 failed, 2 CONFIG or a file named in it cannot be used.
 """
 
 

@@ -19,11 +19,11 @@ from drd.output.session import isolated_config, tidy
 from drd.units import DEG_PER_RAD, NS_PER_S
 
 DESCRIPTION: Final = """\
-Show the pose, its uncertainty, the reasons where it is not simply valid, and the counters that change, live, from a
-running drd. Ctrl-C ends it. The robot does not notice: drd sends the same to whoever listens.
+Show the live pose of a running drd, with its uncertainty, the reasons for degraded validity, and the counters that
+change. Ctrl-C ends it. The daemon is not affected: it publishes the same data however many listen.
 
-With --json each pose is one line of JSON, as it was published, until the reader of the pipe leaves. A reader that is
-slower than the poses gets the newest; `sequence` tells what it missed.
+With --json, each pose is printed as published, one line of JSON each, until the reader closes the pipe. A reader slower
+than the poses gets the newest; gaps in `sequence` show how many it missed.
 """
 EPILOG: Final = """\
 examples:
@@ -34,7 +34,7 @@ examples:
   drd watch --json | jq --unbuffered .position_bound_99_m
   drd watch --json --once --seconds 2
 
-Exit code: 0 good, 1 drd cannot be reached or nothing was heard from it within --seconds, 2 bad usage.
+Exit code: 0 good, 1 drd cannot be reached or sent nothing within --seconds, 2 bad usage.
 """
 _SILENCE_S = 3.0
 _RATE_WINDOW_S = 3.0
@@ -77,8 +77,8 @@ def _arguments(argv: list[str]) -> argparse.Namespace:
     add("--seconds", type=number(0.0, above=True), metavar="N", help=text)
     add("--once", action="store_true", help="end after the first pose; exit code 1 if none comes within --seconds")
     form = parser.add_mutually_exclusive_group().add_argument
-    form("--plain", action="store_true", help="one line a second, as is done where the output is not a terminal")
-    form("--json", action="store_true", help="one line of JSON for each pose")
+    form("--plain", action="store_true", help="one line per second (the default if the output is not a terminal)")
+    form("--json", action="store_true", help="one line of JSON per pose")
     return parser.parse_args(argv)
 
 
@@ -86,9 +86,9 @@ def daemon_arguments() -> argparse.ArgumentParser:
     """Which daemon to listen to, for `parents`: --connect, --zenoh-config, --prefix."""
     parser = argparse.ArgumentParser(add_help=False)
     add = parser.add_argument
-    text = "Zenoh end point of drd (one of its output.listen) or of a router (default: %(default)s)"
+    text = "Zenoh endpoint of drd (one of its output.listen) or of a router (default: %(default)s)"
     add("--connect", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=text)
-    text = "Zenoh's own configuration file instead of --connect: certificates, for instance"
+    text = "Zenoh configuration file instead of --connect, e.g. for certificates"
     add("--zenoh-config", type=Path, metavar="FILE", help=text)
     add("--prefix", default="drd", help="output.prefix of that drd (default: %(default)s)")
     return parser

@@ -44,8 +44,8 @@ FAULT_SHARE: Final = 0.45
 FAULT_D: Final = 12.0
 FAULT_TRIES: Final = 20
 DESCRIPTION: Final = """\
-Drive an emulated robot, estimate its pose with the real daemon, watch it, and draw the true and the estimated path, the
-error and the bound that was published. Needs no hardware.
+Drive an emulated robot, estimate its pose with the real daemon, and draw the true and the estimated path, the error and
+the published bound. Needs no hardware.
 """
 EPILOG: Final = """\
 examples:

@@ -39,19 +39,19 @@ FORWARDED: Final = (POSE, "/pose", "/tf", "/scene", HEALTH)
 SCENE_PERIOD_NS: Final = NS_PER_S // 2
 DESCRIPTION: Final = """\
 Show a running drd in Foxglove: pose, transform, the path, the 99 % bound, and the health as a table of diagnostics.
-In Foxglove, open a connection to ws://127.0.0.1:8765 and import the layout whose file is printed. Viewers can only
-read. It is a process of its own: however many watch, the daemon has one more listener.
+In Foxglove, open a connection to ws://127.0.0.1:8765 and import the layout file whose path is printed. Viewers are
+read-only. This is a separate process: however many viewers connect, the daemon has one more subscriber.
 
 topics:
   /pose /tf /scene   foxglove.PoseInFrame, FrameTransform and SceneUpdate (path and bound), as in recordings
-  /drd/pose /health  what drd publishes, for plots
+  /drd/pose /health  the messages published by drd, for plots
   /diagnostics       the health as a table: parts with level, reason and values
 """
 EPILOG: Final = """\
 examples:
   drd foxglove
   drd foxglove --connect tcp/192.168.1.10:7447 --prefix fleet/mybot
-  drd foxglove --listen 0.0.0.0:8765          others on the network can watch, too
+  drd foxglove --listen 0.0.0.0:8765          others on the network can watch as well
 
 Exit code: 0 ended by Ctrl-C or SIGTERM, 1 drd cannot be reached or the address is taken, 2 bad usage.
 """

@@ -23,15 +23,15 @@ from drd_tools.simulate.temperature import PROFILES
 from drd_tools.simulate.truth import make_truth
 
 DESCRIPTION = """\
-Simulate a drive: the true motion at 500 Hz, and what the sensors say about it. Noise is that of the data sheets in
-robot.yaml; effects of the catalogue come from the model file. The same arguments give the same files to the bit, and
-the noise stays the same when effects are added.
+Simulate a drive: the true motion at 500 Hz and the sensor readings. Noise is that of the datasheets in robot.yaml;
+effects of the catalogue come from the model file. The same arguments give bit-identical files, and the noise stays the
+same when effects are added.
 
-The folder written is a recording as `drd replay` and `drd evaluate` take it, with the truth beside it:
-  robot.yaml, fog.csv, encoders.csv, reference.csv     what is believed, and what the sensors said
-  truth.yaml, truth.csv                                what is true: effects and their values, the path at 50 Hz
-  report.html, simulated.png, effects.png              what was simulated, and what the effects did
-A file name that ends with .mcap gives a recording of the daemon instead: raw bytes and frames, samples, poses.
+The output folder is a recording as read by `drd replay` and `drd evaluate`, together with the ground truth:
+  robot.yaml, fog.csv, encoders.csv, reference.csv     nominal robot and sensor readings
+  truth.yaml, truth.csv                                ground truth: effects and their values, the path at 50 Hz
+  report.html, simulated.png, effects.png              what was simulated, and the influence of the effects
+A file name ending in .mcap gives a recording of the daemon instead: raw bytes and frames, samples, poses.
 """
 WORLDS = ("formulas", "mujoco")
 EXAMPLES = """\
@@ -41,8 +41,8 @@ examples:
   drd simulate --mission field --ground grass --output run_09.mcap         then: drd replay run_09.mcap
   drd simulate --mission eights --live config/canopen.yaml                 be the hardware, in real time
 
-model.yaml: keys that replace robot.yaml's (in the folder written, too), and what robot.yaml is blind to, the effects,
-in the catalogue's units:
+model.yaml: keys that replace those of robot.yaml (also in the output folder), and the effects that robot.yaml does not
+describe, in the units of the catalogue:
   effects:
     - effect: gyro_scale_error
       parameters: {k: 0.002}

@@ -13,4 +13,4 @@ KINDS: Final = {
 
 def main(argv: list[str]) -> int:
     """Hand over to the kind's own command; returns its exit code."""
-    return hand_over("drd calibrate", "Measure what the daemon otherwise has to believe.", "kind", KINDS, argv)
+    return hand_over("drd calibrate", "Measure the values that the daemon otherwise assumes.", "kind", KINDS, argv)

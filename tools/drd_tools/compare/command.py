@@ -14,18 +14,18 @@ from drd_tools.replay.nominal import with_model
 from drd_tools.report.saved import keep_and_show
 
 DESCRIPTION = """\
-Simulate the nominal model along a recording's path, and show recorded against simulated sensor increments, channel by
-channel, before anyone names a cause: gyro, left and right wheel, their mean (distance) and difference (turn), the
-wheels' turn against the gyro's, and the sideways motion that the model does not have.
+Simulate the nominal model along a recording's path and compare recorded with simulated sensor increments, channel by
+channel, without assuming a cause: gyro, left and right wheel, their mean (distance) and difference (turn), the turn of
+wheels against gyro, and the lateral motion, which the model excludes.
 
-RECORDING is a recording folder (robot.yaml, encoders.csv; fog.csv and reference.csv where there are), or a file that
-the daemon recorded (FILE.mcap; a reference may lie beside it as FILE.reference.csv). The path is the best one by
-reference and sensors; without a reference the gyro's and the wheels', and then only the wheels' turn against the
-gyro's can be compared.
+RECORDING is a recording folder (robot.yaml, encoders.csv; optionally fog.csv and reference.csv) or a file recorded by
+the daemon (FILE.mcap, optionally with a reference next to it in FILE.reference.csv). The path is the best estimate from
+reference and sensors; without a reference it is that of gyro and wheels, and only the turn of wheels against gyro can
+be compared.
 
-For each channel: the mismatch's rms beside what noise alone makes of it, its mean, what it adds up to at the end, and
-how much of it a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or place predicts
-in blocks that the curve was not fitted to. "Nothing beyond noise" where it is so.
+For each channel: the rms of the mismatch and its expected value from noise alone, the mean, the sum at the end, and how
+much of it is predicted by a curve of time, yaw rate, yaw acceleration, speed, acceleration, temperature, heading or
+place in blocks that the curve was not fitted to; or "nothing beyond noise".
 """
 EXAMPLES = """\
 examples:
@@ -33,7 +33,7 @@ examples:
   drd compare recordings/run1 --model model.yaml --output out/corrected
   drd compare --draw out/run1
 
-DIR gets results.json, report.html and pictures; --draw makes report and pictures again from results.json.
+DIR receives results.json, report.html and pictures; --draw redraws report and pictures from results.json.
 Exit code: 0 done, whatever was found; 2 bad usage or input.
 """
 

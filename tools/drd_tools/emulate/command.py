@@ -17,9 +17,9 @@ from drd_tools.emulate.hardware import Emulator, Truth
 from drd_tools.simulate.missions import Drive, demo_drive, make_drive
 
 DESCRIPTION: Final = """\
-Emulate the gyro and the wheel encoders of a configuration, driving a path in real time, with the noise of their data
-sheets. The gyro's port and an slcan adapter's become pseudo-terminals, linked at the configured paths, which must be
-free; for socketcan, make a vcan interface first. Start drd with the same configuration to see it work.
+Emulate the gyro and the wheel encoders of a configuration on a path in real time, with the noise of their datasheets.
+The ports of the gyro and of an slcan adapter become pseudo-terminals, linked at the configured paths, which must be
+free; for socketcan, create a vcan interface first. Start drd with the same configuration to see it work.
 """
 EPILOG: Final = """\
 examples:
@@ -27,7 +27,7 @@ examples:
   drd emulate mybot.yaml --path square --truth truth.csv
   ip link add dev vcan0 type vcan && ip link set vcan0 up && drd emulate mybot.yaml     encoders.channel: vcan0
 
-Exit code: 0 done, 1 a device failed meanwhile, 2 bad usage, or the devices or FILE.csv cannot be made.
+Exit code: 0 done, 1 a device failed during the run, 2 bad usage, or the devices or FILE.csv cannot be created.
 """
 # How far the path goes where no --seconds ends it.
 DEMO_S = 600.0

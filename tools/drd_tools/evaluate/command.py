@@ -21,27 +21,26 @@ from drd_tools.recordings.daemon_log import read
 from drd_tools.report.saved import keep_and_show, tell_files
 
 DESCRIPTION = """\
-Judge poses against a reference: error at the end and of the return, absolute and relative trajectory error, drift in
-per cent (KITTI, on segments scaled to the path), heading drift in deg/h, and consistency (NEES, with its bounds).
-Beside them stands the smallest error that any estimator could have on that recording (the posterior Cramer-Rao bound),
-and what would lower it most, where the recording is at hand: as the input, as the one that the JSON beside POSES.csv
-names, or as the reference's folder.
+Evaluate poses against a reference: end-point and return error, absolute and relative trajectory error, drift in per
+cent (KITTI, on segments scaled to the path), heading drift in deg/h, and consistency (NEES, with its bounds). If the
+recording is available (as the input, named in the JSON next to POSES.csv, or as the reference's folder), the smallest
+error that any estimator could achieve on it (the posterior Cramer-Rao bound) and what would lower it most are reported.
 
-POSES.csv has time_s,x_m,y_m,heading_deg and, if known, the covariance xx_m2,xy_m2,xh_m_rad,yy_m2,yh_m_rad,hh_rad2
-and position_bound_99_m, with which may come valid, 1 or 0 (as `drd replay` and `drd export --csv` write them).
---reference names a recording folder, or a CSV with time_s,x_m,y_m,heading_deg, for all poses or one for each; it may
-be sparse, its heading wrapped or not.
+POSES.csv has time_s,x_m,y_m,heading_deg and optionally the covariance xx_m2,xy_m2,xh_m_rad,yy_m2,yh_m_rad,hh_rad2
+and position_bound_99_m, the latter optionally with valid, 1 or 0 (as written by `drd replay` and `drd export --csv`).
+--reference is a recording folder or a CSV with time_s,x_m,y_m,heading_deg: one for all poses, or one for each. It may
+be sparse; its heading may be wrapped.
 
 RECORDING is a folder with a reference; without --reference it is replayed with its nominal model, robot.yaml.
 
 The estimate is interpolated at the reference's times, never extrapolated. Alignment, by a rigid motion without scale:
   start           the poses agree at the first common time (the default; errors there are zero by definition)
   first-metres M  least squares over the positions on the first M metres
-  se2             least squares over all positions (Umeyama); hides part of the drift, and NEES has no meaning then
-  none            as the poses are
+  se2             least squares over all positions (Umeyama); hides part of the drift and makes NEES meaningless
+  none            no alignment
 
-A reference may show the motion later than the poses, as lidar and motion capture do by up to half a second: what the
-turning shows of that is told, and --reference-lag takes it off.
+A reference may lag the poses; lidar and motion capture do by up to half a second. The lag visible in the turns is
+reported, and --reference-lag corrects it.
 """
 EXAMPLES = """\
 examples:
@@ -51,7 +50,7 @@ examples:
   drd evaluate --compare out/nominal out/calibrated --output out/both
   drd evaluate --draw out/run1
 
-DIR gets results.json, from which --compare and --draw work later, and report.html with its pictures.
+DIR receives results.json, which --compare and --draw use later, and report.html with its pictures.
 Exit code: 0 done, 2 bad usage or input.
 """
 
@@ -75,7 +74,7 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = command("drd evaluate", DESCRIPTION, EXAMPLES, [kept(), reference_sigma(), reference_lag()])
     add = parser.add_argument
-    add("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="what is judged")
+    add("inputs", nargs="*", type=Path, metavar="POSES.csv|RECORDING", help="poses or recordings to evaluate")
     add("--reference", nargs="+", type=Path, metavar="PATH", help="one for all poses, or one for each")
     text = "none, start (default), first-metres M, or se2"
     add("--align", nargs="+", default=["start"], metavar="HOW", help=text)

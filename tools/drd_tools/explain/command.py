@@ -15,21 +15,21 @@ from drd_tools.options import kept, reference_lag, reference_sigma, replayed
 from drd_tools.report.saved import keep_and_show
 
 DESCRIPTION = """\
-Say where the pose's uncertainty comes from: gyro noise, bias, scale and calibration, wheel scales, tread, slip noise,
+Break the pose's uncertainty down by cause: gyro noise, bias, scale and calibration, wheel scales, tread, slip noise,
 latency, quantisation, in metres and degrees.
 
-RECORDING is replayed as by `drd replay` (a .mcap file of the daemon or a recording folder). Each step of the filter,
-with its own F, H, K, Q and R, is repeated on a covariance for each cause; their sum is the filter's covariance, so the
-budget is exactly what the filter believes. It holds no physics that the filter does not know.
+RECORDING is replayed as by `drd replay` (a .mcap file of the daemon or a recording folder). Each filter step, with its
+own F, H, K, Q and R, is repeated on one covariance per cause; these sum to the filter's covariance, so that the budget
+is exactly what the filter assumes. It contains no physics that is not in the filter.
 
-With --from S or a reference, errors count from the pose at the interval's beginning; what was known badly by then
-(scales, tread, bias) stays with its cause. Without either, from the filter's own start.
+With --from S or a reference, errors are relative to the pose at the beginning of the interval; the uncertainty of
+scales, tread and bias at that time stays with its cause. Otherwise they are relative to the start of the filter.
 
-A reference (the folder's reference.csv, or --reference) shows the actual error: whether the budget covers it, and if so
-which causes brought it most likely, by the error's course and by what the comparisons of the two headings showed.
+A reference (the folder's reference.csv, or --reference) gives the actual error: whether the budget covers it and, if
+so, its most likely causes, from the error's time history and the innovations of the heading.
 
-Last stands the smallest error that any estimator could have on the whole recording (the posterior Cramer-Rao bound),
-with the geometry known, and what would lower it most.
+Finally, the smallest error that any estimator could achieve on the whole recording (the posterior Cramer-Rao bound),
+with known geometry, is given, and what would lower it most.
 """
 EXAMPLES = """\
 examples:
@@ -38,8 +38,8 @@ examples:
   drd explain /var/lib/drd-mybot/recordings/20260102T100000Z-001.mcap --calibration gyro/calibration.yaml
   drd explain --draw out/explain
 
-DIR gets results.json, report.html and pictures; --draw makes report and pictures again from results.json. Times are
-those of the recording's time_s, or of the poses that `drd replay` writes.
+DIR receives results.json, report.html and pictures; --draw redraws report and pictures from results.json. Times are
+the recording's time_s, or those of the poses written by `drd replay`.
 Exit code: 0 done, 2 bad usage or input.
 """
 

@@ -11,9 +11,9 @@ from drd.config.schema import ConfigError
 from drd_tools.export.poses import Exported, read_poses
 
 DESCRIPTION: Final = """\
-Write a recording's poses for other programs. RECORDING is a file that the daemon recorded (.mcap; earlier parts of its
-run that lie beside it are taken in), or a recording folder. Poses are those that were published; where a recording has
-none, as a folder has, they are those of `drd replay`. The output says which.
+Export a recording's poses for other programs. RECORDING is a file recorded by the daemon (.mcap; earlier parts of the
+same run in its folder are included) or a recording folder. The poses are the published ones or, if the recording has
+none (a folder never has), those of `drd replay`. The output says which.
 
   --ros2     a ROS 2 bag in one MCAP file (profile ros2, CDR): /odom nav_msgs/Odometry, /tf tf2_msgs/TFMessage, /imu
              sensor_msgs/Imu and, of a daemon's recording, /diagnostics; stamps as published

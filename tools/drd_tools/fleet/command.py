@@ -18,5 +18,5 @@ def main(argv: list[str]) -> int:
     """Hand over to the action's own command; returns its exit code."""
     # pandas, which pyarrow loads where it is there, announces its threads.
     logging.getLogger("numexpr").setLevel(logging.WARNING)
-    description = "Diagnose thousands of recordings, and keep what they say as tables."
+    description = "Diagnose thousands of recordings and keep the results as tables."
     return hand_over("drd fleet", description, "action", ACTIONS, argv)

@@ -18,9 +18,9 @@ from drd_tools.report.terminal import columns
 Table = Mapping[str, Sequence[Any]]
 Rows = Sequence[Mapping[str, Any]]
 DESCRIPTION = """\
-Write what a robot's daemon should start with: the robot's constants as its own history and the fleet's population have
-them, as model.yaml (for model.file of the configuration, and drd replay --model), and how sure they are as prior.yaml
-beside it (keys of estimation.initial: put them into the configuration, or give it to drd replay --config).
+Write the prior for a robot's daemon: the robot's constants, estimated from its own history and the fleet's population,
+as model.yaml (for model.file of the configuration, and drd replay --model), and their standard deviations as prior.yaml
+next to it (keys of estimation.initial: put them into the configuration, or pass the file to drd replay --config).
 """
 EXAMPLES = """\
 examples:

@@ -18,7 +18,7 @@ from drd_tools.report.terminal import print_table
 NAMES: Final = (*TABLES, "maintenance")
 WIDEST: Final = 60  # letters of a cell in the terminal
 DESCRIPTION = """\
-Print a table of a fleet's store. With --sql DuckDB answers, which sees all tables by their names.
+Print a table of a fleet's store. With --sql, DuckDB runs the query; it sees all tables by name.
 The columns are described in drd_tools/fleet/schema.py.
 """
 EXAMPLES = f"""\

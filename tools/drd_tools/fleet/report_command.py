@@ -7,8 +7,8 @@ from drd_tools.fleet.statistics import analyse
 from drd_tools.fleet.store import existing
 
 DESCRIPTION = """\
-Say which robots, floors and batches of gyros have changed, since when and how surely, and what to inspect first: on one
-page, DIR/fleet.html, with all robots and effects as a heat map, trends with their changes, robots that stand out, and
+Report which robots, floors and gyro batches have changed, since when and with what certainty, and what to inspect
+first: on one page, DIR/fleet.html, with all robots and effects as a heat map, trends with their changes, outliers, and
 the recordings of each robot with links to their own reports. It needs no server.
 """
 EXAMPLES = """\

@@ -9,8 +9,8 @@ from drd_tools.fleet.store import Store
 from drd_tools.fleet.update import Updated, update
 
 DESCRIPTION = """\
-Find the recordings below FOLDERS, diagnose those that are new, whose files have changed, or that another build of drd
-has diagnosed, and keep what they say in STORE: Parquet tables that pandas, Polars and DuckDB read as they are.
+Find the recordings below FOLDERS, diagnose those that are new, have changed, or were diagnosed by another build of drd,
+and keep the results in STORE: Parquet tables that pandas, Polars and DuckDB can read directly.
 
 A recording is a folder with encoders.csv or fog.csv, or a run of the daemon (FILE.mcap). FOLDERS and STORE may be
 buckets (s3://bucket/prefix; the environment has the credentials and, as AWS_ENDPOINT_URL, another server). An update

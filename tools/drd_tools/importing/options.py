@@ -10,10 +10,10 @@ from drd_tools.importing.streams import GYRO_UNITS, WHEEL_UNITS
 TIME_UNITS: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 POSITIVE: Final = number(0.0, above=True)
 DESCRIPTION = """\
-Make a recording folder, as `drd replay` and the calibrations read it, from another system's recording, and check it for
-the usual traps: which gyro axis is the vertical one, signs, sides swapped, degrees for radians, clocks that differ.
+Convert another system's recording to a recording folder, as read by `drd replay` and the calibrations, and check it for
+the usual pitfalls: wrong gyro axis, wrong signs, swapped sides, degrees instead of radians, clock offsets.
 
-FILE alone lists what it holds. It may be
+FILE alone lists its contents. It may be
   .bag, .db3, .mcap, or a ROS 2 bag's folder   topics; --gyro TOPIC (Imu, Vector3Stamped), --wheels TOPIC (Odometry,
                 JointState, TwistStamped, ...), --reference TOPIC (Odometry, PoseStamped, TransformStamped, ...)
                 any other message by its fields: --gyro TOPIC:FIELD, --wheels TOPIC:FIELD,TOPIC:FIELD --wheels-unit U
@@ -22,11 +22,11 @@ FILE alone lists what it holds. It may be
   .bin, .raw, .dat                             --gyro fog: a gyro's bytes, as `fog` of --config CONFIG says
   any other text, CSV or columns               --gyro X,Y,Z or ONE, --wheels LEFT,RIGHT, --reference X,Y,HEADING:
                 columns by name or by number from 1, with --time COLUMN and the units
-Text and CAN logs may be in gzip (.gz). Gyro, wheels and reference may come from different files.
+Text and CAN logs may be gzip-compressed (.gz). Gyro, wheels and reference may come from different files.
 """
 EPILOG = """\
-Options state what the data are; the checks say whether the data agree. With `auto` what they find is applied, and the
-import is refused where the data cannot tell. import.yaml in DIR says what the recording is from and what was found.
+Options state what the data mean; the checks report whether the data agree. With `auto`, the result of the check is
+applied, and the import is refused if the data do not determine it. import.yaml in DIR records sources and findings.
 
 examples:
   drd import run.bag
@@ -34,14 +34,14 @@ examples:
   drd import log.blf --config mybot.yaml --wheels can --gyro-file gyro.csv --gyro rate --gyro-unit deg_s --output run
   drd import imu.log.gz --time 3 --time-unit ms --gyro 7,8,9 --gyro-unit rad --axis x --output run
 
-exit codes: 0 done, 2 bad usage or input, or data that cannot tell what was asked of them
+exit codes: 0 done, 2 bad usage or input, or data that do not determine what was requested
 """
 
 
 def parser() -> argparse.ArgumentParser:
     """Make the parser of all options."""
     made = command("drd import", DESCRIPTION, EPILOG)
-    made.add_argument("file", type=Path, metavar="FILE", help="what to import; alone: list what it holds")
+    made.add_argument("file", type=Path, metavar="FILE", help="file to import; alone: list its contents")
     made.add_argument("--output", type=Path, metavar="DIR", help="the recording folder to make")
     _add_streams(made)
     _add_meanings(made)

@@ -18,12 +18,12 @@ from drd_tools.mujoco_world.vehicle import Vehicle
 from drd_tools.simulate.conditions import Reference
 
 DESCRIPTION = """\
-Drive a four-wheel skid-steer robot of 60 kg through MuJoCo's contact physics, and record what its sensors say. Its
-motion shares no formula with the other simulated world: effective tread, slip and sideways motion are not put in, they
-emerge, are measured and printed. robot.yaml states the track and the wheel radius of the drawing.
+Drive a four-wheel skid-steer robot of 60 kg in MuJoCo's contact physics and record its sensors. The motion shares no
+formula with the other simulated world: effective tread, slip and lateral motion are not prescribed but emerge, and are
+measured and printed. robot.yaml states the geometric track width and wheel radius.
 
-The folder written is a recording as `drd replay` and `drd evaluate` take it, with the truth beside it:
-  robot.yaml, fog.csv, encoders.csv, reference.csv     what is believed, and what the sensors said
+The output folder is a recording as read by `drd replay` and `drd evaluate`, together with the ground truth:
+  robot.yaml, fog.csv, encoders.csv, reference.csv     nominal robot and sensor readings
   truth.yaml, truth.csv, emerged.png                   what emerged, manoeuvre by manoeuvre; the true path at 50 Hz
 """
 EXAMPLES = """\

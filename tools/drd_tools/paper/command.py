@@ -34,7 +34,7 @@ def main(argv: list[str]) -> int:
     parser = command("drd paper", DESCRIPTION, EPILOG, [seed("gyros, robots and noise", 1)])
     add = parser.add_argument
     add("--output", type=Path, required=True, metavar="DIR", help="folder for report.html and pictures")
-    add("--gyros", type=whole(2), default=50, metavar="N", help="how many gyros are drawn (default: 50)")
+    add("--gyros", type=whole(2), default=50, metavar="N", help="number of random gyros (default: 50)")
     add("--draw", action="store_true", help="only report and draw the results that DIR holds")
     chosen = parser.parse_args(argv)
     chosen.draw = chosen.output if chosen.draw else None

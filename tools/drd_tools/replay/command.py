@@ -18,18 +18,17 @@ from drd_tools.replay.result import ORIGIN, Replayed, Start, write_poses
 from drd_tools.replay.summary import summary
 
 DESCRIPTION = """\
-Estimate again from a recording, with the daemon's own estimator. The same input gives the same poses to the last bit;
-their SHA-256 is printed.
+Run the daemon's own estimator on a recording. The same input gives bit-identical poses; their SHA-256 is printed.
 
-RECORDING is a file that the daemon recorded (.mcap), or a folder with
+RECORDING is a file recorded by the daemon (.mcap), or a folder with
   robot.yaml      the nominal robot: wheel.radius_m, wheel.counts_per_revolution, tread_m, fog.*, encoders.*, ...
   encoders.csv    time_s, left_counts, right_counts (cumulative) or time_s, left_rad_s, right_rad_s
   fog.csv         time_s, rate_deg_s[, temperature_c]; the mean since the row before; without it: odometry alone
   reference.csv   time_s, x_m, y_m, heading_deg; optional, never given to the estimator
 
-The output has a row for each pose: time_s, x_m, y_m, heading_deg (whole turns are kept) and the covariance's upper
-triangle, in m and rad. Its first row is the start. A JSON file of the same name says what it comes from: digest,
-hashes of the inputs, configuration in force, counters.
+The output has one row per pose: time_s, x_m, y_m, heading_deg (unwrapped) and the upper triangle of the covariance, in
+m and rad. The first row is the start. A JSON file of the same name records the provenance: digest, hashes of the
+inputs, configuration in force, counters.
 """
 EXAMPLES = """\
 examples:

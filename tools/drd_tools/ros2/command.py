@@ -11,17 +11,17 @@ from drd.commands import command
 from drd.output.session import tidy
 
 DESCRIPTION: Final = """\
-A node of ROS 2 for every middleware that is not rmw_zenoh: it listens to a running drd over Zenoh and publishes
-odometry, the transform of its frames, an Imu and diagnostics. The services reset and set_pose (the latter where
+A ROS 2 node for any middleware other than rmw_zenoh: it listens to a running drd over Zenoh and publishes odometry, the
+transform between its frames, an Imu and diagnostics. The services reset and set_pose (the latter where
 robot_localization is installed) and the topic set_pose are passed on to drd. Ctrl-C ends it. For rmw_zenoh no node is
 needed: set output.ros2.
 
 rclpy comes with ROS 2: source its setup.bash. Where no ROS 2 is installed, the extra drd[ros2] has it as wheels. They
-want a virtual environment of their own: each Python process in it is started a second time.
+need a virtual environment of their own: each Python process in it is started a second time.
 
 parameters:
-  connect          Zenoh end point of drd, one of its output.listen (tcp/127.0.0.1:7447)
-  zenoh_config     Zenoh's own configuration file instead: certificates, for instance
+  connect          Zenoh endpoint of drd, one of its output.listen (tcp/127.0.0.1:7447)
+  zenoh_config     Zenoh configuration file instead, e.g. for certificates
   prefix           output.prefix of that drd (drd)
   frame_id         frame of the pose (empty: drd's output.frame_id)
   child_frame_id   frame of the robot (empty: drd's output.child_frame_id)

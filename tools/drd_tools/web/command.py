@@ -22,11 +22,11 @@ from drd_tools.web.server import Server, serving
 
 DESCRIPTION: Final = """\
 Show a running drd in the browser: the path on a map with the 99 % bound, the last hour to scrub through, validity with
-its reasons, rates, latency, what was learned, counters; and buttons, where the daemon takes commands
-(output.commands). /metrics has the same for Prometheus. A process of its own: the daemon does not notice.
+its reasons, rates, latency, learned parameters and counters; and buttons, if the daemon accepts commands
+(output.commands). /metrics has the same for Prometheus. This is a separate process: the daemon is not affected.
 
-Only this machine reaches it unless --listen says otherwise; a token is asked for then. The connection is not encrypted:
-over a network that others use, go through ssh (`ssh -L 8080:127.0.0.1:8080 ROBOT`) or a proxy with TLS.
+Only this machine can reach it unless --listen says otherwise; then a token is required. The connection is not
+encrypted: on a shared network, use ssh (`ssh -L 8080:127.0.0.1:8080 ROBOT`) or a proxy with TLS.
 """
 EPILOG: Final = """\
 examples:
@@ -35,7 +35,7 @@ examples:
   drd web --listen 0.0.0.0:8080                          prints the address with its token
   drd web --listen 0.0.0.0:8080 --token-file token --name robot7.example
 
-Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the address cannot be listened on, 2 bad usage.
+Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the address is not available, 2 bad usage.
 """
 # All addresses of this machine: none that a browser elsewhere could open.
 _EVERYWHERE: Final = ("0.0.0.0", "[::]")

@@ -37,8 +37,8 @@ Fit the gyro's error function (cubic in rate, its coefficients quadratic in temp
 compare other orders on held-out data, and write the file that the daemon loads (calibration.file), with a report.
 
 DATA is CSV with the columns time_s, table_rate_deg_s, rate_deg_s, temperature_c; others are ignored. A file may hold
-one rate or many. Counter-clockwise is positive, as the daemon reads the gyro after fog.positive. Let the table hold
-each rate for half a minute or so, from standstill to the fastest in both directions, at three temperatures or more.
+one rate or many. Counter-clockwise is positive, as in the daemon after fog.positive. Let the table hold each rate for
+half a minute or so, from standstill to the fastest in both directions, at three or more temperatures.
 """
 EPILOG = """\
 examples:
@@ -46,7 +46,7 @@ examples:
   drd calibrate gyro rates/ --held-out again/ --latitude 48.1 --output gyro
   drd calibrate gyro --live robot.yaml --rates -100,-50,0,50,100 --seconds 30 rates/ --output gyro
 
-exit codes: 0 done, 1 cannot write, 2 bad usage or data, or data that cannot tell what was asked (the reason is printed)
+exit codes: 0 done, 1 cannot write, 2 bad usage or data, or data that do not determine the result
 """
 
 

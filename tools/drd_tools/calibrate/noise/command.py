@@ -24,14 +24,14 @@ DRIFT_WINDOW_S: Final = 300.0
 DRIFT_SIGMAS: Final = 3.0
 
 DESCRIPTION: Final = """\
-Find the gyro's noise, bias and warm-up from a log at standstill, and write them as the daemon's configuration takes
-them. Fasten the gyro to something that nobody touches, start the log when you switch the gyro on, and let it run for
-an hour or more: slow terms need averaging times of a third of the log.
+Estimate the gyro's noise terms, bias and warm-up from a log at standstill (Allan deviation), and write them as keys of
+the daemon's configuration. Mount the gyro where nothing disturbs it, start the log when you switch the gyro on, and let
+it run for an hour or more: slow terms need averaging times of a third of the log.
 
 LOG is a CSV file with the columns time_s (s), rate_deg_s (deg/s, each row the mean since the row before) and, where
 known, temperature_c (degC); or a recording's folder with such a fog.csv. With --live the log is recorded from the
-gyro that the configuration CONFIG names, into DIR/fog.csv; the daemon must not be running. Ctrl-C ends the recording
-early, and what there is gets analysed.
+gyro of the configuration CONFIG into DIR/fog.csv; the daemon must not be running. Ctrl-C ends the recording early, and
+what has been recorded is analysed.
 """
 EPILOG: Final = """\
 written into DIR:
@@ -86,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     longest_s = 7 * 86_400.0
     text = "length of the recording (default 3600)"
     add("--seconds", type=number(SHORTEST_S, longest_s), default=3600.0, metavar="S", help=text)
-    text = "leave out the first seconds, instead of the warm-up that is found"
+    text = "skip the first S seconds instead of the detected warm-up"
     add("--skip", type=number(0.0), metavar="S", help=text)
     return parser
 

@@ -6,24 +6,24 @@ from drd.commands import command, number, writing
 from drd_tools.calibrate.wheels import recordings, squares
 
 DESCRIPTION = """\
-Measure the wheels: their radii and the effective tread.
+Calibrate the wheels: their radii and the effective tread.
 
 1. From recordings that have a reference (motion capture, lidar, surveyed points; it may be sparse): least squares.
-   RECORDING is a folder with robot.yaml, encoders.csv and reference.csv, all of one robot and with the reference
-   mounted alike. Drive straights, and turns to both sides, as the robot will be driven. With a gyro they also tell
-   how late the wheels are behind it, and its noise while the robot stands (half a minute in all, at least); without
-   one the lag is told against the reference.
+   RECORDING is a folder with robot.yaml, encoders.csv and reference.csv, all of the same robot with the reference
+   mounted in the same place. Drive straights, and turns to both sides, as the robot will be driven. With a gyro they
+   also give the lag of the wheels behind it, and its noise at standstill (half a minute in total, at least); without
+   one, the lag is relative to the reference.
 2. From UMBmark: with the nominal wheels, drive a square by odometry alone, five times clockwise and five times
    counter-clockwise, each turn on the spot, all four turns. Each time start at the origin, heading along +x
    (x forward, y left), and measure where the robot stands at the end. RETURNS.csv has a row for each run:
        direction,x_m,y_m
        ccw,0.031,-0.120
        cw,0.018,0.093
-   x_m and y_m are where the robot really stands, less where its odometry says that it stands.
+   x_m and y_m are the robot's true position minus its position by odometry.
 
-It prints the values with their standard deviations, says which of them the data cannot determine, and always how
-well the calibration does on drives that it was not fitted to. DIR gets wheels.yaml (to be merged into the daemon's
-configuration; `drd replay --config` takes it as it is) and report.html with its pictures.
+It prints the values with their standard deviations, which of them the data do not determine, and how well the
+calibration does on drives that it was not fitted to. DIR receives wheels.yaml (to be merged into the daemon's
+configuration, or given as is to `drd replay --config`) and report.html with its pictures.
 """
 EXAMPLES = """\
 examples:
