@@ -11,7 +11,7 @@ PublishOn = Literal["wheels", "gyro"]
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """The robot's geometry as its engineers believe it."""
+    """The robot's nominal geometry."""
 
     name: str = "robot"
     """Name of the robot, shown in health and logs"""
@@ -22,14 +22,15 @@ class Robot:
     right_scale: Annotated[float, Meta(ge=0.5, le=1.5)] = 1.0
     """Factor on the right wheel's travel (UMBmark's c_r); change after a calibration"""
     tread_m: Annotated[float, "m", Meta(ge=0.02, le=20)]
-    """Effective distance between left and right wheels; a skid-steer robot's is 1.0 to 1.9 times the measured one"""
+    """Effective tread (track width): distance between left and right wheels; for skid-steer robots 1.0 to 1.9 times the
+    measured one"""
     drive: Literal["auto", "differential", "skid"] = "auto"
     """How it steers: differential = two wheels and casters; skid = wheels slip sideways in each turn (four wheels,
-    tracks); auto = differential, until the gyro shows an effective tread that is not the stated one"""
+    tracks); auto = differential, until the gyro shows an effective tread other than the stated one"""
     max_speed_m_s: Annotated[float, "m/s", Meta(ge=0.01, le=100)] = 3.0
     """Faster wheel travel is a counter jump, not motion; set to 1.5 times the robot's top speed"""
     max_acceleration_deg_s2: Annotated[float, "deg/s^2", Meta(ge=10, le=1e6)] = 500.0
-    """A gyro reading that asks for more is a corrupted one; lower it to the robot's ability"""
+    """A gyro reading that implies more is taken for corrupted; lower it to the robot's capability"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,7 @@ class Ecore:
     status_byte: Annotated[int, Meta(ge=0, le=4)] = 1
     """Payload byte that holds the status bits; 0 = none"""
     status_mask: Annotated[int, Meta(ge=0, le=255)] = 0
-    """Status bits that are looked at; 0 = never reported invalid"""
+    """Status bits that are evaluated; 0 = never reported invalid"""
     status_good: Annotated[int, Meta(ge=0, le=255)] = 0
     """Value of the masked status bits when the reading is valid"""
     temperature_byte: Annotated[int, Meta(ge=0, le=3)] = 3
@@ -55,7 +56,7 @@ class Dsp3000:
     """KVH DSP-3000, ASCII lines."""
 
     mode: Literal["rate", "incremental", "integrated"] = "rate"
-    """What word 1 of a line is, as set in the gyro: rate (R), incremental angle (A) or integrated angle (P)"""
+    """Meaning of word 1 of a line, as set in the gyro: rate (R), incremental angle (A) or integrated angle (P)"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +76,7 @@ class Fog:
     """The fibre-optic gyro and its serial port."""
 
     protocol: Literal["ecore", "dsp3000", "dsp17xx", "none"] = "ecore"
-    """What the gyro speaks; none = the robot has no gyro"""
+    """Protocol of the gyro; none = the robot has no gyro"""
     port: Annotated[str, "path"] = "/dev/fog"
     """Serial device; prefer a stable name from udev"""
     baud: Annotated[int, "bit/s", Meta(ge=300, le=4_147_200)] = 9600
@@ -85,15 +86,15 @@ class Fog:
     full_scale_deg_s: Annotated[float, "deg/s", Meta(ge=1, le=5000)] = 100.0
     """Largest rate the gyro can report; readings beyond 99.9 % of it are over-range. Scales the E-Core's counts"""
     positive: Literal["clockwise", "counterclockwise"] = "clockwise"
-    """Turn that the gyro reports as positive, seen from above; KVH gyros count clockwise. counterclockwise when mounted
-    upside down"""
+    """Direction of rotation that the gyro reports as positive, seen from above; KVH gyros count clockwise.
+    counterclockwise when mounted upside down"""
     axis: Literal["x", "y", "z"] = "z"
     """Sensor axis that points up; single-axis gyros have only z"""
     latency_s: Annotated[float, "s", Meta(ge=0, le=1)] = 0.0
-    """Time from the end of a measuring interval to the arrival of its packet's last byte: the gyro's filter delay and
-    the transmission"""
+    """Time from the end of a measurement interval to the arrival of the last byte of its packet: the gyro's filter
+    delay plus transmission"""
     silent_after_s: Annotated[float, "s", Meta(ge=0.01, le=60)] = 0.5
-    """Silence that makes the health say so"""
+    """Silence after which the health reports it"""
     low_latency: bool = True
     """Ask the serial driver for low latency; change only if the driver misbehaves"""
     ecore: Ecore = Ecore()
@@ -151,7 +152,7 @@ class Odrive:
     """Cyclic message to read: estimates (0x009, float revolutions) or counts (0x00A, firmware up to 0.5.6; finer over
     long distances)"""
     gear_ratio: Annotated[float, Meta(ge=0.01, le=1000)] = 1.0
-    """Turns of the encoder's shaft per wheel turn, for estimates; counts have it in counts_per_revolution"""
+    """Turns of the encoder shaft per wheel turn, for estimates; for counts it is part of counts_per_revolution"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,17 +182,17 @@ class Encoders:
     """The wheel encoders and their CAN interface."""
 
     layout: Literal["cia406", "agilex", "odrive", "vesc", "dbc"] = "cia406"
-    """How the frames are laid out"""
+    """Layout of the CAN frames"""
     interface: str = "socketcan"
     """python-can interface: socketcan on robots, slcan for a serial adapter"""
     channel: str = "can0"
     """Interface name, or the serial device of an slcan adapter"""
     bitrate: Annotated[int, "bit/s", Meta(ge=10_000, le=1_000_000)] | None = None
-    """Bus speed, set by slcan and vendor adapters; socketcan's is set by the system"""
+    """Bus speed for slcan and vendor adapters; that of socketcan is set by the system"""
     open_delay_s: Annotated[float, "s", Meta(ge=0, le=10)] = 0.0
     """Wait after opening an slcan adapter; 2 for Arduino-like ones that restart"""
     counts_per_revolution: Annotated[float, "counts", Meta(ge=1, le=1e9)] | None = None
-    """Counts per wheel turn (cia406, odrive counts, dbc counts), gear included; the other layouts know theirs"""
+    """Counts per wheel turn (cia406, odrive counts, dbc counts), gear included; the other layouts define theirs"""
     modulus_counts: Annotated[int, "counts", Meta(ge=4)] | None = None
     """Count at which the counter starts again at zero (cia406: object 6002h, or 2^bits); null = the layout's own"""
     rate_hz: Annotated[float, "Hz", Meta(ge=1, le=1000)] = 20.0
@@ -201,9 +202,9 @@ class Encoders:
     pair_window_s: Annotated[float, "s", Meta(ge=0.0005, le=1)] = 0.04
     """Left and right readings further apart than this, and than 0.75 periods of rate_hz, are not paired"""
     gap_s: Annotated[float, "s", Meta(ge=0.02, le=10)] = 0.5
-    """After a longer gap the first counts move the pose, but its bound stays as wide as if they told nothing"""
+    """After a longer gap the first counts move the pose, but its bound stays as wide as without them"""
     silent_after_s: Annotated[float, "s", Meta(ge=0.02, le=60)] = 0.3
-    """Silence that makes the health say so"""
+    """Silence after which the health reports it"""
     queue_frames: Annotated[int, "frames", Meta(ge=16, le=1_000_000)] = 1024
     """Frames kept while the estimator is busy; more are dropped and counted"""
     left: Left = Left()
@@ -219,41 +220,42 @@ class StaticBias:
     """The gyro's bias, measured while the robot stands before a mission."""
 
     duration_s: Annotated[float, "s", Meta(ge=0, le=600)] = 10.0
-    """Standstill that is averaged; 0 skips it. 10 s leaves 1.6 deg/h (RD2100 class)"""
+    """Averaging time at standstill; 0 skips it. 10 s leaves 1.6 deg/h (RD2100 class)"""
     minimum_s: Annotated[float, "s", Meta(ge=0.1, le=600)] = 5.0
-    """Shorter standstills, cut by motion, are not used; the bias then starts from zero with the data sheet's spread"""
+    """Shorter standstills, cut by motion, are not used; the bias then starts from zero with the datasheet's
+    uncertainty"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Initial:
-    """Standard deviations at the start; of what a model corrects, its own where those are smaller."""
+    """Standard deviations at the start; for parameters that a model corrects, the model's, if smaller."""
 
     position_m: Annotated[float, "m", Meta(ge=0, le=1e6)] = 0.0
     """Start position"""
     heading_deg: Annotated[float, "deg", Meta(ge=0, le=180)] = 0.0
     """Start heading"""
     wheel_scale: Annotated[float, "1", Meta(ge=0, le=0.5)] | None = None
-    """Wheel radii against their nominal, each; null = 0.005, and 0.04 for skid steering"""
+    """Each wheel radius, relative to nominal; null = 0.005, or 0.04 for skid steering"""
     tread: Annotated[float, "1", Meta(ge=0, le=1)] | None = None
-    """Tread against its nominal; null = 0.02 as measured by tape, and 0.5 where a gyro can tell an effective one"""
+    """Tread, relative to nominal; null = 0.02 as measured by tape, or 0.5 if a gyro can determine the effective one"""
     gyro_scale: Annotated[float, "1", Meta(ge=0, le=0.5)] = 0.005
-    """Gyro scale factor, where it is estimated: a fibre-optic gyro's; 0.03 for a MEMS chip as delivered"""
+    """Gyro scale factor, if it is estimated: the default suits a fibre-optic gyro; 0.03 for a MEMS chip as delivered"""
     wheel_lag_s: Annotated[float, "s", Meta(ge=0, le=1)] = 0.2
     """Lag of the wheels' samples behind the gyro's, beyond the stated latencies; 0 = none"""
     slip_s: Annotated[float, "s", Meta(ge=0, le=5)] | None = None
-    """Sideways slip: the body's speed to its side over speed times yaw rate; null = 0, and 0.25 for skid steering"""
+    """Lateral slip: lateral speed over forward speed times yaw rate; null = 0, or 0.25 for skid steering"""
     gyro_bias_deg_s: Annotated[float, "deg/s", Meta(ge=0, le=10)] = 0.02
     """Gyro bias when no standstill was measured (bias repeatability)"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """The physical noise profile, in data-sheet units."""
+    """The physical noise profile, in datasheet units."""
 
     wheel_m_per_sqrt_m: Annotated[float, "m/sqrt(m)", Meta(ge=0, le=1)] = 0.002
     """Each wheel's travel noise: slip, bumps; 0.0005 indoors, 0.005 off-road"""
     lateral_m_per_sqrt_m: Annotated[float, "m/sqrt(m)", Meta(ge=0, le=1)] = 0.001
-    """Sideways drift on straight ground"""
+    """Lateral drift on straight lines"""
     turn_rad_per_sqrt_rad: Annotated[float, "rad/sqrt(rad)", Meta(ge=0, le=1)] = 0.02
     """Heading noise of the wheels when turning: 0.005 for two driven wheels, 0.05 or more for skid-steer"""
     turn_m_per_sqrt_rad: Annotated[float, "m/sqrt(rad)", Meta(ge=0, le=1)] = 0.005
@@ -271,9 +273,9 @@ class Noise:
     gyro_scale_per_sqrt_h: Annotated[float, "1/sqrt(h)", Meta(ge=0, le=1)] = 2e-4
     """Slow change of the gyro's scale, where it is estimated"""
     comparison_deg: Annotated[float, "deg", Meta(ge=1e-6, le=10)] = 0.02
-    """Floor of the comparison of the two headings: encoder and gyro resolution"""
+    """Noise floor of the heading innovation: encoder and gyro resolution"""
     timing_s: Annotated[float, "s", Meta(ge=0, le=1)] = 0.002
-    """Uncertainty of the gyro's time against the encoders'"""
+    """Uncertainty of the gyro's time relative to the encoders'"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,9 +283,9 @@ class Estimation:
     """Odometry and the indirect feedback Kalman filter."""
 
     heading: Literal["filter", "gyro"] = "filter"
-    """Where the heading comes from: filter = gyro and wheels, compared by the Kalman filter; gyro = the gyro alone, the
-    wheels only tell the distance (the paper's runs without filter). Change it where the wheels skid so much that their
-    turning says nothing"""
+    """Source of the heading: filter = gyro and wheels, fused by the Kalman filter; gyro = the gyro alone, the wheels
+    give only the distance (the paper's runs without filter). Change it if the wheels skid so much that their turning is
+    meaningless"""
     profile: Literal["physical", "paper"] = "physical"
     """Noise: physical (per metre, radian and second) or paper (its printed Q and R)"""
     gyro_scale: Literal["auto", "yes", "no"] = "auto"
@@ -291,15 +293,15 @@ class Estimation:
     midpoint: bool = True
     """Advance along the heading in the middle of a step; false = the paper's equation 7, as printed"""
     gate_sigma: Annotated[float, "sigma", Meta(ge=1, le=100)] = 5.0
-    """Disagreement of gyro and wheels that is rejected"""
+    """Innovation gate: larger disagreement of gyro and wheels is rejected"""
     rejections_before_release: Annotated[int, Meta(ge=1, le=1000)] = 3
-    """Rejections in a row after which the wheels' heading is taken for slip and follows the gyro"""
+    """Consecutive rejections after which the wheels' heading is taken for slip and reset to the gyro's"""
     invalid_after_s: Annotated[float, "s", Meta(ge=0.1, le=3600)] = 10.0
     """Silence of the encoders after which the pose is invalid"""
     max_position_bound_m: Annotated[float, "m", Meta(ge=0.001, le=1e6)] | None = None
     """Position bound beyond which the pose is invalid; null = never"""
     reorder_s: Annotated[float, "s", Meta(ge=0.01, le=5)] = 0.25
-    """How long one sensor waits for the other before the estimate goes on without it"""
+    """How long one sensor waits for the other before the estimate continues without it"""
     static_bias: StaticBias = StaticBias()
     initial: Initial = Initial()
     noise: Noise = Noise()
@@ -315,7 +317,7 @@ class CalibrationFile:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFile:
-    """Physical effects beyond the nominal robot, which are taken off the samples."""
+    """Physical effects beyond the nominal robot, for which the samples are corrected."""
 
     file: Annotated[str, "path"] | None = None
     """Model file (effects of drd's catalogue with their parameters), relative to this configuration; null = none"""
@@ -323,21 +325,21 @@ class ModelFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Ros2Topics:
-    """Topics of ROS 2 beside the odometry: in its namespace, or absolute with a slash; null = not published."""
+    """ROS 2 topics besides the odometry: in its namespace, or absolute with a slash; null = not published."""
 
     tf: str | None = "/tf"
-    """Transform from frame_id to child_frame_id; null where another node, such as robot_localization, publishes it"""
+    """Transform from frame_id to child_frame_id; null if another node, such as robot_localization, publishes it"""
     imu: str | None = "imu"
     """Yaw rate without its bias and heading (sensor_msgs/Imu), in child_frame_id"""
     diagnostics: str | None = "/diagnostics"
     """Validity and reasons, as often as the health"""
     joint_states: str | None = "joint_states"
-    """Turns of the wheels by their counts, where ros2_joints names the joints"""
+    """Wheel angles from the counts, if ros2_joints names the joints"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Zenoh: where the pose is published."""
+    """Publication of the pose over Zenoh."""
 
     prefix: str = "drd"
     """Prefix of all keys"""
@@ -350,20 +352,20 @@ class Output:
     health_period_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 1.0
     """How often the health is published"""
     listen: Annotated[tuple[str, ...], "Zenoh end points"] = ("tcp/127.0.0.1:7447",)
-    """Zenoh end points to listen on; the default is reached from this machine only"""
+    """Zenoh endpoints to listen on; the default can be reached from this machine only"""
     connect: Annotated[tuple[str, ...], "Zenoh end points"] = ()
-    """Zenoh end points to connect to, such as a router"""
+    """Zenoh endpoints to connect to, such as a router"""
     zenoh_config: Annotated[str, "path"] | None = None
-    """Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then not looked at.
+    """Zenoh's own configuration file (JSON5), relative to this one; listen and connect are then ignored.
     zenoh-tls.json5 is one with certificates and access control"""
     max_sessions: Annotated[int, Meta(ge=1, le=1000)] = 256
-    """Zenoh sessions that may be connected at a time; more are refused. Each takes 0.1 MB and, at 20 poses a second,
-    0.1 % of a core. Not looked at with zenoh_config"""
+    """Maximum number of simultaneous Zenoh sessions; more are refused. Each takes 0.1 MB and, at 20 poses per second,
+    0.1 % of a core. Ignored with zenoh_config"""
     commands: bool = False
-    """Allow set_pose, reset and calibrate_bias over Zenoh, to whoever reaches an end point or, with zenoh_config, to
-    whom its access_control allows it; each one is logged"""
+    """Allow set_pose, reset and calibrate_bias over Zenoh, for anyone who can reach an endpoint or, with zenoh_config,
+    for those permitted by its access_control; each command is logged"""
     ros2: bool = False
-    """Be a node of ROS 2 (rmw_zenoh): odometry and ros2_topics; with commands the services set_pose and reset, too.
+    """Act as a ROS 2 node (rmw_zenoh): odometry and ros2_topics; with commands, also the services set_pose and reset.
     Connect to its router, tcp/localhost:7447, and change listen"""
     ros2_domain: Annotated[int, Meta(ge=0, le=232)] = 0
     """ROS_DOMAIN_ID"""
@@ -382,19 +384,19 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """MCAP files with all that came in and went out, for replay and viewers."""
+    """MCAP files with all inputs and outputs, for replay and viewers."""
 
     enabled: bool = False
-    """Record every run of the daemon: some 50 MB an hour at 20 poses a second"""
+    """Record every run of the daemon: about 50 MB per hour at 20 poses per second"""
     viewers: bool = True
-    """Write transform, pose, path and bound once more, as Foxglove and Rerun draw them: 11 MB of those"""
+    """Also write transform, pose, path and bound in the form that Foxglove and Rerun draw: 11 MB of those"""
     folder: Annotated[str, "path"] = "recordings"
     """Where the files go; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the
     working directory"""
     flush_s: Annotated[float, "s", Meta(ge=0.1, le=60)] = 0.5
-    """How often data is handed to the system: what a killed daemon loses"""
+    """How often data are passed to the operating system: at most this much is lost if the daemon is killed"""
     fsync_s: Annotated[float, "s", Meta(ge=0.1, le=3600)] = 0.5
-    """How often the disk is waited for: what a power cut loses; longer spares flash"""
+    """How often data are synced to the disk: at most this much is lost in a power cut; longer spares flash"""
     max_file_mb: Annotated[float, "MB", Meta(ge=1, le=100_000)] = 64.0
     """A larger file is continued in a new one"""
     max_file_age_s: Annotated[float, "s", Meta(ge=10, le=1e6)] = 3600.0
@@ -405,27 +407,27 @@ class Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """What the daemon remembers over a restart, and how much of it is believed then."""
+    """What the daemon remembers across a restart, and how far it is trusted then."""
 
     enabled: bool = True
-    """Keep the state, and go on from it at the start"""
+    """Keep the state, and continue from it at the start"""
     folder: Annotated[str, "path"] | None = None
     """Where the file lies; relative to the service's state directory (/var/lib/drd-NAME) under systemd, else to the
     working directory. null = that directory under systemd, else no state is kept"""
     period_s: Annotated[float, "s", Meta(ge=0.5, le=3600)] = 4.0
-    """How often it is written, beside each time that the robot starts to move or drd ends; longer spares flash, and
-    leaves more unseen motion when drd is killed on the move"""
+    """How often it is written, besides each time the robot starts to move or drd ends; longer spares flash, but leaves
+    more unseen motion if drd is killed while moving"""
     pose: Literal["continue", "origin"] = "continue"
     """Where the robot is at the start: continue = where it was, origin = back at the origin with the uncertainty of
     estimation.initial, for robots that restart at their dock; what was learned is kept either way"""
     believed_s: Annotated[float, "s", Meta(ge=0, le=1e9)] = 600.0
-    """After a longer time off, or one that no clock tells, somebody may have carried the robot: the pose goes on, but
-    is degraded until set_pose or reset. Longer where nobody can"""
+    """After a longer time off, or an unknown one, the robot may have been carried: the pose continues, but is degraded
+    until set_pose or reset. Increase it if nobody can carry the robot"""
     position_m: Annotated[float, "m", Meta(ge=0, le=1e4)] = 0.2
-    """How far a robot that stands may have been pushed while drd was off, standard deviation of each coordinate; 0 for
-    one that is braked"""
+    """How far a standing robot may have been pushed while drd was off, standard deviation of each coordinate; 0 with
+    brakes"""
     heading_deg: Annotated[float, "deg", Meta(ge=0, le=180)] = 5.0
-    """How far it may have been turned meanwhile, standard deviation; 0 for one that is braked"""
+    """How far it may have been turned meanwhile, standard deviation; 0 with brakes"""
     wheel_scale: Annotated[float, "1", Meta(ge=0, le=0.5)] = 5e-4
     """How much each wheel's radius may have changed meanwhile: load, tyres, temperature"""
     tread: Annotated[float, "1", Meta(ge=0, le=1)] = 0.005
@@ -434,22 +436,22 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class Monitor:
-    """A process of its own that names what has changed in the robot. It changes no pose, unless `apply` is true."""
+    """A separate process that identifies what has changed in the robot. It changes no pose unless `apply` is true."""
 
     enabled: bool = True
-    """Run it, where there is a gyro and no model.file: 1 to 2 % of a core, 100 MB. How often it names what is not there
-    is in drd/monitor/README.md: look at what it says, but let nothing depend on it"""
+    """Run it, if there is a gyro and no model.file: 1 to 2 % of a core, 100 MB. Its false-alarm rate is in
+    drd/monitor/README.md: use its findings as hints, but let nothing depend on them"""
     apply: bool = False
-    """Let the estimator take the radii, tread times scale and lag that it is sure of; false puts back what was there.
-    What that gains and risks is in drd/monitor/README.md"""
+    """Let the estimator adopt the radii, tread times scale and lag that it is sure of; false restores the previous
+    values. Benefits and risks are in drd/monitor/README.md"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Realtime:
-    """Scheduling; each is refused with a message, not an error, where the system does not permit it."""
+    """Scheduling; if the system does not permit a setting, a message is logged and the daemon runs without it."""
 
     freeze_gc: bool = True
-    """Freeze start-up objects out of garbage collection"""
+    """Exclude start-up objects from garbage collection"""
     lock_memory: bool = False
     """Lock all memory (mlockall); needs LimitMEMLOCK"""
     fifo_priority: Annotated[int, Meta(ge=0, le=99)] = 0
