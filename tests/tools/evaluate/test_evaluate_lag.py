@@ -66,7 +66,7 @@ def test_where_a_recording_is_too_short_for_it_no_lag_is_taken_and_that_is_told(
     short = drive(0.9)
     judged = judge(estimate_of(short), short, lag_s=AUTO)
     assert (judged.lag_taken_s, judged.lag_left_s) == (0.0, None)
-    assert "No lag of the reference is sought" in " ".join(sentences(judged))
+    assert "The lag of the reference is not estimated" in " ".join(sentences(judged))
     assert "No lag" not in " ".join(sentences(judge(estimate_of(short), short)))
     assert lag_of(Poses("none", np.empty(0), np.empty((0, 3))), short) == Lag(0.0, 0.0, is_sought=False)
 

@@ -69,7 +69,7 @@ def test_the_cause_of_a_wrong_radius_is_named(folder: Path, tmp_path: Path, caps
     assert max(parts, key=lambda name: parts[name]["position_m"]) == "wheel scales"
     assert parts["wheel scales"]["position_m"] > 0.5 * total_m
     assert "within the budget" in told
-    assert "Most likely wheel scales brought" in told
+    assert "Most likely, wheel scales caused" in told
     for name in ("report.html", "budget.png", "parts.png"):
         assert (tmp_path / "out" / name).stat().st_size > 10_000
 
@@ -225,7 +225,7 @@ def test_mcap_with_commands_and_a_lost_port(tmp_path: Path, capsys: pytest.Captu
     file = recordings(tmp_path)[0]
     assert main([str(file), "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
-    assert "counted from the pose that was set at" in told
+    assert "relative to the pose that was set at" in told
     assert len(told.split("from outside at ")[1].split(" s.")[0].split(", ")) == 2
     assert "repeated to the bit" in told
     found = results(tmp_path / "out")
@@ -238,13 +238,13 @@ def test_no_gyro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(write_perfect(tmp_path / "drive", gyro=False)), "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     nothing = "gyro noise, gyro bias, gyro scale, calibration, wheel lag, sideways slip, start pose"
-    assert f"No part in it: {nothing}" in told
+    assert f"No contribution: {nothing}" in told
     assert "If the gyro were" not in told
     e = Explanation.load(tmp_path / "out")
     for line in (line for line in e.groups if line.position_m):
         groups = [replace(g, position_share=float(g is line), heading_share=float(g is line)) for g in e.groups]
-        [advice] = [s for s in lead(replace(e, groups=groups)) if "would help" in s]
-        assert advice.startswith(f"What would help against {line.group}: ")
+        [advice] = [s for s in lead(replace(e, groups=groups)) if s.startswith("To reduce ")]
+        assert advice.startswith(f"To reduce {line.group}: ")
         assert not {"gyro", "serial"} & set(re.findall(r"\w+", advice))
 
 

@@ -267,7 +267,7 @@ def test_evaluate_sets_the_bound_beside_the_errors(
         assert limit is not None
         assert limit.drift_percent > 0.0
         assert told.count("(limit ") == 5
-        assert "Limit (smallest error that any estimator could have" in told
+        assert "Limit (smallest error that any estimator could achieve" in told
         assert limit.advice in told
         assert limit.advice in html.unescape((output / "report.html").read_text())
     poses.with_suffix(".json").unlink()
@@ -291,4 +291,4 @@ def test_explain_ends_with_the_bound(folder: Path, tmp_path: Path, capsys: pytes
     assert limit["advice"] in told
     assert main(["explain", "--draw", str(tmp_path)]) == 0
     assert capsys.readouterr().out == told
-    assert "Smallest error that any estimator could have here" in (tmp_path / "report.html").read_text()
+    assert "Smallest error that any estimator could achieve here" in (tmp_path / "report.html").read_text()

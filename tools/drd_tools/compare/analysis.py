@@ -67,7 +67,7 @@ def compare(recording: Recording, seed: int = 0) -> Comparison:
     ]
     notes = list(recording.notes)
     if not enough:
-        notes.append(f"{len(blocks.time_s)} blocks are too few for a statement on what the mismatch goes with.")
+        notes.append(f"{len(blocks.time_s)} blocks are too few to tell what the mismatch depends on.")
     return _comparison(recording, e, path, blocks, still, results, notes)
 
 
@@ -106,9 +106,9 @@ def _bias(e: Evidence, still: Standstill) -> str:
     if e.gyro_rad is None:
         return ""
     if still.seen_s == 0.0:
-        return "robot.yaml states no standstill at the start: the gyro's bias is not taken off."
+        return "robot.yaml states no standstill at the start: the gyro's bias is not corrected."
     deg_s = still.bias_rad_s * DEG_PER_RAD
-    return f"The bias of the standstill, {deg_s:.4f} deg/s in {still.seen_s:.1f} s, is taken off the gyro."
+    return f"The bias of the standstill, {deg_s:.4f} deg/s in {still.seen_s:.1f} s, is subtracted from the gyro."
 
 
 def _noise_table(e: Evidence, nominal: Robot) -> list[list[str]]:

@@ -60,9 +60,7 @@ def write_report(c: Comparison, folder: Path) -> list[Path]:
     page.text(text.METHOD)
     page.table(text.NOISE_HEADER, c.noise, "Noise of the nominal model", text_columns=(2,))
     if rows := text.reference_rows(c):
-        caption = (
-            "Errors of the reference, as each channel tells them (taken off); an effect of the robot may be in them"
-        )
+        caption = "Reference errors, estimated from each channel and corrected; an effect of the robot may be in them"
         page.table(("channel", "reference", "fitted"), rows, caption, text_columns=(1,))
     page.text(c.bias, *c.notes)
     page.inputs(c.sha256)

@@ -6,7 +6,7 @@ from typing import Final
 
 from drd_tools.compare.results import ChannelResult, Comparison, CovariateResult
 
-HEADER: Final = ("channel", "rms", "by noise", "in sigmas", "mean", "added up at the end", "goes with", "share")
+HEADER: Final = ("channel", "rms", "by noise", "in sigmas", "mean", "sum at the end", "depends on", "share")
 NOISE_HEADER: Final = ("noise", "1 sigma", "from")
 TEXT_COLUMNS: Final = (6,)
 SMALL: Final = 1.2  # sigmas rms
@@ -53,7 +53,7 @@ def lead(c: Comparison) -> Iterator[str]:
     turned = f" and {c.turn_deg:.0f} deg of turning" if c.turn_deg >= 1.0 else ""
     yield (
         f"{Path(c.recording).name}: {c.duration_s:.0f} s, {c.way_m:.1f} m{turned}. The nominal model was simulated "
-        f"along the best path by {c.path}; the mismatch is what was recorded less that, in {len(c.time_s)} blocks of "
+        f"along the best path by {c.path}; the mismatch is recorded minus simulated, in {len(c.time_s)} blocks of "
         f"{c.block_s:.3g} s."
     )
     beyond = [ch for ch in c.channels if ch.verdict != "nothing"]
@@ -64,9 +64,9 @@ def lead(c: Comparison) -> Iterator[str]:
     named, unnamed = ([ch for ch in beyond if bool(ch.named) is is_named] for is_named in (True, False))
     for begin, group in (
         ("Beyond noise", [ch for ch in named if not is_small(ch)]),
-        ("No larger than noise, but not at random", [ch for ch in named if is_small(ch)]),
-        ("Beyond noise, but no covariate explains it with certainty", [ch for ch in unnamed if ch.covariates]),
-        ("Beyond noise, in too few blocks to say with what it goes", [ch for ch in unnamed if not ch.covariates]),
+        ("No larger than noise, but not random", [ch for ch in named if is_small(ch)]),
+        ("Beyond noise, but no covariate explains it significantly", [ch for ch in unnamed if ch.covariates]),
+        ("Beyond noise, in too few blocks to identify a covariate", [ch for ch in unnamed if not ch.covariates]),
     ):
         if group:
             told = (ch.title + (f" (with {' or '.join(ch.named)})" if ch.named else "") for ch in group)
@@ -84,7 +84,7 @@ def is_small(ch: ChannelResult) -> bool:
 def sentence(ch: ChannelResult) -> str:
     """What is to be said of one channel, without a cause."""
     begin = ch.title[0].upper() + ch.title[1:]
-    end = f"At the end it has added up to {_pair(ch.end, ch.end_sigma, ch.unit)} (sigma of noise alone)."
+    end = f"Its sum at the end is {_pair(ch.end, ch.end_sigma, ch.unit)} (sigma of noise alone)."
     if ch.verdict == "nothing":
         return f"{begin}: nothing beyond noise ({ch.ratio:.1f} sigmas rms). {end}"
     mean = f" Its mean is {_pair(rate(ch)[0] * ch.mean, rate(ch)[0] * ch.mean_sigma, rate(ch)[1])}."
@@ -92,14 +92,14 @@ def sentence(ch: ChannelResult) -> str:
         nearest = ch.covariates[0] if ch.covariates else None
         what = "."
         if nearest is not None and nearest.share > WORTH_A_WORD:
-            what = f"; nearest, but not certain, is {nearest.name} (share {nearest.share:.2f}, p {nearest.p:.2g})."
+            what = f"; best, but not significant: {nearest.name} (share {nearest.share:.2f}, p {nearest.p:.2g})."
         return f"{begin}: {ch.ratio:.1f} sigmas rms, more than noise{what}{mean} {end}"
     best = ch.covariate(ch.named[0])
-    others = "".join(f", or as well with {name} ({ch.covariate(name).share:.2f})" for name in ch.named[1:])
+    others = "".join(f", or equally on {name} ({ch.covariate(name).share:.2f})" for name in ch.named[1:])
     left = f"The curve leaves {best.left:.1f} of {ch.ratio:.1f} sigmas rms."
     size = "no larger than noise, but " if is_small(ch) else ""
     return (
-        f"{begin}: {size}the mismatch goes with {best.name} (cross-validated share {best.share:.2f}){others}. "
+        f"{begin}: {size}the mismatch depends on {best.name} (cross-validated share {best.share:.2f}){others}. "
         f"{_range(ch, best)}{left} {end}"
     )
 
@@ -139,15 +139,15 @@ COVARIATES: Final = ("time", "yaw rate", "yaw acceleration", "speed", "accelerat
 P_SHOWN: Final = 0.01
 SHARES: Final = (
     "Share of the squared mismatch (in sigmas, about its mean) that a curve of one covariate alone predicts in blocks "
-    "it was not fitted to. * p <= 0.01 over all channels and covariates together, by flips of sign. The covariates of "
-    "a drive go together: two stars in a row need not be two causes."
+    "it was not fitted to. * p <= 0.01 over all channels and covariates together, by sign flips. The covariates of a "
+    "drive are correlated: two stars in a row need not be two causes."
 )
 METHOD: Final = (
-    "Noise alone: nominal recordings with the noise below were simulated along the same path and treated alike, so "
-    "that what the reference's noise and the path's smoothing do is in it. What the standstill leaves of the gyro's "
-    "bias, and the bias's walk, are added. A reference may be late (10 ms), turned (2 deg) or displaced to the left "
-    "(5 cm; 1 sigma each): this is fitted to each channel and taken off. A channel is beyond noise where a covariate "
-    "predicts it, or where it is surely above 1.5 sigmas rms (data sheets may be 30 % wrong), or where its mean is "
-    "above 4 sigmas. A reference that is displaced lengthwise looks like a robot that turns about another point: "
-    "both show as a sideways mismatch that goes with the yaw rate."
+    "Noise alone: nominal recordings with the noise below were simulated along the same path and processed in the "
+    "same way, so that it includes the noise of the reference and the smoothing of the path. The residual gyro bias "
+    "after the standstill and the bias random walk are added. A reference may be late (10 ms), rotated (2 deg) or "
+    "displaced to the left (5 cm; 1 sigma each): this is fitted to each channel and corrected. A channel is beyond "
+    "noise if a covariate predicts it, if it is significantly above 1.5 sigmas rms (datasheets may be 30 % wrong), or "
+    "if its mean is above 4 sigmas. A longitudinal displacement of the reference looks like a robot that turns about "
+    "another point: both show as a lateral mismatch that depends on the yaw rate."
 )

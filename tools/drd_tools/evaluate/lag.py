@@ -76,15 +76,15 @@ def taken_off(poses: Poses, reference: Reference, lag_s: float) -> tuple[Referen
 def in_words(taken_s: float, left_s: float | None) -> Iterator[str]:
     """A sentence for a lag that was taken off, that is left, or that could not be sought."""
     if taken_s:
-        yield f"The reference's times are taken {abs(taken_s):.2f} s {'earlier' if taken_s > 0.0 else 'later'}."
+        yield f"The reference is shifted {abs(taken_s):.2f} s {'earlier' if taken_s > 0.0 else 'later'}."
     if left_s is None:
         yield (
-            "No lag of the reference is sought, and 0 is taken: that needs "
-            f"{FEWEST_ROWS} rows of it from {LAGS_S[-1]:.1f} s after the first pose to {-LAGS_S[0]:.1f} s before "
+            "The lag of the reference is not estimated but taken as 0: an estimate needs "
+            f"{FEWEST_ROWS} of its rows from {LAGS_S[-1]:.1f} s after the first pose to {-LAGS_S[0]:.1f} s before "
             "the last."
         )
     elif left_s:
         yield (
             f"The reference shows turns {abs(left_s):.2f} s {'later' if left_s > 0.0 else 'earlier'} than the poses, "
-            "which all errors here contain: --reference-lag auto takes that off."
+            "which is part of all errors here: --reference-lag auto corrects for it."
         )

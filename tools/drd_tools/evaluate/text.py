@@ -55,9 +55,9 @@ def sentences(run: Run) -> Iterator[str]:
     a = run.absolute
     yield (
         f"Absolute trajectory error: {metres(a.position_rmse_m)} rmse{_limit(run, 'position_rms_m')}, "
-        f"{metres(a.position_mean_m)} mean, {metres(a.position_max_m)} at most; heading {a.heading_rmse_deg:.3g} deg "
+        f"{metres(a.position_mean_m)} mean, {metres(a.position_max_m)} max; heading {a.heading_rmse_deg:.3g} deg "
         f"rmse{_limit(run, 'heading_rms_deg')}, "
-        f"{a.heading_max_deg:.3g} deg at most."
+        f"{a.heading_max_deg:.3g} deg max."
     )
     if run.drift is None:
         why = "the robot did not move" if run.path_m == 0.0 else "no segment has both ends near rows of the reference"
@@ -110,7 +110,7 @@ def _end(run: Run) -> Iterator[str]:
     else:
         yield (
             f"Return position error (closed path, ends {metres(e.reference_to_start_m)} from its start): "
-            f"{metres(e.return_m)}, heading {e.return_heading_deg:+.3g} deg, counted from the start whatever the "
+            f"{metres(e.return_m)}, heading {e.return_heading_deg:+.3g} deg, relative to the start, whatever the "
             "alignment."
         )
 
@@ -118,7 +118,7 @@ def _end(run: Run) -> Iterator[str]:
 def _heading(run: Run) -> str:
     h = run.heading
     if h.low_deg_per_h is None or h.high_deg_per_h is None:
-        return f"Heading drift: {h.deg_per_h:+.3g} deg/h; its uncertainty is not determined by {run.rows} rows."
+        return f"Heading drift: {h.deg_per_h:+.3g} deg/h; {run.rows} rows do not determine its uncertainty."
     excluded = "" if h.low_deg_per_h <= 0.0 <= h.high_deg_per_h else ", without zero"
     interval = f"{h.low_deg_per_h:+.3g} to {h.high_deg_per_h:+.3g}"
     return f"Heading drift: {h.deg_per_h:+.3g} deg/h, 95 % interval {interval}{excluded}."
@@ -134,7 +134,7 @@ def _consistency(run: Run) -> Iterator[str]:
             f"to {n.high:.3g} ({n.rows} rows, worth {n.effective:.1f} independent ones): {n.verdict}."
         )
     if c.inside_99 is not None:
-        yield f"Inside the claimed 99 % radius: {100.0 * c.inside_99:.1f} % of the rows."
+        yield f"Within the claimed 99 % radius: {100.0 * c.inside_99:.1f} % of the rows."
     if c.before is not None:
         yield (
             f"Of what the poses claim, {metres(c.before[0])} and {c.before[1] * DEG_PER_RAD:.2g} deg (1 sigma) are "

@@ -77,7 +77,7 @@ def _rejections(replayed: Replayed) -> list[str]:
         return []
     return [
         f"Of {rejected + counters['accepted']} comparisons of the headings in the whole recording {rejected} were "
-        f"beyond the gate and not used; {released} times that was taken for slip. The budget has no cause for what "
+        f"beyond the gate and not used; slip was assumed {released} times. The budget has no cause for what "
         "was wrong then."
     ]
 
@@ -144,7 +144,7 @@ def _explanation(
 def _counts_from(interval: Interval, plan: Plan) -> str:
     if interval.set_at_s:
         return f"the pose that was set at {interval.set_at_s[-1]:.1f} s"
-    return "the filter's own start" if plan.from_s is None else "the pose at the interval's beginning"
+    return "the filter's own start" if plan.from_s is None else "the pose at the beginning of the interval"
 
 
 def _line(group: str, part: str, P: Array, total: Array) -> Line:

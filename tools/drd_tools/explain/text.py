@@ -21,14 +21,14 @@ ROUGH_DEG: Final = 10.0
 def lead(e: Explanation) -> Iterator[str]:
     """The few sentences for a reader in a hurry."""
     yield (
-        f"From {e.from_s:.2f} to {e.to_s:.2f} s, {e.way_m:.4g} m of way, the position's error grows to "
-        f"{metres(e.total.position_m)} and the heading's to {e.total.heading_deg:.3g} deg (1 sigma), by the filter's "
-        f"own account, counted from {e.counts_from}."
+        f"From {e.from_s:.2f} to {e.to_s:.2f} s, over {e.way_m:.4g} m, the position error grows to "
+        f"{metres(e.total.position_m)} and the heading error to {e.total.heading_deg:.3g} deg (1 sigma), according to "
+        f"the filter, relative to {e.counts_from}."
     )
     if max(map(sum, e.heading_deg2)) > ROUGH_DEG**2:
         yield (
             f"The heading is uncertain by more than {ROUGH_DEG:g} deg on the way, which is too much for a linear "
-            "account: the metres are rough."
+            "analysis: the metres are approximate."
         )
     yield _largest(e)
     yield from _help(e)
@@ -44,14 +44,14 @@ def _largest(e: Explanation) -> str:
     place = max(e.groups, key=lambda line: line.position_share)
     heading = max(e.groups, key=lambda line: line.heading_share)
     position = (
-        f"Largest cause of the position's: {_named(e, place, 'position')}, {metres(place.position_m)}, "
+        f"Largest cause of the position error: {_named(e, place, 'position')}, {metres(place.position_m)}, "
         f"{100.0 * place.position_share:.3g} % of its variance"
     )
     if e.total.heading_deg == 0.0:
         return f"{position}."
-    same = ", too" if heading is place else ""
+    same = " as well" if heading is place else ""
     return (
-        f"{position}. Largest cause of the heading's: {_named(e, heading, 'heading')}{same}, "
+        f"{position}. Largest cause of the heading error: {_named(e, heading, 'heading')}{same}, "
         f"{heading.heading_deg:.3g} deg, {100.0 * heading.heading_share:.3g} %."
     )
 
@@ -69,7 +69,7 @@ def _help(e: Explanation) -> Iterator[str]:
     has_gyro = e.delay is not None
     known = HELP if has_gyro else HELP | HELP_WITHOUT_GYRO
     for name in dict.fromkeys(line.group for line in names if line.position_share + line.heading_share > 0.0):
-        yield f"What would help against {name}: {known[name]}."
+        yield f"To reduce {name}: {known[name]}."
 
 
 def _verdict(a: Actual) -> Iterator[str]:
@@ -77,28 +77,29 @@ def _verdict(a: Actual) -> Iterator[str]:
     off_m = math.hypot(a.along_m, a.across_m)
     yield (
         f"The actual error is {metres(off_m)} (along {metres(a.along_m, '+')}, to the left "
-        f"{metres(a.across_m, '+')}) and {a.heading_deg:+.3g} deg against {a.reference}; expected are "
+        f"{metres(a.across_m, '+')}) and {a.heading_deg:+.3g} deg against {a.reference}; expected: "
         f"{metres(a.sigma_m)} and {a.sigma_deg:.3g} deg (1 sigma, with the reference's own noise)."
     )
     if a.p < UNLIKELY:
         yield (
-            f"That is {_times(a)}: by the budget an error as large has a chance of {_chance(a.p)}. The budget expects "
-            f"{_share(off_m, a.sigma_m)} of the position's squared error and {_share(a.heading_deg, a.sigma_deg)} of "
-            "the heading's. Something is at work that the filter does not know, or its sigmas are too small."
+            f"That is {_times(a)}: by the budget, the chance of an error this large is {_chance(a.p)}. The budget "
+            f"expects {_share(off_m, a.sigma_m)} of the squared position error and "
+            f"{_share(a.heading_deg, a.sigma_deg)} of the squared heading error. Something is missing from the "
+            "filter's model, or its sigmas are too small."
         )
     else:
         yield f"That is within the budget (chance of an error at least as large: {_chance(a.p)})."
     if a.poses > 1 and a.course_p < UNLIKELY:
         yield (
-            f"But the course of the error, at {a.poses} times on the way and beside what the headings' comparisons "
-            f"showed, does not fit what the known causes can do (chance {_chance(a.course_p)}): something is at work "
-            "that the filter does not know."
+            f"But the time history of the error, at {a.poses} times and together with the heading innovations, is not "
+            f"one that the known causes can produce (chance {_chance(a.course_p)}): something is missing from the "
+            "filter's model."
             if a.p >= UNLIKELY
-            else f"Nor does the error's course at {a.poses} times on the way fit what the known causes can do (chance "
-            f"{_chance(a.course_p)})."
+            else f"Nor is the time history of the error, at {a.poses} times, one that the known causes can produce "
+            f"(chance {_chance(a.course_p)})."
         )
     if not fits(a):
-        yield "What it may be: `drd diagnose`. How the known causes would share the error is then no explanation."
+        yield "`drd diagnose` looks for it. Splitting the error among the known causes would explain nothing."
         return
     yield _most_likely(a)
 
@@ -134,13 +135,13 @@ def _most_likely(a: Actual) -> str:
     part = max(a.parts, key=lambda p: p.position_m)
     clear = part.position_m > 2.0 * part.position_sigma_m
     text = (
-        f"Most likely {part.group} brought {metres(part.position_m)} of the {metres(off_m)}, give or take "
-        f"{metres(part.position_sigma_m)} (1 sigma)"
+        f"Most likely, {part.group} caused {metres(part.position_m)} of the {metres(off_m)}, "
+        f"± {metres(part.position_sigma_m)} (1 sigma)"
     )
     if not clear:
-        text += ", which is not certain: it is less than two sigma from nothing"
+        text += ", which is not significant: less than two sigma from zero"
     pairs = [" and ".join(pair) for pair in a.inseparable if part.group in pair]
-    return text + (f"; this error does not tell apart {'; nor '.join(pairs)}." if pairs else ".")
+    return text + (f"; this error does not distinguish {', nor '.join(pairs)}." if pairs else ".")
 
 
 def budget_rows(e: Explanation, detailed: bool = False) -> list[list[str]]:
@@ -166,7 +167,7 @@ def _row(line: Line, detailed: bool) -> list[str]:
 def silent_groups(e: Explanation) -> str:
     """Sentence on the groups that have no part in it."""
     names = [line.group for line in e.groups if not line.position_m and not line.heading_deg]
-    return f"No part in it: {', '.join(names)}." if names else ""
+    return f"No contribution: {', '.join(names)}." if names else ""
 
 
 def parts_rows(a: Actual) -> list[list[str]]:
@@ -191,10 +192,10 @@ def parts_caption(a: Actual) -> str:
     text = (
         "Most likely part of each cause in the actual error, given the error "
         + (f"at {a.poses} times " if a.poses > 1 else "at the end ")
-        + "and what the comparisons of the two headings showed. The position's parts count in its error's direction."
+        + "and the heading innovations. Position parts are components along the position error."
     )
     if a.poses == 1:
-        text += " The way is not used, since the reference does not say how good it is (--reference-sigma)."
+        text += " The path before is not used, since the accuracy of the reference is not stated (--reference-sigma)."
     return text
 
 
@@ -206,5 +207,5 @@ def delay_sentence(e: Explanation) -> str:
     return (
         f"If the gyro were {1000.0 * d.delay_s:.0f} ms late (not in the budget): {metres(d.along_m, '+')} along, "
         f"{metres(d.across_m, '+')} to the left and {d.heading_deg:+.2g} deg at the end, at most "
-        f"{metres(d.largest_m)} and {d.largest_deg:.2g} deg on the way; other delays in proportion."
+        f"{metres(d.largest_m)} and {d.largest_deg:.2g} deg on the way; other delays proportionally."
     )

@@ -12,7 +12,7 @@ _CHANGES_HEADER: Final = ("if there were", "rms / m", "rms / deg", "drift / %")
 def sentences(limit: Limit) -> Iterator[str]:
     """The bound, and what would lower it most."""
     yield (
-        f"Limit (smallest error that any estimator could have on the whole recording, 1 sigma; {limit.basis}): "
+        f"Limit (smallest error that any estimator could achieve on the whole recording, 1 sigma; {limit.basis}): "
         f"{limit.position_rms_m:.2g} m and {limit.heading_rms_deg:.2g} deg rms, {limit.end_m:.2g} m and "
         f"{limit.end_deg:.2g} deg at the end, drift {limit.drift_percent:.2g} %."
     )
@@ -25,7 +25,7 @@ def tables(limit: Limit) -> Iterator[tuple[Sequence[str], list[list[str]], str]]
     rows = [(s.group, s.position_rms_m, s.heading_rms_deg, s.end_m, s.end_deg, s.drift_percent) for s in causes]
     whole = limit.position_rms_m, limit.heading_rms_deg, limit.end_m, limit.end_deg, limit.drift_percent
     cells = [[str(name), *(f"{v:.3g}" for v in figures)] for name, *figures in (*rows, ("all", *whole))]
-    yield _SHARES_HEADER, cells, "Smallest error that any estimator could have here, by cause (1 sigma)"
+    yield _SHARES_HEADER, cells, "Smallest error that any estimator could achieve here, by cause (1 sigma)"
     changes = [(c.what, c.position_rms_m, c.heading_rms_deg, c.drift_percent) for c in limit.changes]
     cells = [[name, *(f"{v:.3g}" for v in figures)] for name, *figures in changes]
-    yield _CHANGES_HEADER, cells, "The same bound if one thing were otherwise"
+    yield _CHANGES_HEADER, cells, "The same bound with one change"
