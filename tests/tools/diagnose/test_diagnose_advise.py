@@ -101,7 +101,7 @@ def test_what_no_drive_settles_is_said() -> None:
     assert advice.unsettled == [["tread_error", "turn_scrub"]]
     assert advice.nats is not None
     assert advice.nats < SETTLED_NATS
-    assert advice.sentence.startswith("None of the drives")
+    assert advice.sentence.startswith("None of the simulated drives")
 
 
 def test_more_laps_bring_more() -> None:
