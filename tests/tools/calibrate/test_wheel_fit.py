@@ -87,7 +87,7 @@ def test_headings_that_no_wheels_explain_determine_nothing(tmp_path: Path) -> No
     fit = fit_wheels(with_turns(lost))
     assert fit.determined == (False, False, False)
     (told,) = not_determined(fit, lost)
-    assert "none explain the reference" in told
+    assert "no values explain the reference" in told
 
 
 def test_sigmas_cover_the_truth_over_many_drives(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_another_tread_in_the_held_out_recordings_is_told(tmp_path: Path) -> Non
     tests = [drive(tmp_path / f"b{k}", TOUR, replace(NOISY, tread=1.15), 9 + k) for k in range(2)]
     fit = fit_wheels(fitted)
     said = held_out_warnings(fit, fitted, fit_wheels(tests), tests, [compare(t, fit) for t in tests])
-    assert any("ask for another tread" in text for text in said)
+    assert any("give a different tread" in text for text in said)
 
 
 def test_a_calibration_that_makes_it_worse_is_not_recommended(tmp_path: Path) -> None:

@@ -133,10 +133,10 @@ def test_without_a_gyro_the_lag_is_the_references(tmp_path: Path, capsys: pytest
     )
     _, out, _ = run(capsys, *late, "--output", tmp_path / "out")
     assert "lag of the wheels behind the reference" in out
-    assert "whose own delay is taken for none" in out
+    assert "whose own delay is assumed to be zero" in out
     assert loaded_with(tmp_path / "out/wheels.yaml", tmp_path).encoders.latency_s == pytest.approx(0.1, abs=0.02)
     _, out, _ = run(capsys, *early, "--output", tmp_path / "out")
-    assert "or it is the reference that is late. It is not written." in out
+    assert "or it is the reference that lags. It is not written." in out
     assert "latency_s" not in (tmp_path / "out/wheels.yaml").read_text()
 
 
@@ -306,7 +306,7 @@ def test_circles_of_the_real_robot_are_no_full_model_of_its_squares(
 ) -> None:
     circles, squares = shared("optiodom_circular_2506*"), shared("optiodom_square_2306*")
     _, out, _ = run(capsys, *circles, "--held-out", *squares, "--output", tmp_path / "out")
-    assert "ask for another tread" in out
+    assert "give a different tread" in out
     assert "on the spot" in out
     # What the filter starts with has to cover the squares' tread, 0.5 % away, not the fit's sigma.
     assert (loaded_with(tmp_path / "out/wheels.yaml", tmp_path).estimation.initial.tread or 0.0) > 0.003

@@ -25,9 +25,9 @@ def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
     """A sentence for each value that stays at its nominal."""
     if fit.is_lost:
         return [
-            f"wheels: not determined, none explain the reference: {1000 * min(fit.white_m):.0f} mm and "
-            f"{DEG_PER_RAD * min(fit.white_rad):.0f} deg are left within the windows. Its rows may be too far apart to "
-            "tell whole turns, a counter may have stopped, or robot.yaml's convention may be wrong."
+            f"wheels: not determined, no values explain the reference: {1000 * min(fit.white_m):.0f} mm and "
+            f"{DEG_PER_RAD * min(fit.white_rad):.0f} deg remain within the windows. Its rows may be too far apart to "
+            "resolve whole turns, a counter may have stopped, or robot.yaml's convention may be wrong."
         ]
     path_m = sum(drive.path_m for drive in drives)
     left, right = np.sum([drive.turns_rad for drive in drives], axis=0)
@@ -48,10 +48,10 @@ def not_determined(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
         )
     if not fit.determined[0] and fit.determined[2]:
         sentences.append(
-            "tread: it is meant for the nominal radii; only tread / radius was measured. Its sigma allows for them."
+            "tread: it applies to the nominal radii; only tread / radius was measured. Its sigma allows for that."
         )
     if fit.determined[1] and not fit.determined[2]:
-        sentences.append("difference of the radii: it is meant for the nominal tread. Its sigma allows for that.")
+        sentences.append("difference of the radii: it applies to the nominal tread. Its sigma allows for that.")
     return sentences
 
 
@@ -75,7 +75,7 @@ def warnings(fit: WheelFit, drives: Sequence[Drive]) -> list[str]:
     noise_m, sheet_m = float(np.median(fit.white_m)), float(np.median([d.position_sigma_m for d in drives]))
     if noise_deg > NOISY * sheet_deg or noise_m > NOISY * sheet_m:
         said.append(
-            f"What is left over, {1000 * noise_m:.1f} mm and {noise_deg:.2f} deg, is more than the reference's noise "
+            f"The residual, {1000 * noise_m:.1f} mm and {noise_deg:.2f} deg, is more than the reference noise "
             f"in robot.yaml, {1000 * sheet_m:.1f} mm and {sheet_deg:.2f} deg: a noisier reference, or slip."
         )
     return said
@@ -108,13 +108,13 @@ def held_out_warnings(
         sigma = math.hypot(fit.sigma[k] * mine, other.sigma[k] * its)
         if abs(mine - its) > NOTABLE_SIGMA * sigma:
             said.append(
-                f"The held-out recordings, fitted by themselves, ask for another {name}: {its:.5g} m, "
+                f"The held-out recordings, fitted alone, give a different {name}: {its:.5g} m, "
                 f"{100 * (its / mine - 1):+.2f} %, {abs(mine - its) / sigma:.0f} sigma away."
             )
     if said:
         said.append(
-            "Slip makes the effective values depend on how the robot is driven: calibrate with drives like those that "
-            f"matter. {_way_of_driving(drives, tests)}"
+            "Slip makes the effective values depend on how the robot is driven: calibrate with drives like the real "
+            f"ones. {_way_of_driving(drives, tests)}"
         )
     return said
 
@@ -134,27 +134,27 @@ def lag_sentences(lag: Lag | None) -> list[str]:
     if not lag.determined:
         sigma = "unknown" if math.isinf(lag.sigma_s) else f"{1000 * lag.sigma_s:.0f} ms"
         return [
-            f"lag of the wheels: not determined, the turns tell it too badly against the {lag.against} (standard "
+            f"lag of the wheels: not determined, the turns show it too poorly against the {lag.against} (standard "
             f"deviation {sigma}, the limit is {1000 * LIMIT_S:.0f} ms)."
         ]
     said = []
     if lag.against == "reference":
         said.append(
-            "lag of the wheels: without a gyro it is told against the reference, whose own delay is taken for none."
+            "lag of the wheels: without a gyro it is relative to the reference, whose own delay is assumed to be zero."
         )
         if not lag.applies:
             said.append(
-                "lag of the wheels: it is not clearly more than its uncertainty and what the recordings differ by, or "
-                "it is the reference that is late. It is not written."
+                "lag of the wheels: it is not clearly more than its uncertainty and the scatter between recordings, or "
+                "it is the reference that lags. It is not written."
             )
     said.append(
-        "lag of the wheels: against the stamps of these recordings. Where a latency was taken off when they were made, "
+        "lag of the wheels: relative to the time stamps of these recordings. If a latency was subtracted from these, "
         "add it."
     )
     if lag.hold_s > 0.0:
         said.append(
             f"The drive holds a wheel speed for {lag.hold_s:.2f} s: a single reading is older or younger than the lag "
-            f"says by {1000 * lag.hold_s / math.sqrt(12.0):.0f} ms, which the filter finds on the way."
+            f"states by {1000 * lag.hold_s / math.sqrt(12.0):.0f} ms, which the filter estimates while driving."
         )
     return said
 
@@ -166,10 +166,10 @@ def rest_sentences(rest: Rest | None) -> list[str]:
     if rest.noise_deg_per_sqrt_h is None:
         return [
             f"gyro noise: not determined, {rest.standstill_s:.0f} s of standstill are too little; {FEWEST} differences "
-            f"of neighbouring seconds are needed, here are {rest.differences}."
+            f"of consecutive seconds are needed, and there are {rest.differences}."
         ]
     if rest.bias_deg_s is None:
-        return ["gyro bias: not determined, four recordings that stand for some seconds are needed."]
+        return ["gyro bias: not determined, four recordings with some seconds of standstill are needed."]
     if rest.repeatability_deg_s is None:
         return [
             f"gyro bias: its repeatability is not determined, the recordings differ by no more than noise allows "
