@@ -194,7 +194,7 @@ def test_what_is_ruled_out_may_not_be_concealed_by_what_was_found() -> None:
     smallest = identity.detectable()["tread_error"].smallest
     assert smallest is not None
     assert smallest > 3.0 * (Identifiability(p, Sets(p, ())).detectable()["tread_error"].smallest or np.inf)
-    told, sigma = identity.bounds()["tread_error"].removeprefix("k = ").split(" 1,")[0].split(" +- ")
+    told, sigma = identity.bounds()["tread_error"].removeprefix("k = ").split(": ")[0].split(" +- ")
     assert abs(float(told) - 0.01) < 3.0 * float(sigma) < 0.1
     assert "wheel_radius_error" in identity.detectable()
     assert "wheel_radius_error" not in identity.bounds()

@@ -159,7 +159,7 @@ def test_names_of_single_drives_go_where_what_all_have_explains_them(tmp_path: P
     results = [replace_result(seeing(tmp_path, 0.1, bumps), recording=f"drive {i}") for i in range(6)]
     (found,) = combined(results, [part_that_found(BUMPS, RADII, seed) for seed in range(6)]).findings
     assert (found.effect, found.explains) == ("wheel_radius_error", 1.0)
-    assert "6 of 6 recordings show it, or what may stand for it" in found.sentence
+    assert "6 of 6 recordings show it or an alternative to it" in found.sentence
     parts = [part_that_found(BUMPS, BUMPS, 0), *(part(0.0, seed) for seed in range(1, 6))]
     others = [replace_result(r, findings=()) for r in results[1:]]
     assert [f.effect for f in combined([results[0], *others], parts).findings] == ["bump_counts"]
