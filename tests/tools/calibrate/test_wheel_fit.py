@@ -103,6 +103,19 @@ def test_sigmas_cover_the_truth_over_many_drives(tmp_path: Path) -> None:
     assert np.all(rms > 0.3)
 
 
+def test_sigmas_cover_the_truth_where_few_windows_slip_more_than_stated(tmp_path: Path) -> None:
+    z = []
+    slippery = replace(NOISY, slip_m_per_sqrt_m=0.01)
+    for seed in range(40):
+        made = replace(drive(tmp_path / f"{seed}", TOUR[:7], slippery, seed), slip_m_per_sqrt_m=0.001)
+        fit = fit_wheels([made], limit=np.full(3, np.inf))
+        errors = np.subtract(relative(fit.wheels), [1.006, 0.995, 1.04])
+        z.append(errors / (np.array(fit.sigma) * relative(fit.wheels)))
+    rms = np.sqrt(np.mean(np.square(z), axis=0))
+    assert np.all(rms < 1.5)
+    assert np.all(rms > 0.6)
+
+
 def test_a_straight_drive_cannot_tell_the_tread_and_says_so(tmp_path: Path) -> None:
     drives = [drive(tmp_path / "a", STRAIGHT, NOISY)]
     fit = fit_wheels(drives)

@@ -13,13 +13,13 @@ from drd.config.schema import ConfigError
 from drd.estimation.estimate import MEASURED_TREAD, WHEEL_SCALE
 from drd.units import RAD_PER_DEG
 from drd_tools import robust
+from drd_tools.calibrate.wheels.covariance import WHEELS, Covariances, Evidence, covariances, evidence
 from drd_tools.calibrate.wheels.drive import Drive, Mounting, Wheels, residuals
 from drd_tools.calibrate.wheels.score import Scores, score
 
 # Shared unknowns: mean scale of the wheels, right minus left, tread (all relative to the nominal), and the mounting of
 # the reference: forward, left (in treads), heading.
 NAMES: Final = ("scale", "difference", "tread", "forward", "left", "heading")
-WHEELS: Final = 3  # so many of them are the wheels'
 PRIOR: Final = np.array([0.1, 0.1, 1.0, 0.1, 0.1, 10.0 * RAD_PER_DEG])
 STEP: Final = np.array([1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-4])
 # Unknowns of each recording: time offset in s, and how far its heading departs from the shared mounting. A lever arm of
@@ -38,16 +38,14 @@ LOST_TREADS: Final = 0.25
 HUBER: Final = 2.0
 MAX_STEPS: Final = 25
 CONVERGED: Final = 0.01  # of a standard deviation
-MANY_WINDOWS: Final = 30
-MANY_RECORDINGS: Final = 4
 
 
 @dataclass(frozen=True)
 class WheelFit:
     """Wheels, their standard deviations, and what could be determined.
 
-    `sigma`: of left radius, right radius, tread, relative to the value; `window_sigma`: the same by the scatter of the
-    windows alone, without what data sheets say of slip. `determined`: mean scale, difference, tread;
+    `sigma`: of left radius, right radius, tread, relative to the value; `narrow_sigma`: the same, not widened for few
+    windows; `window_sigma`: that by the scatter of the windows alone. `determined`: mean scale, difference, tread;
     one that is not stays at its nominal. `free_sigma`: of the three where nothing is held, as the prior allows.
     `correlation`: of difference and tread. `disagreement`: standard deviations taken from recording to recording over
     those from window to window, the largest of the three, 0 where there are too few recordings. `mounting`: of the
@@ -57,6 +55,7 @@ class WheelFit:
 
     wheels: Wheels
     sigma: tuple[float, ...]
+    narrow_sigma: tuple[float, ...]
     window_sigma: tuple[float, ...]
     determined: tuple[bool, ...]
     free_sigma: tuple[float, ...]
@@ -125,6 +124,17 @@ class Part:
         columns = [(left_over(+e) - left_over(-e)) / (2.0 * e.sum()) for e in np.diag(steps)]
         return left_over(np.zeros(len(steps))), np.stack(columns, axis=-1)
 
+    def evidence(self, shared: Array) -> Evidence:
+        """What the recording says at the solution."""
+        r, J = self.evaluate(shared)
+        beyond = self.weights * np.array([self.white_m**2, self.white_rad**2]) < 1.0 - 1e-9
+        along = r[:, :2] / np.maximum(np.hypot(r[:, 0], r[:, 1]), 1e-300)[:, None]
+        curvature = np.zeros((len(r), 3, 3))
+        across = np.eye(2) - beyond[:, :1, None] * along[:, :, None] * along[:, None, :]
+        curvature[:, :2, :2] = self.weights[:, :1, None] * across
+        curvature[:, 2, 2] = np.where(beyond[:, 1], 0.0, self.weights[:, 1])
+        return evidence(self.drive, r, J, self.weights, curvature)
+
     def reweigh(self, r: Array) -> None:
         """Set the noise by the middle of the residuals, and Huber's weights against jumps."""
         drive = self.drive
@@ -153,15 +163,14 @@ def new_part(drive: Drive) -> Part:
     return Part(drive, np.zeros(len(OWN_STEP)), weights, drive.position_sigma_m, drive.heading_sigma_rad)
 
 
-def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> tuple[Array, list[Scores]]:
+def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> Array:
     """Gauss-Newton with Huber's weights; wheels that are not `free` stay at 0, a mounting that is not at its start."""
     shared = start * (free | (np.arange(len(free)) >= WHEELS))
-    scores: list[Scores] = []
     for _ in range(MAX_STEPS):
-        scores = []
+        scores: list[Scores] = []
         for part in parts:
             r, J = part.evaluate(shared)
-            scores.append(score(part.drive, r, J, part.weights, part.own, OWN_PRIOR))
+            scores.append(score(r, J, part.weights, part.own, OWN_PRIOR))
             part.reweigh(r)
         A = sum((s.information for s in scores), np.diag(PRIOR**-2.0))[np.ix_(free, free)]
         g = sum((s.gradient for s in scores), shared / PRIOR**2)[free]
@@ -172,7 +181,7 @@ def solve(parts: list[Part], free: npt.NDArray[np.bool_], start: Array) -> tuple
             part.own = part.own + s.own_move(move)
         if np.all(move[free] ** 2 < CONVERGED**2 * np.diag(np.linalg.inv(A))):
             break
-    return shared, scores
+    return shared
 
 
 def fit_wheels(
@@ -193,19 +202,19 @@ def fit_wheels(
     if mounted is not None:
         D = nominal.tread_m
         shared[3:], free[3:] = (mounted.forward_m / D, mounted.left_m / D, mounted.heading_rad), False
-    shared, scores = solve(parts, free, shared)
+    shared = solve(parts, free, shared)
     if is_lost := all(part.is_lost for part in parts):
         free[:WHEELS] = False
-        shared, scores = solve(parts, free, shared)
-    free_sigma = _sigmas(scores, free) if start is None else np.array(start.free_sigma)
+        shared = solve(parts, free, shared)
+    free_sigma = _sigmas(parts, shared, free) if start is None else np.array(start.free_sigma)
     # What the data cannot tell stays at its nominal, the worst first: the others are then meant for that nominal.
     while True:
-        excess = np.where(free[:3], _sigmas(scores, free) / limit, 0.0)
+        excess = np.where(free[:3], _sigmas(parts, shared, free) / limit, 0.0)
         if excess.max() <= 1.0:
             break
         free[int(excess.argmax())] = False
-        shared, scores = solve(parts, free, shared)
-    return _result(nominal, parts, shared, free, scores, free_sigma, is_lost)
+        shared = solve(parts, free, shared)
+    return _result(nominal, parts, shared, free, free_sigma, is_lost)
 
 
 def setting_out(drives: Sequence[Drive]) -> Array:
@@ -220,41 +229,13 @@ def _relative(nominal: Wheels, wheels: Wheels) -> Array:
     return np.array([0.5 * (left + right) - 1.0, right - left, wheels.tread_m / nominal.tread_m - 1.0])
 
 
-def _covariances(scores: list[Scores], free: npt.NDArray[np.bool_]) -> list[Array]:
-    """Candidates for the covariance of the shared unknowns; what is not free has zeros. (54)
-
-    From the scatter of the windows' scores; of the recordings' where there are several; and from noise as data sheets
-    have it, where windows are few.
-    """
-    chosen = np.ix_(free, free)
-    A = sum((s.information for s in scores), np.diag(PRIOR**-2.0))
-    by_window = np.concatenate([s.by_window for s in scores])
-    by_recording = np.stack([s.by_window.sum(axis=0) for s in scores])
-    meats = [_meat(by_window)]
-    if len(scores) >= MANY_RECORDINGS:
-        meats.append(_meat(by_recording))
-    if len(by_window) < MANY_WINDOWS:
-        meats.append(sum((s.expected for s in scores), np.zeros_like(A)))
-    inverse, covariances = np.linalg.inv(A[chosen]), []
-    # What was held at its nominal is as uncertain as nominal values are, and takes the others with it.
-    held = inverse @ A[np.ix_(free, ~free)] * BELIEF[~free]
-    for meat in meats:
-        V = np.zeros_like(A)
-        # The prior is what is left of the uncertainty where the data say nothing.
-        V[chosen] = inverse @ (meat + np.diag(PRIOR**-2.0))[chosen] @ inverse + held @ held.T
-        covariances.append(V)
-    return covariances
+def _covariances(parts: list[Part], shared: Array, free: npt.NDArray[np.bool_]) -> Covariances:
+    return covariances([part.evidence(shared) for part in parts], PRIOR, OWN_PRIOR, free, BELIEF)
 
 
-def _meat(clusters: Array) -> Array:
-    """Sum of the outer products of the clusters' scores, with the usual factor for few clusters."""
-    count = len(clusters)
-    return np.asarray(clusters.T @ clusters * count / max(count - 1, 1))
-
-
-def _sigmas(scores: list[Scores], free: npt.NDArray[np.bool_]) -> Array:
-    """Standard deviations of mean scale, difference and tread."""
-    return np.asarray(np.sqrt(np.max([np.diag(V)[:WHEELS] for V in _covariances(scores, free)], axis=0)))
+def _sigmas(parts: list[Part], shared: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """Standard deviations of mean scale, difference and tread, not widened: few windows determine a value, too."""
+    return np.asarray(np.sqrt(np.max([np.diag(V) for V in _covariances(parts, shared, free).plain], axis=0)))
 
 
 def _result(
@@ -262,33 +243,27 @@ def _result(
     parts: list[Part],
     shared: Array,
     free: npt.NDArray[np.bool_],
-    scores: list[Scores],
     free_sigma: Array,
     is_lost: bool,
 ) -> WheelFit:
-    covariances = _covariances(scores, free)
+    found = _covariances(parts, shared, free)
     wheels = wheels_of(nominal, shared)
     # Left radius, right radius and tread as functions of the unknowns.
-    M = np.zeros((3, len(shared)))
-    M[0, :2], M[1, :2], M[2, 2] = (1.0, -0.5), (1.0, 0.5), 1.0
-    value = 1.0 + M @ shared
-    every = np.sqrt([np.diag(M @ V @ M.T) for V in covariances]) / value
-    disagreement = 0.0
-    if len(parts) >= MANY_RECORDINGS:
-        with np.errstate(invalid="ignore"):
-            ratio = np.sqrt(np.diag(covariances[1])[:3] / np.diag(covariances[0])[:3])
-        disagreement = float(np.nanmax(np.where(free[:3], ratio, 0.0)))
-    V = covariances[0]
+    M = np.array([[1.0, -0.5, 0.0], [1.0, 0.5, 0.0], [0.0, 0.0, 1.0]])
+    value = 1.0 + M @ shared[:WHEELS]
+    plain, widened = (np.sqrt([np.diag(M @ V @ M.T) for V in some]) / value for some in (found.plain, found.widened))
+    V = found.plain[0]
     pair = math.sqrt(V[1, 1] * V[2, 2])
     usual = np.array([np.median([part.own[0] for part in parts]), 0.0])
     return WheelFit(
         wheels,
-        tuple(every.max(axis=0).tolist()),
-        tuple(every[0].tolist()),
+        tuple(widened.max(axis=0).tolist()),
+        tuple(plain.max(axis=0).tolist()),
+        tuple(plain[0].tolist()),
         tuple(free[:3].tolist()),
         tuple(free_sigma.tolist()),
         float(V[1, 2] / pair) if pair else 0.0,
-        disagreement,
+        found.disagreement,
         _mounting(parts[0].drive, shared, usual),
         tuple(_mounting(part.drive, shared, part.own) for part in parts),
         tuple(part.white_m for part in parts),

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from drd.arrays import Array
-from drd_tools.calibrate.wheels.fit import MANY_RECORDINGS
+from drd_tools.calibrate.wheels.covariance import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.calibrate.wheels.turns import (
     EARLIEST_S,

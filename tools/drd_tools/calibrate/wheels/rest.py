@@ -10,7 +10,7 @@ import numpy as np
 from drd.arrays import Array
 from drd.batch.logs import FogLog
 from drd.units import DEG_PER_RAD, RAD_PER_SQRT_S_PER_DEG_PER_SQRT_H
-from drd_tools.calibrate.wheels.fit import MANY_RECORDINGS
+from drd_tools.calibrate.wheels.covariance import MANY_RECORDINGS
 from drd_tools.calibrate.wheels.spread import spread
 from drd_tools.recordings.folder import Recording
 

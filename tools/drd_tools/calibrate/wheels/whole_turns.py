@@ -31,7 +31,7 @@ def with_turns(drives: Sequence[Drive]) -> list[Drive]:
     for tried in (by_nominal, *others):
         parts = [new_part(drive) for drive in tried]
         try:
-            shared, _ = solve(parts, np.ones(len(NAMES), bool), setting_out(tried))
+            shared = solve(parts, np.ones(len(NAMES), bool), setting_out(tried))
         except np.linalg.LinAlgError:  # headings so far off that nothing is regular
             continue
         found.append((sum(part.cost for part in parts), 1.0 + float(shared[2]), tried))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drd.units import DEG_PER_RAD
+from drd_tools.calibrate.wheels.covariance import NOTABLE_DISAGREEMENT
 from drd_tools.calibrate.wheels.drive import SWEEP_DEG, Drive
 from drd_tools.calibrate.wheels.fit import LIMIT, WheelFit
 from drd_tools.calibrate.wheels.heldout import HeldOut
@@ -15,7 +16,6 @@ from drd_tools.calibrate.wheels.rest import FEWEST, Rest
 ONE_SIDED = 0.2  # turning to the lesser side, as part of the turning to the other
 LITTLE_TURN_RAD = 0.5 * math.pi
 NOTABLE_SIGMA = 3.0
-NOTABLE_DISAGREEMENT = 1.5
 NOISY = 1.5
 WORSE = 1.02
 VALUES = ("mean radius", "difference of the radii", "tread")

@@ -121,7 +121,7 @@ def _by_reference(recording: Recording) -> _Geometry | None:
         return None
     fit = fit_wheels([drive], limit=NO_LIMIT)
     left, right, tread = (float(a / b) for a, b in zip(fit.wheels, drive.nominal, strict=True))
-    of_left, of_right, of_tread = fit.sigma
+    of_left, of_right, of_tread = fit.narrow_sigma  # WIDER has room for how few windows there are
     return _Geometry(Calibrated(left, right, tread), Calibrated(of_left * left, of_right * right, of_tread * tread))
 
 

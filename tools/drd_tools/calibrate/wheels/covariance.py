@@ -1,0 +1,169 @@
+"""How sure the wheels are: by the scatter of windows, or of recordings, and by what data sheets say. (54)"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm, t
+
+from drd.arrays import Array
+from drd_tools.calibrate.wheels.drive import Drive
+
+QUANTILE: Final = 0.975
+RANK: Final = 1e-9  # smaller directions of a start pose, over the largest, no row tells
+FEWEST_FREEDOMS: Final = 3.0  # fewer scatter too little or too much by chance: data sheets are asked, too
+WHEELS: Final = 3  # so many of the shared unknowns are the wheels': mean scale, difference, tread
+MANY_RECORDINGS: Final = 4
+NOTABLE_DISAGREEMENT: Final = 1.5
+
+
+class Evidence(NamedTuple):
+    """One recording at the solution, its p shared and q own unknowns.
+
+    `weighted`: derivatives of the n rows times their weights, shape (n, 3, p + q); `weights`: shape (n, 3). By window,
+    each start pose eliminated: `scores`, shape (w, p + q), and `information`, shape (w, p + q, p + q).
+    """
+
+    drive: Drive
+    weighted: Array
+    weights: Array
+    scores: Array
+    information: Array
+
+
+class Covariances(NamedTuple):
+    """Candidates for the covariance of mean scale, difference and tread, shape (3, 3), of which the largest holds.
+
+    `plain`: by the windows first. `widened`: the same for how few windows or recordings they rest on. `disagreement`:
+    deviations taken from recording to recording over those from window to window, the largest of the three; 0 for few
+    recordings.
+    """
+
+    plain: list[Array]
+    widened: list[Array]
+    disagreement: float
+
+
+def evidence(drive: Drive, r: Array, J: Array, weights: Array, curvature: Array) -> Evidence:
+    """What a recording says at the solution.
+
+    `r`, shape (n, 3), and its derivatives `J`, shape (n, 3, p + q), at the drive's rows; `weights`, shape (n, 2);
+    `curvature`, shape (n, 3, 3): second derivative of a row's cost over its residual. A weight is not that: beyond
+    Huber's bound a residual pulls as strongly however large it is, and tells nothing more.
+    """
+    rows, starts = drive.windows
+    rows_in = np.diff(starts, append=len(rows))
+    placed = drive.reference_xy_m[rows] - r[:, :2]
+    placed = placed - np.repeat(np.add.reduceat(placed, starts, axis=0) / rows_in[:, None], rows_in, axis=0)
+    pose = np.tile(np.eye(3), (len(r), 1, 1))
+    pose[:, 0, 2], pose[:, 1, 2] = -placed[:, 1], placed[:, 0]
+    X = np.concatenate([J, pose], axis=2)
+    H = np.add.reduceat(np.swapaxes(X, 1, 2) @ curvature @ X, starts, axis=0)
+    k = J.shape[2]
+    information = H[:, :k, :k] - H[:, :k, k:] @ np.linalg.pinv(H[:, k:, k:], RANK, hermitian=True) @ H[:, k:, :k]
+    w = weights[:, (0, 0, 1)]
+    weighted = J * w[:, :, None]
+    scores = np.add.reduceat(np.einsum("nij,ni->nj", weighted, r), starts, axis=0)
+    return Evidence(drive, weighted, w, scores, information)
+
+
+def covariances(
+    parts: Sequence[Evidence], prior: Array, own_prior: Array, free: npt.NDArray[np.bool_], belief: Array
+) -> Covariances:
+    """Covariance of mean scale, difference and tread. (54)
+
+    From the scatter of the windows; of the recordings where they disagree; and from noise as data sheets have it, where
+    windows leave few degrees of freedom. What is not free has zeros. `prior`, `own_prior`: standard deviations of p
+    shared and q own unknowns, the wheels' first. `belief`: that of what is held.
+    """
+    p, q = len(prior), len(own_prior)
+    own = [np.r_[:p, p + q * k : p + q * (k + 1)] for k in range(len(parts))]
+    P = np.diag(np.concatenate([prior, *[own_prior] * len(parts)]) ** -2.0)
+    A = P.copy()
+    for part, of in zip(parts, own, strict=True):
+        A[np.ix_(of, of)] += part.information.sum(axis=0)
+    kept = np.concatenate([free, np.ones(q * len(parts), bool)])
+    inverse, root = np.zeros_like(A), np.zeros_like(A)
+    inverse[np.ix_(kept, kept)] = np.linalg.inv(A[np.ix_(kept, kept)])
+    root[np.ix_(kept, kept)] = np.linalg.cholesky(inverse[np.ix_(kept, kept)])
+    a = inverse[:, :WHEELS]  # by how much each score moves the wheels' unknowns
+    # What was held at its nominal is as uncertain as nominal values are, and takes the others with it. The prior is
+    # what is left of the uncertainty where the data say nothing.
+    held = a.T @ A[:, :p][:, ~free] * belief[~free]
+    rest = held @ held.T + a.T @ P @ a
+    moves = [part.scores @ a[of] for part, of in zip(parts, own, strict=True)]
+    pulls = [part.information @ a[of] for part, of in zip(parts, own, strict=True)]
+    weights = [np.einsum("jc,kjc->kc", a[of], pull) for pull, of in zip(pulls, own, strict=True)]
+    takes = [np.einsum("jm,kjc->kmc", root[of], pull) for pull, of in zip(pulls, own, strict=True)]
+    by_window = [np.concatenate(each) for each in (moves, weights, takes)]
+    scatter, freedoms = _scatter(*by_window)
+    plain, widened = [scatter + rest], [_widened(scatter, freedoms) + rest]
+    disagreement = 0.0
+    if len(parts) >= MANY_RECORDINGS:
+        by_recording, count = np.stack([some.sum(axis=0) for some in moves]), len(parts)
+        between = by_recording.T @ by_recording * count / (count - 1)
+        told = free[:WHEELS]
+        ratio = np.diag(between)[told] / np.maximum(np.diag(scatter)[told], 1e-300)
+        disagreement = float(np.sqrt(ratio).max(initial=0.0))
+        if disagreement > NOTABLE_DISAGREEMENT:
+            plain.append(between + rest)
+            widened.append(_widened(between, np.full(WHEELS, count - 1.0)) + rest)
+    if freedoms[free[:WHEELS]].min(initial=np.inf) < FEWEST_FREEDOMS:
+        stated = sum((_stated(part, a[of]) for part, of in zip(parts, own, strict=True)), rest)
+        plain.append(stated)
+        widened.append(stated)
+    return Covariances(plain, widened, disagreement)
+
+
+def _scatter(moves: Array, weights: Array, takes: Array) -> tuple[Array, Array]:
+    """Covariance of c unknowns by the scatter of k clusters, shape (c, c), and its degrees of freedom, shape (c,).
+
+    `moves`: by how much each moves the unknowns, shape (k, c); `weights`: the variance that this has if scatter goes
+    with information, shape (k, c). The fit goes along with each, by `takes`, shape (k, all unknowns, c), which leaves
+    less. Scale and degrees of freedom are right for such scatter (Bell and McCaffrey).
+    """
+    taken = (takes**2).sum(axis=1)
+    together = np.einsum("kmc,knc->cmn", takes, takes)
+    left = np.maximum((weights - taken).sum(axis=0), 1e-300)
+    square = (weights**2 - 2.0 * weights * taken).sum(axis=0) + (together**2).sum(axis=(1, 2))
+    scale = np.sqrt(np.maximum(weights.sum(axis=0), 0.0) / left)
+    return moves.T @ moves * np.outer(scale, scale), left**2 / np.maximum(square, 1e-300)
+
+
+def _widened(V: Array, freedoms: Array) -> Array:
+    """The covariance with Student's quantile over the normal one on each deviation: few clusters agree by chance."""
+    factor = t.ppf(QUANTILE, np.maximum(freedoms, 1.0)) / norm.ppf(QUANTILE)
+    return np.asarray(V * np.outer(factor, factor))
+
+
+def _stated(part: Evidence, a: Array) -> Array:
+    """Covariance by noise of the reference and slip as data sheets have them, shape (c, c)."""
+    influence = part.weighted @ a
+    white = np.einsum("nij,nik,ni->jk", influence, influence, 1.0 / part.weights)
+    return np.asarray(white + part.drive.slip_m_per_sqrt_m**2 * _slip_scatter(part.drive, influence))
+
+
+def _slip_scatter(drive: Drive, influence: Array) -> Array:
+    """Covariance by slip of 1 m/sqrt(m) on each wheel, independent from metre to metre, shape (c, c).
+
+    A slip in one step moves all later poses of its window: along the heading, and turned about the place of the slip.
+    """
+    D = drive.nominal.tread_m
+    left_m = drive.nominal.left_radius_m * np.interp(drive.reference_s, drive.time_s, drive.left_rad)
+    right_m = drive.nominal.right_radius_m * np.interp(drive.reference_s, drive.time_s, drive.right_rad)
+    scatter = np.zeros((influence.shape[2], influence.shape[2]))
+    all_rows, starts = drive.windows
+    for start, end in pairwise([*starts, len(all_rows)]):
+        rows, E = all_rows[start:end], influence[start:end]
+        x, y = drive.reference_xy_m[rows].T
+        heading = drive.reference_heading_rad[rows]
+        moment = -y[:, None] * E[:, 0] + x[:, None] * E[:, 1] + E[:, 2]
+        later = [np.cumsum(part[::-1], axis=0)[::-1][1:] for part in (E[:, 0], E[:, 1], moment)]
+        turn = later[2] + y[:-1, None] * later[0] - x[:-1, None] * later[1]
+        ahead = np.cos(heading[:-1, None]) * later[0] + np.sin(heading[:-1, None]) * later[1]
+        for travel_m, sign in ((left_m, -1.0), (right_m, 1.0)):
+            v = sign * turn / D + 0.5 * ahead
+            scatter += np.einsum("i,ij,ik->jk", np.abs(np.diff(travel_m[rows])), v, v)
+    return scatter
