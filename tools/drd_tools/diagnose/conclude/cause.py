@@ -85,7 +85,10 @@ def sentence(selected: Selected, explains: float | None, also_fits: Sequence[str
             unit = "" if q.unit == "1" else f" {q.unit}"
             value, sigma = selected.number(q.name) / q.si, selected.sigma(q.name) / q.si
             shown.append(f"{q.name} = {rounded(value, sigma)}{unit}")
-    share = "" if explains is None else f"; it explains {100.0 * explains:.0f} % of the mismatch"
+    share = ""
+    if explains is not None:
+        percent = f"{100.0 * explains:.0f}" if explains >= 0.01 else "less than 1"
+        share = f"; it explains {percent} % of the mismatch"
     text = f"{selected.effect.sentence} Here {', '.join(shown)}{share}."
     if also_fits:
         text += f" This recording cannot distinguish it from {', '.join(also_fits)}."
